@@ -1,0 +1,31 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'rpo_bringup'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    author='The RPO stack authors',
+    maintainer='The RPO stack authors',
+    maintainer_email='rpo-stack@example.org',
+    description='The running system: final_approach flies plant, controller, disturbance and recorder in one process.',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest']},
+    entry_points={
+        'console_scripts': [
+            'final_approach = rpo_bringup.final_approach:main',
+        ],
+    },
+)

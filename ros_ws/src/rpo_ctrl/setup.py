@@ -1,0 +1,31 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = 'rpo_ctrl'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config/controllers', sorted(glob('config/controllers/*.yaml'))),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    author='The RPO stack authors',
+    maintainer='The RPO stack authors',
+    maintainer_email='rpo-stack@example.org',
+    description='The fuzzy controller node and the trained controller files that ship.',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest']},
+    entry_points={
+        'console_scripts': [
+            'fuzzy_controller = rpo_ctrl.fuzzy_controller_node:main',
+        ],
+    },
+)
