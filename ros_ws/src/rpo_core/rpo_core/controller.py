@@ -1,0 +1,173 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fuzzy controller and its file: scales, membership functions, rules, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rpo_core import files, kernels
+from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole
+
+SCHEMA = 'rpo/controller/1'
+
+DEFAULT_CONTROLLER = 'handmade'
+"""The shipped controller that flies when none is named."""
+
+SYMMETRIES = ('free', 'transpose', 'odd')
+"""What a file claims of its rules: nothing; rule(i, j) = rule(j, i); and f(-e, -v) = -f(e, v)."""
+
+INFERENCE = {'and': 'min', 'implication': 'min', 'aggregation': 'max',
+             'defuzzification': 'centroid'}
+
+_VARIABLES = ('position', 'velocity', 'force')
+
+
+@dataclass(frozen=True)
+class FuzzyController:
+    """One fuzzy inference system for each axis alike, with its scales.
+
+    position_scale_m, velocity_scale_m_s : the error that saturates an input
+    force_scale_n : force at full output, the paper's maximum force
+    provenance : how it came to be; free text and numbers, not read by the control
+    """
+
+    name: str
+    system: FuzzySystem
+    position_scale_m: float
+    velocity_scale_m_s: float
+    force_scale_n: float
+    description: str = field(default='', compare=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        real('position_scale_m', self.position_scale_m, 'm', above=0.0)
+        real('velocity_scale_m_s', self.velocity_scale_m_s, 'm/s', above=0.0)
+        real('force_scale_n', self.force_scale_n, 'N', above=0.0)
+
+    @property
+    def scales(self) -> tuple[float, float, float]:
+        """Position [m], velocity [m/s] and force [N] scale."""
+        return (float(self.position_scale_m), float(self.velocity_scale_m_s),
+                float(self.force_scale_n))
+
+    def force_n(self, position_m: Sequence[float],
+                velocity_m_s: Sequence[float]) -> tuple[float, float, float]:
+        """Return the commanded force (3 floats, N) of a relative state, target LVLH.
+
+        The state must be finite; callers at the edge check it.
+        """
+        tables = self.system.tables
+        x, y, z = (float(kernels.axis_force(float(r), float(v), *self.scales, tables))
+                   for r, v in zip(position_m, velocity_m_s))
+        return x, y, z
+
+
+def parse(document: Any) -> FuzzyController:
+    """Return the controller of a parsed YAML document; raises InputError."""
+    data = mapping('', document, ['schema', 'name', 'scales', 'membership_functions', 'rules',
+                                  'inference', 'provenance'], ['description'])
+    if data['schema'] != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
+    scales = mapping('scales', data['scales'], ['position_m', 'velocity_m_s', 'force_n'])
+    functions = mapping('membership_functions', data['membership_functions'], _VARIABLES)
+    parts = {name: _functions(name, functions[name]) for name in _VARIABLES}
+    if not isinstance(data['provenance'], Mapping):
+        raise InputError(f'`provenance` must be a mapping; got {shown(data["provenance"])}')
+    return FuzzyController(
+        name=text('name', data['name']),
+        description=text('description', data.get('description', ''), empty=True),
+        system=FuzzySystem(**parts, rules=_rules(data['rules']),
+                           samples=_samples(data['inference'])),
+        position_scale_m=real('scales.position_m', scales['position_m'], 'm', above=0.0),
+        velocity_scale_m_s=real('scales.velocity_m_s', scales['velocity_m_s'], 'm/s', above=0.0),
+        force_scale_n=real('scales.force_n', scales['force_n'], 'N', above=0.0),
+        provenance=dict(data['provenance']),
+    )
+
+
+def _functions(variable: str, value: Any) -> MembershipFunctions:
+    name = f'membership_functions.{variable}'
+    names = [f.name for f in fields(MembershipFunctions)]
+    data = mapping(name, value, names)
+    feet = {key: real(f'{name}.{key}', data[key]) for key in names}
+    try:
+        return MembershipFunctions(**feet)
+    except InputError as error:
+        raise InputError(f'{name}: {error}') from None
+
+
+def _rules(value: Any) -> RuleTable:
+    data = mapping('rules', value, ['symmetry', 'columns', *WORDS])
+    symmetry = choice('rules.symmetry', data['symmetry'], SYMMETRIES)
+    if data['columns'] != list(WORDS):
+        raise InputError(f'`rules.columns` must be [{", ".join(WORDS)}], the words of the position '
+                         f'error; got {shown(data["columns"])}')
+    rows = []
+    for word in WORDS:
+        row = data[word]
+        if not isinstance(row, list) or len(row) != 5:
+            raise InputError(f'`rules.{word}` must be a list of 5 words; got {shown(row)}')
+        rows.append(tuple(choice(f'rules.{word}[{column}]', cell, WORDS)
+                          for column, cell in zip(WORDS, row)))
+    table = RuleTable(tuple(rows))
+    if symmetry != 'free' and not table.is_transpose_symmetric:
+        raise InputError(f'`rules.symmetry` is {symmetry}, but the table is not its own transpose')
+    if symmetry == 'odd' and not table.is_odd:
+        raise InputError('`rules.symmetry` is odd, but rule(-e, -v) = -rule(e, v) does not hold')
+    return table
+
+
+def _samples(value: Any) -> int:
+    data = mapping('inference', value, [*INFERENCE, 'samples'])
+    for key, only in INFERENCE.items():
+        choice(f'inference.{key}', data[key], [only])
+    return whole('inference.samples', data['samples'], least=3, most=100_001)
+
+
+def to_document(controller: FuzzyController) -> dict[str, Any]:
+    """Return the controller as the document that `parse` reads."""
+    system, rules = controller.system, controller.system.rules
+    symmetry = 'free'
+    if rules.is_transpose_symmetric:
+        symmetry = 'odd' if rules.is_odd else 'transpose'
+    return {
+        'schema': SCHEMA,
+        'name': controller.name,
+        'description': controller.description,
+        'scales': dict(zip(('position_m', 'velocity_m_s', 'force_n'), controller.scales)),
+        'membership_functions': {name: asdict(getattr(system, name)) for name in _VARIABLES},
+        'rules': {'symmetry': symmetry, 'columns': list(WORDS),
+                  **{word: list(row) for word, row in zip(WORDS, rules.words)}},
+        'inference': {**INFERENCE, 'samples': system.samples},
+        'provenance': dict(controller.provenance),
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML with rows of words in flow style, so that the rule table reads as a table."""
+
+
+def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
+    flat = not any(isinstance(item, (list, dict)) for item in items)
+    return dumper.represent_sequence('tag:yaml.org,2002:seq', items, flow_style=flat)
+
+
+_Dumper.add_representer(list, _represent_list)
+
+
+def dumps(controller: FuzzyController) -> str:
+    """Return the YAML text of a controller; floats round-trip bit for bit."""
+    return yaml.dump(to_document(controller), Dumper=_Dumper, sort_keys=False, width=100,
+                     allow_unicode=True)
+
+
+def load_controller(name: str | Path) -> FuzzyController:
+    """Return the controller of a shipped name or a path; raises InputError."""
+    return files.load(files.find('controller', str(name)), parse)

@@ -1,0 +1,85 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Disturbance forces as a constant plus harmonics per axis, held constant during a tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.kernels import sin_cos
+from rpo_core.validation import choice, real, vector3
+
+AXES = ('x', 'y', 'z')
+
+FORCE_BOUND_N = 1e6
+"""Largest force a file may name; beyond it a number is a typing error."""
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """One term: amplitude_n * function(angular_rate_rad_s * t + phase_rad) on one axis."""
+
+    axis: str
+    function: str
+    amplitude_n: float
+    angular_rate_rad_s: float
+    phase_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        choice('axis', self.axis, AXES)
+        choice('function', self.function, ('sin', 'cos'))
+        real('amplitude_n', self.amplitude_n, 'N', least=-FORCE_BOUND_N, most=FORCE_BOUND_N)
+        real('angular_rate_rad_s', self.angular_rate_rad_s, 'rad/s', least=-10.0, most=10.0)
+        real('phase_rad', self.phase_rad, 'rad', least=-100.0, most=100.0)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Force on the chaser from outside, in target LVLH axes [N]."""
+
+    constant_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    harmonics: tuple[Harmonic, ...] = ()
+
+    def __post_init__(self) -> None:
+        vector3('constant_n', self.constant_n, 'N', bound=FORCE_BOUND_N)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether nothing acts at any time."""
+        return not any(self.constant_n) and not any(h.amplitude_n for h in self.harmonics)
+
+    def force_n(self, t_s: float) -> tuple[float, float, float]:
+        """Return the force (3 floats, N, target LVLH) at time `t_s` since the start."""
+        total = list(self.constant_n)
+        for term in self.harmonics:
+            sine, cosine = sin_cos(term.angular_rate_rad_s * t_s + term.phase_rad)
+            total[AXES.index(term.axis)] += term.amplitude_n * (
+                sine if term.function == 'sin' else cosine)
+        return total[0], total[1], total[2]
+
+    def over(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the forces (len(times_s), 3) [N] at the given times."""
+        return np.array([self.force_n(float(t)) for t in times_s]).reshape(-1, 3)
+
+
+NONE = Disturbance()
+
+
+def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:
+    """Return 1e-2 x [-1.1 cos(pi n t), -2.2 sin(pi n t) + pi/3, 1.4 cos(pi n t)] N, AAS 23-199.
+
+    reading : 'offset', +pi/3 added as printed, or 'phase', -2.2 sin(pi n t + pi/3)
+    """
+    choice('reading', reading, ('offset', 'phase'))
+    rate = math.pi * mean_motion_rad_s
+    third = math.pi / 3
+    offset, phase = (1e-2 * third, 0.0) if reading == 'offset' else (0.0, third)
+    return Disturbance((0.0, offset, 0.0), (
+        Harmonic('x', 'cos', -1.1e-2, rate),
+        Harmonic('y', 'sin', -2.2e-2, rate, phase),
+        Harmonic('z', 'cos', 1.4e-2, rate),
+    ))

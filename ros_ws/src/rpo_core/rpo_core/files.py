@@ -1,0 +1,133 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading YAML strictly, and finding the scenario and controller files that ship."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from rpo_core.validation import InputError, shown
+
+MAX_BYTES = 1 << 20
+"""A larger file is not one of ours; it is refused before it is parsed."""
+
+Parsed = TypeVar('Parsed')
+
+_SHIPPED = {
+    'scenario': ('rpo_bringup', 'config/scenarios'),
+    'controller': ('rpo_ctrl', 'config/controllers'),
+}
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML's safe loader, which also refuses a key given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            if not isinstance(key, str):
+                raise InputError(f'line {key_node.start_mark.line + 1}: a key must be a text; '
+                                 f'got {shown(key)}')
+            if key in seen:
+                raise InputError(f'line {key_node.start_mark.line + 1}: `{key}` is given twice')
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def parse_yaml(content: str) -> Any:
+    """Return the document in `content`.
+
+    Raises
+    ------
+    InputError
+        If it is not one YAML document, holds a key twice, aliases, or is nested too deep.
+    """
+    try:
+        events = list(yaml.parse(content, Loader=yaml.SafeLoader))
+        if any(isinstance(event, yaml.AliasEvent) for event in events):
+            raise InputError('aliases (*name) are not allowed')
+        return yaml.load(content, Loader=_StrictLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        where = f'line {mark.line + 1}: ' if mark else ''
+        problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
+        raise InputError(f'{where}not valid YAML: {problem}') from None
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f'not valid YAML: {error}') from None
+
+
+def read_text(path: Path) -> str:
+    """Return a UTF-8 file's text; InputError if it is missing, unreadable, too large or not text."""
+    try:
+        with path.open('rb') as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f'{path}: {error.strerror or error}') from None
+    if len(content) > MAX_BYTES:
+        raise InputError(f'{path}: must be a YAML file of at most {MAX_BYTES} bytes; it is larger')
+    try:
+        return content.decode()
+    except UnicodeDecodeError:
+        raise InputError(f'{path}: must be a UTF-8 text; it holds other bytes') from None
+
+
+def load(path: Path, parse: Callable[[Any], Parsed]) -> Parsed:
+    """Return `parse(document)` of a YAML file; an InputError names the file."""
+    content = read_text(path)
+    return loads(content, parse, str(path))
+
+
+def loads(content: str, parse: Callable[[Any], Parsed], source: str) -> Parsed:
+    """Return `parse(document)` of YAML text; an InputError names `source`."""
+    try:
+        return parse(parse_yaml(content))
+    except InputError as error:
+        raise InputError(f'{source}: {error}') from None
+
+
+def _folders(kind: str) -> list[Path]:
+    """Return where files of a kind ship: installed packages first, then this source tree."""
+    package, folder = _SHIPPED[kind]
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    installed = [Path(prefix) / 'share' / package / folder for prefix in prefixes if prefix]
+    source = Path(__file__).resolve().parents[2] / package / folder
+    return [folder for folder in (*installed, source) if folder.is_dir()]
+
+
+def shipped(kind: str) -> dict[str, Path]:
+    """Return name -> file of the scenarios or controllers that ship; kind 'scenario', 'controller'."""
+    found: dict[str, Path] = {}
+    for folder in _folders(kind):
+        for path in sorted(folder.glob('*.yaml')):
+            found.setdefault(path.stem, path)
+    return dict(sorted(found.items()))
+
+
+def find(kind: str, name: str) -> Path:
+    """Return the file of a shipped name, or of a path (it has a slash or ends in .yaml).
+
+    Raises
+    ------
+    InputError
+        If there is none; lists the shipped names.
+    """
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(f'`{kind}` must be a shipped name or a path; got {shown(name)}')
+    if os.sep in name or name.endswith(('.yaml', '.yml')):
+        path = Path(name).expanduser()
+        if not path.is_file():
+            raise InputError(f'`{kind}` must be a file or a shipped name; there is no file {name}')
+        return path
+    known = shipped(kind)
+    if name not in known:
+        raise InputError(f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
+                         f'got {shown(name)}')
+    return known[name]

@@ -1,0 +1,58 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One switch: scalar kernels run as plain Python, or compiled by numba, with the same bits.
+
+Set `RPO_JIT=0` to interpret, `RPO_JIT=1` to insist on numba; unset, numba is used where installed.
+No `fastmath`: a compiled kernel adds, multiplies and divides in the order the source says.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rpo_core.validation import InputError
+
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+_CHOICES = ('', '0', '1')
+
+
+def _wanted() -> bool:
+    choice = os.environ.get('RPO_JIT', '')
+    if choice not in _CHOICES:
+        raise InputError(f'environment variable `RPO_JIT` must be 0, 1 or unset; got {choice!r}')
+    if choice == '0':
+        return False
+    installed = importlib.util.find_spec('numba') is not None
+    if choice == '1' and not installed:
+        raise InputError('`RPO_JIT=1` asks for compiled kernels, but numba is not installed')
+    return installed
+
+
+COMPILED = _wanted()
+"""Whether kernels of this process are compiled."""
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile a scalar kernel where `COMPILED`, else return it as it is."""
+    if not COMPILED:
+        return function
+    import numba
+
+    # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
+    return numba.njit(cache=True, error_model='numpy', fastmath=False)(function)
+
+
+def as_table(values: Any, dtype: Any = np.float64) -> Any:
+    """Return a read-only table in the container kernels read fastest.
+
+    A C-ordered array when compiled; nested Python lists of floats (or ints) when interpreted, where
+    indexing an array costs a hundred nanoseconds an element.
+    """
+    array = np.ascontiguousarray(values, dtype=dtype)
+    return array if COMPILED else array.tolist()

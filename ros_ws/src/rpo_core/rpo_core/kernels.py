@@ -1,0 +1,259 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The inner loop, written once: membership, inference, centroid, CW step, closed loop.
+
+Plain functions of floats, interpreted or compiled (`rpo_core.jit`) with the same bits: only + - * /
+and comparisons, in the order written. Tables come from `rpo_core.fuzzy` and `rpo_core.cw`.
+
+The output of an odd rule table is odd bit for bit: memberships are evaluated on |x| and mirrored, and
+the centroid is summed in mirrored pairs of samples.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rpo_core.jit import kernel
+
+LN, SN, Z, SP, LP = range(5)
+"""Words: large negative, small negative, zero, small positive, large positive."""
+
+LANES = 8
+"""Partial sums of the centroid: pair i goes to sum i mod 8, which is the shape of SIMD hardware."""
+
+
+class FisTables(NamedTuple):
+    """A fuzzy inference system as the kernels read it.
+
+    position, velocity : 5 floats, membership functions (Z half-width; SP left, centre, right; LP left)
+    rules : 25 ints, consequent word of each rule, row = velocity word, column = position word
+    samples : (H,) float, positive half of the output samples, H = (N - 1) / 2
+    z, sp, lp : (H,) float, output membership of those samples
+    """
+
+    position: Any
+    velocity: Any
+    rules: Any
+    samples: Any
+    z: Any
+    sp: Any
+    lp: Any
+
+
+class CwStep(NamedTuple):
+    """Coefficients of one exact CW step under a constant force (`rpo_core.cw.discretise`)."""
+
+    xx: float
+    xvx: float
+    xvy: float
+    yx: float
+    yvx: float
+    yvy: float
+    vxx: float
+    vxvx: float
+    vxvy: float
+    vyx: float
+    vyvx: float
+    vyvy: float
+    zz: float
+    zvz: float
+    vzz: float
+    vzvz: float
+    xfx: float
+    xfy: float
+    yfx: float
+    yfy: float
+    vxfx: float
+    vxfy: float
+    vyfx: float
+    vyfy: float
+    zfz: float
+    vzfz: float
+
+
+@kernel
+def saturate(value, limit):  # type: ignore[no-untyped-def]
+    """Clamp to [-limit, limit]."""
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value
+
+
+@kernel
+def triangle(x, left, centre, right):  # type: ignore[no-untyped-def]
+    """Triangular membership; a vertical edge (left = centre) is allowed."""
+    if x < centre:
+        return (x - left) / (centre - left) if x > left else 0.0
+    if x > centre:
+        return (right - x) / (right - centre) if x < right else 0.0
+    return 1.0
+
+
+@kernel
+def memberships(x, functions):  # type: ignore[no-untyped-def]
+    """Grades (LN, SN, Z, SP, LP) of x in [-1, 1]; the negative side mirrors the positive."""
+    size = abs(x)
+    zero = triangle(size, -functions[0], 0.0, functions[0])
+    small = triangle(size, functions[1], functions[2], functions[3])
+    large = triangle(size, functions[4], 1.0, 2.0)
+    if x >= 0.0:
+        return 0.0, 0.0, zero, small, large
+    return large, small, zero, 0.0, 0.0
+
+
+@kernel
+def fire_rules(position_grades, velocity_grades, rules):  # type: ignore[no-untyped-def]
+    """Strength of each consequent word: max over its rules of min(position, velocity) grade."""
+    ln = sn = zero = sp = lp = 0.0
+    for row in range(5):
+        velocity_grade = velocity_grades[row]
+        if velocity_grade == 0.0:
+            continue
+        for column in range(5):
+            grade = position_grades[column]
+            strength = velocity_grade if velocity_grade < grade else grade
+            if strength == 0.0:
+                continue
+            word = rules[5 * row + column]
+            if word == LN:
+                ln = strength if strength > ln else ln
+            elif word == SN:
+                sn = strength if strength > sn else sn
+            elif word == Z:
+                zero = strength if strength > zero else zero
+            elif word == SP:
+                sp = strength if strength > sp else sp
+            else:
+                lp = strength if strength > lp else lp
+    return ln, sn, zero, sp, lp
+
+
+@kernel
+def centroid(strengths, fis):  # type: ignore[no-untyped-def]
+    """Centroid of max over words of min(strength, output membership); 0 if no rule fires.
+
+    Sample y_i and its mirror -y_i are taken together: their moments are y_i (mu(y_i) - mu(-y_i)).
+    """
+    ln, sn, zero, sp, lp = strengths
+    moment = 0.0
+    area = zero  # the middle sample, y = 0: only Z has membership there
+    for lane in range(LANES):
+        lane_moment = 0.0
+        lane_area = 0.0
+        for i in range(lane, len(fis.samples), LANES):
+            grade = fis.z[i]
+            right = left = grade if grade < zero else zero
+            grade = fis.sp[i]
+            clipped = grade if grade < sp else sp
+            right = clipped if clipped > right else right
+            clipped = grade if grade < sn else sn
+            left = clipped if clipped > left else left
+            grade = fis.lp[i]
+            clipped = grade if grade < lp else lp
+            right = clipped if clipped > right else right
+            clipped = grade if grade < ln else ln
+            left = clipped if clipped > left else left
+            lane_moment += fis.samples[i] * (right - left)
+            lane_area += right + left
+        moment += lane_moment
+        area += lane_area
+    return moment / area if area > 0.0 else 0.0
+
+
+@kernel
+def infer(position_error, velocity_error, fis):  # type: ignore[no-untyped-def]
+    """Mamdani inference: two normalised errors in [-1, 1] to an output in (-1, 1)."""
+    position_grades = memberships(position_error, fis.position)
+    velocity_grades = memberships(velocity_error, fis.velocity)
+    return centroid(fire_rules(position_grades, velocity_grades, fis.rules), fis)
+
+
+@kernel
+def axis_force(r, v, position_scale, velocity_scale, force_scale, fis):  # type: ignore[no-untyped-def]
+    """Commanded force [N] of one axis from its position [m] and velocity [m/s]."""
+    position_error = saturate(-r / position_scale, 1.0)
+    velocity_error = saturate(-v / velocity_scale, 1.0)
+    return force_scale * infer(position_error, velocity_error, fis)
+
+
+@kernel
+def cw_step(state, force, c):  # type: ignore[no-untyped-def]
+    """State (x, y, z, vx, vy, vz) one step later under a constant force (fx, fy, fz) [N]."""
+    x, y, z, vx, vy, vz = state
+    fx, fy, fz = force
+    return (
+        c.xx * x + c.xvx * vx + c.xvy * vy + c.xfx * fx + c.xfy * fy,
+        c.yx * x + y + c.yvx * vx + c.yvy * vy + c.yfx * fx + c.yfy * fy,
+        c.zz * z + c.zvz * vz + c.zfz * fz,
+        c.vxx * x + c.vxvx * vx + c.vxvy * vy + c.vxfx * fx + c.vxfy * fy,
+        c.vyx * x + c.vyvx * vx + c.vyvy * vy + c.vyfx * fx + c.vyfy * fy,
+        c.vzz * z + c.vzvz * vz + c.vzfz * fz,
+    )
+
+
+@kernel
+def plant_step(state, command, disturbance, limit, c):  # type: ignore[no-untyped-def]
+    """One step of the plant: the thrusters saturate the command at `limit` [N] per axis."""
+    total = (
+        saturate(command[0], limit) + disturbance[0],
+        saturate(command[1], limit) + disturbance[1],
+        saturate(command[2], limit) + disturbance[2],
+    )
+    return cw_step(state, total, c)
+
+
+@kernel
+def closed_loop(start, scales, fis, disturbance, limit, c, states, forces):  # type: ignore[no-untyped-def]
+    """Fly: fill states (N+1, 6) and commanded forces (N+1, 3) from a start and disturbances (N+1, 3).
+
+    The force of the last state is computed, as the nodes answer it, but not flown.
+    """
+    position_scale, velocity_scale, force_scale = scales
+    state = (start[0], start[1], start[2], start[3], start[4], start[5])
+    last = len(disturbance) - 1
+    for tick in range(last + 1):
+        x, y, z, vx, vy, vz = state
+        force = (
+            axis_force(x, vx, position_scale, velocity_scale, force_scale, fis),
+            axis_force(y, vy, position_scale, velocity_scale, force_scale, fis),
+            axis_force(z, vz, position_scale, velocity_scale, force_scale, fis),
+        )
+        for i in range(6):
+            states[tick, i] = state[i]
+        for i in range(3):
+            forces[tick, i] = force[i]
+        if tick < last:
+            d = disturbance[tick]
+            state = plant_step(state, force, (d[0], d[1], d[2]), limit, c)
+
+
+_HALF_PI_A = 1.5707963267341256  # pi/2 in three parts; the first two have 33 bits, so that
+_HALF_PI_B = 6.077100506303966e-11  # k times a part is exact for |k| < 2**20
+_HALF_PI_C = 2.0222662487959506e-21
+
+
+@kernel
+def sin_cos(angle):  # type: ignore[no-untyped-def]
+    """Sine and cosine [rad], |angle| < 1e6, from + - * only.
+
+    The C library's differ in the last bit between versions and processors; these do not.
+    Taylor series on [-pi/4, pi/4], truncated below 5e-18.
+    """
+    turns = angle * 0.6366197723675814
+    quarter = int(turns + 0.5) if turns >= 0.0 else int(turns - 0.5)
+    r = ((angle - quarter * _HALF_PI_A) - quarter * _HALF_PI_B) - quarter * _HALF_PI_C
+    q = r * r
+    sine = r - r * q * (1 / 6 - q * (1 / 120 - q * (1 / 5040 - q * (1 / 362880 - q * (
+        1 / 39916800 - q * (1 / 6227020800 - q * (1 / 1307674368000 - q / 355687428096000)))))))
+    cosine = 1.0 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (
+        1 / 3628800 - q * (1 / 479001600 - q * (1 / 87178291200 - q / 20922789888000)))))))
+    side = quarter % 4
+    if side == 0:
+        return sine, cosine
+    if side == 1:
+        return cosine, -sine
+    if side == 2:
+        return -sine, -cosine
+    return -cosine, sine

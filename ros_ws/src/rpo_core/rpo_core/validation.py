@@ -1,0 +1,119 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Checks at the edge: every message names the thing, what was expected and what came."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+
+class InputError(ValueError):
+    """A value from a user is not usable; the message is one sentence fit to be shown as it is."""
+
+
+def shown(value: Any, limit: int = 60) -> str:
+    """Return `value` as it is quoted in an error, cut to `limit` characters."""
+    text = repr(value)
+    return text if len(text) <= limit else f'{text[: limit - 3]}...'
+
+
+def _is_real(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def real(name: str, value: Any, unit: str = '', *, above: float | None = None,
+         least: float | None = None, most: float | None = None) -> float:
+    """Return a finite float within (above, ...) or [least, most].
+
+    Raises
+    ------
+    InputError
+        If `value` is not a number, not finite or out of range.
+    """
+    bounds = [f'{sign} {bound:g}' for sign, bound in (('>', above), ('>=', least), ('<=', most))
+              if bound is not None]
+    expected = ' '.join(['a finite number', ' and '.join(bounds), unit]).replace('  ', ' ').strip()
+    if not _is_real(value):
+        hint = '; YAML wants a point in the mantissa (1.0e-3)' if _looks_real(value) else ''
+        raise InputError(f'`{name}` must be {expected}; got {shown(value)}{hint}')
+    number = float(value) if abs(value) < 1e300 else math.inf
+    inside = ((above is None or number > above) and (least is None or number >= least)
+              and (most is None or number <= most))
+    if not (math.isfinite(number) and inside):
+        raise InputError(f'`{name}` must be {expected}; got {shown(value)}')
+    return number
+
+
+def _looks_real(value: Any) -> bool:
+    if not isinstance(value, str):
+        return False
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True
+
+
+def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
+    """Return an int within [least, most]; raises InputError."""
+    inside = (isinstance(value, int) and not isinstance(value, bool) and value >= least
+              and (most is None or value <= most))
+    if not inside:
+        upper = '' if most is None else f' and <= {most}'
+        raise InputError(f'`{name}` must be a whole number >= {least}{upper}; got {shown(value)}')
+    return int(value)
+
+
+def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, float, float]:
+    """Return three finite floats, each within `bound` of zero; raises InputError."""
+    if hasattr(value, 'tolist'):
+        value = value.tolist()
+    if isinstance(value, (str, bytes)) or not isinstance(value, Sequence) or len(value) != 3:
+        raise InputError(f'`{name}` must be a list of 3 numbers [x, y, z] in {unit}; '
+                         f'got {shown(value)}')
+    x, y, z = (real(f'{name}[{i}]', component, unit, least=-bound, most=bound)
+               for i, component in enumerate(value))
+    return x, y, z
+
+
+def text(name: str, value: Any, *, empty: bool = False) -> str:
+    """Return a string, not blank unless `empty`; raises InputError."""
+    if not isinstance(value, str) or not (empty or value.strip()):
+        raise InputError(f'`{name}` must be a text; got {shown(value)}')
+    return value
+
+
+def choice(name: str, value: Any, known: Iterable[str]) -> str:
+    """Return `value` if it is one of `known`; raises InputError listing them."""
+    names = list(known)
+    if not isinstance(value, str) or value not in names:
+        raise InputError(f'`{name}` must be one of {", ".join(names)}; got {shown(value)}')
+    return value
+
+
+def mapping(name: str, value: Any, required: Iterable[str],
+            optional: Iterable[str] = ()) -> Mapping[str, Any]:
+    """Return `value` if it is a mapping with all `required` keys and no unknown ones.
+
+    Raises
+    ------
+    InputError
+        Naming the first missing or unknown key, with the nearest known one.
+    """
+    required, known = list(required), [*required, *optional]
+    label = f'`{name}`' if name else 'the file'
+    prefix = f'{name}.' if name else ''
+    if not isinstance(value, Mapping):
+        raise InputError(f'{label} must be a mapping with {", ".join(known)}; got {shown(value)}')
+    for key in value:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f'; did you mean `{near[0]}`?' if near else f'; known: {", ".join(known)}'
+            raise InputError(f'`{prefix}{key}` is not a known field{hint}')
+    for key in required:
+        if key not in value:
+            raise InputError(f'`{prefix}{key}` is missing')
+    return value
