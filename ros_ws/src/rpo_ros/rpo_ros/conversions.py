@@ -1,0 +1,93 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Between ROS messages and the core's floats. Every float field gets a float: rclpy publishes garbage
+for an int in a float64 field, silently."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+
+from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
+
+_NANOSECONDS = 1_000_000_000
+
+
+def to_stamp(stamp_ns: int) -> Time:
+    """Return a ROS stamp of integer nanoseconds since 1970."""
+    seconds, nanoseconds = divmod(stamp_ns, _NANOSECONDS)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def from_stamp(stamp: Time) -> int:
+    """Return nanoseconds since 1970."""
+    return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
+
+
+def to_clock(stamp_ns: int) -> Clock:
+    """Return a /clock message."""
+    return Clock(clock=to_stamp(stamp_ns))
+
+
+def to_odometry(stamp_ns: int, state: Sequence[float]) -> Odometry:
+    """Return the relative state (x, y, z, vx, vy, vz) [m, m/s], target LVLH, as Odometry.
+
+    Odometry's twist is in the child frame; attitude being synchronised, that is LVLH too.
+    """
+    message = Odometry()
+    message.header.stamp = to_stamp(stamp_ns)
+    message.header.frame_id = LVLH_FRAME
+    message.child_frame_id = CHASER_FRAME
+    position, velocity = message.pose.pose.position, message.twist.twist.linear
+    position.x, position.y, position.z = (float(value) for value in state[:3])
+    velocity.x, velocity.y, velocity.z = (float(value) for value in state[3:])
+    message.pose.pose.orientation.w = 1.0
+    return message
+
+
+def from_odometry(message: Odometry) -> tuple[float, ...]:
+    """Return (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
+    position, velocity = message.pose.pose.position, message.twist.twist.linear
+    return (position.x, position.y, position.z, velocity.x, velocity.y, velocity.z)
+
+
+def to_wrench(stamp: Time, force_n: Sequence[float]) -> WrenchStamped:
+    """Return a force (3,) [N] in target LVLH axes, with the stamp of the state it answers."""
+    message = WrenchStamped()
+    message.header.stamp = stamp
+    message.header.frame_id = LVLH_FRAME
+    force = message.wrench.force
+    force.x, force.y, force.z = (float(value) for value in force_n)
+    return message
+
+
+def from_wrench(message: WrenchStamped) -> tuple[float, float, float]:
+    """Return the force (fx, fy, fz) [N]."""
+    force = message.wrench.force
+    return (force.x, force.y, force.z)
+
+
+def fault_of(message: Odometry | WrenchStamped, values: Iterable[float]) -> str:
+    """Return why a message cannot be used, '' if it can: wrong frame, or a number not finite."""
+    if message.header.frame_id != LVLH_FRAME:
+        return 'wrong_frame'
+    return '' if all(math.isfinite(value) for value in values) else 'not_finite'
+
+
+def to_status(level: bytes, name: str, message: str,
+              values: Iterable[tuple[str, object]]) -> DiagnosticStatus:
+    """Return a DiagnosticStatus; values become texts (floats by repr, so that they round-trip)."""
+    return DiagnosticStatus(
+        level=level,
+        name=name,
+        message=message,
+        hardware_id='none',
+        values=[KeyValue(key=key, value=value if isinstance(value, str) else repr(value))
+                for key, value in values],
+    )

@@ -1,0 +1,38 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""All QoS profiles of the stack."""
+
+from rclpy.qos import (
+    QoSDurabilityPolicy,
+    QoSHistoryPolicy,
+    QoSProfile,
+    QoSReliabilityPolicy,
+)
+
+
+def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
+    return QoSProfile(
+        history=QoSHistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=QoSReliabilityPolicy.RELIABLE,
+        durability=durability,
+    )
+
+
+LOCKSTEP = _reliable(64, QoSDurabilityPolicy.VOLATILE)
+"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a recorder
+that is some ticks behind. Not transient local: a late joiner must not be given another run's forces."""
+
+RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
+"""The recorder's queue for states and forces: some seconds at full speed."""
+
+LATCHED = _reliable(1, QoSDurabilityPolicy.TRANSIENT_LOCAL)
+"""Statuses and manifests: who comes late still learns the last one."""
+
+LATCHED_FROM_MANY = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)
+"""To subscribe to latched topics with several publishers."""
+
+CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
+"""Simulated time; stock subscribers ask for best effort, which this satisfies."""
+
+DIAGNOSTICS = _reliable(10, QoSDurabilityPolicy.VOLATILE)
