@@ -1,0 +1,53 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+#
+# Every target sets up what it needs first; that costs nothing where it is there already.
+# PYTHON=/path/to/python3.12 names the interpreter to build on (3.10 to 3.13).
+# RPO_ROS_PREFIX=/path names the ROS 2 Jazzy to use; empty, the wheels.
+
+SHELL := bash
+.DEFAULT_GOAL := help
+
+BOOTSTRAP_PYTHON := $(or $(PYTHON),$(shell command -v python3 python3.12 python3.13 python3.11 python3.10 | head -n 1))
+SETUP = @$(if $(BOOTSTRAP_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is no python3 on the PATH: install it first.' >&2; exit 1;) \
+	$(BOOTSTRAP_PYTHON) ros_ws/underlay/bootstrap.py $(if $(PYTHON),--python $(PYTHON))
+# One shell line of its own: the environment that `source ros_ws/env.bash` gives an interactive shell.
+ENV = @source ros_ws/env.bash &&
+SOURCES = ros_ws offline_training tests
+
+.PHONY: help setup demo test test-slow lint format lock clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
+
+setup:  ## virtual environment, ROS 2 (an installed Jazzy, or its wheels), colcon build; LAYERS='train report' adds more
+	$(SETUP) $(LAYERS)
+
+demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
+	$(SETUP) report
+	$(ENV) ros2 run rpo_bringup final_approach --scenario paper_test --output runs/demo --overwrite
+
+test: lint  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
+	$(SETUP) test
+	$(ENV) pytest $(ARGS)
+
+test-slow:  ## the slow tests
+	$(SETUP) test
+	$(ENV) pytest -m slow $(ARGS)
+
+lint:  ## ruff and mypy
+	$(SETUP) lint
+	$(ENV) ruff check --quiet && ruff format --check --quiet && mypy
+
+format:  ## let ruff put the sources in order
+	$(SETUP) lint
+	$(ENV) ruff check --fix && ruff format
+
+lock:  ## choose dependency versions anew where they must change (UPGRADE=1: everywhere)
+	$(SETUP) lock
+	$(ENV) python ros_ws/underlay/lock.py $(if $(UPGRADE),--upgrade)
+
+clean:  ## remove all that set-up and tests made; runs/ stays
+	rm -rf .venv ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \
+		.pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,150 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Set the project up: virtual environment, locked packages, colcon build.
+
+Does nothing, quickly and without the network, where all is in place. A set-up that was interrupted
+or damaged is repaired by the next call. Uses an installed ROS 2 Jazzy where there is one, else its
+wheels.
+"""
+
+import argparse
+import contextlib
+import fcntl
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, Sequence
+
+import host
+from host import Interpreter, SetupError
+from layers import Environment, Identity, say
+from workspace import Workspace
+
+ROOT = Path(__file__).resolve().parents[2]
+# What another ROS shell, or our own, left in the environment; sourcing must start without it.
+_ROS_VARIABLES = (
+    'AMENT_PREFIX_PATH',
+    'CMAKE_PREFIX_PATH',
+    'COLCON_PREFIX_PATH',
+    'LD_LIBRARY_PATH',
+    'PYTHONPATH',
+    '_ROS_WHEELS_BOOTSTRAP_COMPLETE',
+)
+
+
+@contextlib.contextmanager
+def only_one(path: Path) -> Iterator[None]:
+    """Hold the set-up of this checkout; wait for another one that holds it."""
+    with path.open('a+') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            say('another set-up of this checkout is running; waiting for it')
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def underlay_environment(ros_prefix: str) -> Dict[str, str]:
+    """Return the variables under which ROS 2 packages are built."""
+    environ = {k: v for k, v in os.environ.items() if k not in _ROS_VARIABLES}
+    return host.ros_environment(ros_prefix, environ) if ros_prefix else environ
+
+
+def choose(asked: Optional[str], ros_prefix: str) -> Interpreter:
+    """Return the interpreter for a new environment."""
+    names: List[str] = [asked] if asked else list(host.CANDIDATES)
+    if ros_prefix and not asked:
+        names.append('/usr/bin/python3')  # behind a pyenv or conda that comes first on the PATH
+    found = [python for python in map(host.probe, names) if python is not None]
+    if ros_prefix:
+        env = underlay_environment(ros_prefix)
+        return host.interpreter_for_ros(found, ros_prefix, env)
+    problem = host.platform_problem(*host.this_platform())
+    if problem:
+        raise SetupError(problem)
+    return host.choose_interpreter(found, asked)
+
+
+def ros_for(current: Optional[Identity]) -> str:
+    """Return the prefix of the ROS 2 to stand on, empty for the wheels.
+
+    An environment that stands on an installation keeps it, whether or not this shell has sourced
+    it, as long as it exists.
+    """
+    found = host.find_ros(os.environ)
+    named = host.ROS_PREFIX_VARIABLE in os.environ
+    if found is None and not named and current is not None and current.ros_prefix:
+        if os.path.isfile(f'{current.ros_prefix}/setup.bash'):
+            return current.ros_prefix
+    return found or ''
+
+
+def environment_fits(venv: Environment, asked: Optional[str], ros_prefix: str) -> bool:
+    """Whether the environment there is sound and the one that is asked for."""
+    have = venv.identity
+    if have is None or (have.root, have.ros_prefix) != (str(ROOT), ros_prefix):
+        return False
+    if asked:
+        python = host.probe(asked)
+        if python is None or python.path != have.python:
+            return False
+    return venv.is_sound()
+
+
+def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
+    """Bring environment, layers and build to what the checkout says."""
+    if any(character in str(ROOT) for character in ' \t\n:;"\''):
+        raise SetupError(
+            f'The path of this checkout, `{ROOT}`, holds a space, quote or colon, which ROS 2 build '
+            'tools cannot handle: move it.'
+        )
+    venv = Environment(ROOT)
+    workspace = Workspace(ROOT / 'ros_ws')
+    ros_prefix = ros_for(venv.identity)
+    if not environment_fits(venv, asked, ros_prefix):
+        venv.create(choose(asked, ros_prefix), ros_prefix)
+        workspace.wipe()  # built executables name their interpreter
+    missing = venv.missing(layers)
+    if missing:
+        venv.install(missing)
+    venv.install_editable(ROOT / 'offline_training')
+    outdated = workspace.outdated()
+    if outdated:
+        workspace.build(venv.python, underlay_environment(ros_prefix), outdated)
+
+
+def parse_arguments(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
+    """Return the parsed command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0],
+        epilog='example: python3 ros_ws/underlay/bootstrap.py --python python3.12 train report',
+    )
+    parser.add_argument(
+        'layers', nargs='*', metavar='LAYER', help='layers of requirements/ beside `fly`'
+    )
+    parser.add_argument('--python', metavar='PATH', help='the interpreter to build on')
+    return parser.parse_args(argv)
+
+
+def main() -> int:
+    """Set up; return the exit code."""
+    arguments = parse_arguments()
+    start = time.monotonic()
+    try:
+        with only_one(ROOT / 'ros_ws' / '.setup.lock'):
+            set_up(arguments.python or None, arguments.layers)
+    except SetupError as error:
+        print(f'[setup] {error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print('\n[setup] interrupted; the same command goes on from here', file=sys.stderr)
+        return 130
+    seconds = time.monotonic() - start
+    if seconds > 1.5:
+        say(f'ready after {seconds:.0f} s')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
