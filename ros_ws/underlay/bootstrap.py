@@ -73,11 +73,9 @@ def ros_for(current: Optional[Identity]) -> str:
     it, as long as it exists.
     """
     found = host.find_ros(os.environ)
-    named = host.ROS_PREFIX_VARIABLE in os.environ
-    if found is None and not named and current is not None and current.ros_prefix:
-        if os.path.isfile(f'{current.ros_prefix}/setup.bash'):
-            return current.ros_prefix
-    return found or ''
+    if found or host.ROS_PREFIX_VARIABLE in os.environ or current is None:
+        return found or ''
+    return current.ros_prefix if os.path.isfile(f'{current.ros_prefix}/setup.bash') else ''
 
 
 def environment_fits(venv: Environment, asked: Optional[str], ros_prefix: str) -> bool:
@@ -96,8 +94,8 @@ def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
     """Bring environment, layers and build to what the checkout says."""
     if any(character in str(ROOT) for character in ' \t\n:;"\''):
         raise SetupError(
-            f'The path of this checkout, `{ROOT}`, holds a space, quote or colon, which ROS 2 build '
-            'tools cannot handle: move it.'
+            f'The path of this checkout, `{ROOT}`, holds a space, quote or colon, which the build '
+            'tools of ROS 2 cannot handle: move it.'
         )
     venv = Environment(ROOT)
     workspace = Workspace(ROOT / 'ros_ws')

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What this machine offers: Python interpreters, a ROS 2 installation, a platform the wheels run on.
+"""What this machine offers: Python interpreters, a ROS 2 installation, a fitting platform.
 
 The decisions are pure functions of probed facts, so that tests can put any machine before them.
 This directory runs on any Python 3.6 or later, in order to be able to say which one is wanted.
@@ -84,9 +84,7 @@ def probe(name: str) -> Optional[Interpreter]:
         return None
     path, version, implementation, free_threaded, has_venv = json.loads(out)
     major, minor, micro = version
-    return Interpreter(
-        name, path, (major, minor, micro), implementation, free_threaded, has_venv
-    )
+    return Interpreter(name, path, (major, minor, micro), implementation, free_threaded, has_venv)
 
 
 def choose_interpreter(found: Sequence[Interpreter], asked: Optional[str] = None) -> Interpreter:
@@ -114,9 +112,7 @@ def choose_interpreter(found: Sequence[Interpreter], asked: Optional[str] = None
     )
 
 
-def platform_problem(
-    system: str, machine: str, glibc: Optional[Tuple[int, ...]]
-) -> Optional[str]:
+def platform_problem(system: str, machine: str, glibc: Optional[Tuple[int, ...]]) -> Optional[str]:
     """Return why the ROS 2 wheels cannot run here, in one sentence, or None if they can."""
     if system == 'Linux' and machine == 'x86_64' and glibc is not None and glibc >= MINIMUM_GLIBC:
         return None
@@ -202,7 +198,7 @@ def interpreter_for_ros(
         return choose_interpreter(usable)
     tried = '; '.join(str(python) for python in found) or 'no interpreter runs'
     raise SetupError(
-        f'No Python here imports rclpy and numpy of the ROS 2 installation {prefix} ({tried}): name '
-        'the one it was built for (`make setup PYTHON=/usr/bin/python3`), or set '
+        f'No Python here imports rclpy and numpy of the ROS 2 installation {prefix} ({tried}): '
+        'name the one it was built for (`make setup PYTHON=/usr/bin/python3`), or set '
         f'{ROS_PREFIX_VARIABLE} empty to use the wheels.'
     )

@@ -14,7 +14,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence
 
 from host import Interpreter, SetupError, run_python
 
@@ -113,7 +113,8 @@ class Environment:
             return (self.requirements / f'{layer}.txt').read_bytes()
         except OSError:
             known = sorted(p.stem for p in self.requirements.glob('*.txt') if p.stem != 'versions')
-            raise SetupError(f'There is no layer `{layer}`; there are {", ".join(known)}.')
+            message = f'There is no layer `{layer}`; there are {", ".join(known)}.'
+            raise SetupError(message) from None
 
     def create(self, python: Interpreter, ros_prefix: str) -> None:
         """Build an empty environment on `python`, in place of any other."""
@@ -235,7 +236,7 @@ def pip_failure(output: str, log: str) -> str:
     """Return what went wrong in pip, and what to do, in a sentence."""
     if _NO_NETWORK.search(output):
         return (
-            'The package index cannot be reached: check the network (or the proxy, or pip\'s '
+            "The package index cannot be reached: check the network (or the proxy, or pip's "
             'configuration), then run the same command again; it goes on where it stopped.'
         )
     if 'DO NOT MATCH THE HASHES' in output:
@@ -246,5 +247,5 @@ def pip_failure(output: str, log: str) -> str:
     if 'No space left on device' in output:
         return 'The disk is full: free about 1 GB, then run the same command again.'
     errors = [line for line in output.splitlines() if line.startswith('ERROR:')]
-    reason = errors[-1][len('ERROR: '):] if errors else _last_line(output)
+    reason = errors[-1][len('ERROR: ') :] if errors else _last_line(output)
     return f'pip failed ({reason}): see {log}, then run the same command again.'

@@ -29,7 +29,7 @@ def compile_lock(*arguments: str) -> None:
     command += ['--constraint', 'constraints.in', *arguments]
     env = {**os.environ, 'UV_PYTHON_DOWNLOADS': 'never'}
     done = subprocess.run(
-        command, cwd=str(REQUIREMENTS), env=env, stderr=subprocess.PIPE, universal_newlines=True
+        command, cwd=str(REQUIREMENTS), env=env, stderr=subprocess.PIPE, text=True
     )
     if done.returncode != 0:
         raise SystemExit(f'lock: uv found no answer (exit code {done.returncode}):\n{done.stderr}')
