@@ -1,0 +1,277 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""CDR of the recorded message types: encode, decode, and where the floats lie in the bytes.
+
+Plain CDR (XCDR1), little endian, as ROS 2 Jazzy puts it on the wire: 4 bytes of encapsulation
+header, then fields aligned to their size, counted from the end of that header. Floats keep their
+bits.
+
+Alignment leaves gaps between fields, and the middleware leaves there what its buffer held before. A
+log that must be equal byte for byte has zeros there (`canonical`); nothing else is touched.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+HEADER = b'\x00\x01\x00\x00'
+"""Encapsulation header: CDR, little endian, no options."""
+
+STAMP_AT = 4
+"""Offset of the stamp (int32 s, uint32 ns) in every stamped type and in Clock."""
+
+WRENCH_FLOATS = 6
+ODOMETRY_FLOATS = 85
+
+WRENCH_FIELDS = tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz')
+"""Names of a wrench's floats, in their order."""
+
+ODOMETRY_FIELDS = (
+    *(f'pose.pose.position.{axis}' for axis in 'xyz'),
+    *(f'pose.pose.orientation.{axis}' for axis in 'xyzw'),
+    *(f'pose.covariance[{i}]' for i in range(36)),
+    *(f'twist.twist.linear.{axis}' for axis in 'xyz'),
+    *(f'twist.twist.angular.{axis}' for axis in 'xyz'),
+    *(f'twist.covariance[{i}]' for i in range(36)),
+)
+"""Names of an odometry's floats, in their order."""
+
+POSITION = slice(0, 3)
+VELOCITY = slice(43, 46)
+"""Where position and linear velocity lie among the floats of an odometry."""
+
+_STAMPED = {
+    'nav_msgs/msg/Odometry': (2, ODOMETRY_FLOATS),
+    'geometry_msgs/msg/WrenchStamped': (1, WRENCH_FLOATS),
+}
+"""Types made of a stamp, so many strings and so many floats."""
+
+_NS = 1_000_000_000
+_STAMP = struct.Struct('<iI')
+_LENGTH = struct.Struct('<I')
+_WRENCH = struct.Struct(f'<{WRENCH_FLOATS}d')
+_ODOMETRY = struct.Struct(f'<{ODOMETRY_FLOATS}d')
+_IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
+_NO_ROTATION = (0.0,) * 39
+
+
+class CdrError(ValueError):
+    """Bytes that are not the CDR of the expected type."""
+
+
+class Wrench(NamedTuple):
+    """geometry_msgs/msg/WrenchStamped; floats : force [N] and torque [N m], axes of frame_id."""
+
+    stamp_ns: int
+    frame_id: str
+    floats: tuple[float, ...]
+
+
+class Odometry(NamedTuple):
+    """nav_msgs/msg/Odometry; floats : those of `ODOMETRY_FIELDS`."""
+
+    stamp_ns: int
+    frame_id: str
+    child_frame_id: str
+    floats: tuple[float, ...]
+
+
+class Status(NamedTuple):
+    """diagnostic_msgs/msg/DiagnosticStatus; values : pairs (key, value)."""
+
+    level: int
+    name: str
+    message: str
+    hardware_id: str
+    values: tuple[tuple[str, str], ...]
+
+
+def _stamp(stamp_ns: int) -> bytes:
+    return HEADER + _STAMP.pack(*divmod(stamp_ns, _NS))
+
+
+def _string(text: str) -> bytes:
+    data = text.encode() + b'\x00'
+    return _LENGTH.pack(len(data)) + data
+
+
+def _pad(buffer: bytearray, alignment: int) -> None:
+    buffer.extend(bytes(-(len(buffer) - 4) % alignment))
+
+
+def encode_clock(stamp_ns: int) -> bytes:
+    """Return the CDR of a rosgraph_msgs/msg/Clock."""
+    return _stamp(stamp_ns)
+
+
+def encode_wrench(stamp_ns: int, frame_id: str, force_n: Sequence[float]) -> bytes:
+    """Return the CDR of a WrenchStamped without torque; force_n : (3,) N, axes of frame_id."""
+    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
+    _pad(buffer, 8)
+    return bytes(buffer) + _WRENCH.pack(*force_n, 0.0, 0.0, 0.0)
+
+
+def encode_odometry(stamp_ns: int, frame_id: str, child_frame_id: str,
+                    state: Sequence[float]) -> bytes:
+    """Return the CDR of an Odometry with identity attitude, no rotation, zero covariances.
+
+    state : (6,) position [m] and velocity [m/s] in the axes of frame_id
+    """
+    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
+    _pad(buffer, 4)
+    buffer += _string(child_frame_id)
+    _pad(buffer, 8)
+    return bytes(buffer) + _ODOMETRY.pack(*state[:3], *_IDENTITY_POSE, *state[3:], *_NO_ROTATION)
+
+
+def encode_status(level: int, name: str, message: str, hardware_id: str,
+                  values: Mapping[str, str] | Iterable[tuple[str, str]]) -> bytes:
+    """Return the CDR of a DiagnosticStatus."""
+    pairs = list(values.items() if isinstance(values, Mapping) else values)
+    buffer = bytearray(HEADER + bytes([level]))
+    for text in (name, message, hardware_id):
+        _pad(buffer, 4)
+        buffer += _string(text)
+    _pad(buffer, 4)
+    buffer += _LENGTH.pack(len(pairs))
+    for text in (part for pair in pairs for part in pair):
+        _pad(buffer, 4)
+        buffer += _string(text)
+    return bytes(buffer)
+
+
+class _Cursor:
+    """Reads fields of one message in order."""
+
+    def __init__(self, data: bytes) -> None:
+        if data[:2] != HEADER[:2]:
+            raise CdrError('must begin with the header of little-endian CDR, 00 01; '
+                           f'got {data[:4].hex(" ") or "no bytes"}')
+        self.data = data
+        self.at = 4
+
+    def align(self, alignment: int) -> None:
+        self.at += -(self.at - 4) % alignment
+
+    def unpack(self, layout: struct.Struct) -> tuple[float, ...]:
+        start, self.at = self.at, self.at + layout.size
+        if self.at > len(self.data):
+            raise CdrError(f'must hold at least {self.at} bytes; got {len(self.data)}')
+        return layout.unpack_from(self.data, start)
+
+    def integer(self) -> int:
+        self.align(4)
+        return int(self.unpack(_LENGTH)[0])
+
+    def stamp(self) -> int:
+        seconds, nanoseconds = self.unpack(_STAMP)
+        return int(seconds) * _NS + int(nanoseconds)
+
+    def string(self) -> str:
+        length = self.integer()
+        start, self.at = self.at, self.at + length
+        raw = self.data[start:self.at]
+        if len(raw) < length or not raw.endswith(b'\x00'):
+            raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
+        try:
+            return raw[:-1].decode()
+        except UnicodeDecodeError:
+            raise CdrError(f'must hold UTF-8 text at {start}') from None
+
+    def end(self, spare: int = 0) -> None:
+        if not 0 <= len(self.data) - self.at <= spare:
+            raise CdrError(f'must be {self.at} bytes; got {len(self.data)}')
+
+
+def stamp_ns(data: bytes) -> int:
+    """Return the stamp of a Clock, or of any message that begins with a std_msgs/Header."""
+    return _Cursor(data).stamp()
+
+
+def decode_clock(data: bytes) -> int:
+    """Return the time [ns] of a rosgraph_msgs/msg/Clock; raises CdrError."""
+    cursor = _Cursor(data)
+    stamp = cursor.stamp()
+    cursor.end()
+    return stamp
+
+
+def decode_wrench(data: bytes) -> Wrench:
+    """Return a geometry_msgs/msg/WrenchStamped; raises CdrError."""
+    cursor = _Cursor(data)
+    stamp, frame_id = cursor.stamp(), cursor.string()
+    cursor.align(8)
+    floats = cursor.unpack(_WRENCH)
+    cursor.end()
+    return Wrench(stamp, frame_id, floats)
+
+
+def decode_odometry(data: bytes) -> Odometry:
+    """Return a nav_msgs/msg/Odometry; raises CdrError."""
+    cursor = _Cursor(data)
+    stamp, frame_id, child_frame_id = cursor.stamp(), cursor.string(), cursor.string()
+    cursor.align(8)
+    floats = cursor.unpack(_ODOMETRY)
+    cursor.end()
+    return Odometry(stamp, frame_id, child_frame_id, floats)
+
+
+def decode_status(data: bytes) -> Status:
+    """Return a diagnostic_msgs/msg/DiagnosticStatus; raises CdrError."""
+    cursor = _Cursor(data)
+    if len(data) < 5:
+        raise CdrError('must hold a level; got no more bytes')
+    level, cursor.at = data[4], 5
+    name, message, hardware_id = cursor.string(), cursor.string(), cursor.string()
+    count = cursor.integer()
+    if count > len(data):  # each pair takes at least 10 bytes: a damaged count must not loop
+        raise CdrError(f'must hold {count} pairs; got {len(data)} bytes')
+    values = tuple((cursor.string(), cursor.string()) for _ in range(count))
+    cursor.end(spare=3)
+    return Status(level, name, message, hardware_id, values)
+
+
+def floats_at(type_name: str, data: bytes) -> int:
+    """Return the offset of the first float of an Odometry or WrenchStamped; raises CdrError."""
+    strings, floats = _STAMPED[type_name]
+    cursor = _Cursor(data)
+    cursor.stamp()
+    for _ in range(strings):
+        cursor.string()
+    cursor.align(8)
+    if cursor.at + 8 * floats != len(data):
+        raise CdrError(f'must be {cursor.at + 8 * floats} bytes; got {len(data)}')
+    return cursor.at
+
+
+def canonical(type_name: str, data: bytes) -> bytes:
+    """Return a message with the gaps between its fields cleared; raises CdrError."""
+    if type_name == 'rosgraph_msgs/msg/Clock':
+        decode_clock(data)
+        return data
+    if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
+        return data[:4] + encode_status(*decode_status(data))[4:]
+    strings, floats = _STAMPED[type_name]
+    texts, numbers = data[12:-8 * floats], data[-8 * floats:]
+    if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:
+        raise CdrError(f'must be the CDR of {type_name}; got {len(data)} bytes')
+    cleared = _cleared(texts, strings)
+    return data if cleared == texts else data[:12] + cleared + numbers
+
+
+@lru_cache(maxsize=64)
+def _cleared(texts: bytes, strings: int) -> bytes:
+    """Return the strings between stamp and floats, gaps cleared; they are the same every tick."""
+    cursor = _Cursor(HEADER + bytes(8) + texts)
+    cursor.stamp()
+    buffer = bytearray(HEADER + bytes(8))
+    for _ in range(strings):
+        _pad(buffer, 4)
+        buffer += _string(cursor.string())
+    _pad(buffer, 8)
+    if len(buffer) != 12 + len(texts):
+        raise CdrError(f'must have {len(buffer) - 12} bytes of text; got {len(texts)}')
+    return bytes(buffer[12:])

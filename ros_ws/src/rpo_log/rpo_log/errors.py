@@ -1,0 +1,55 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The one exception of this package, and what the exit codes of log commands mean."""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+from pathlib import Path
+
+
+class ExitCode(IntEnum):
+    """Exit codes of the commands that read logs."""
+
+    OK = 0
+    DIFFERENT = 1  # the logs differ, or the flight is not the one the log claims
+    BAD_INPUT = 2  # not a readable log of a run
+    INCOMPLETE = 3  # readable, and equal as far as it goes, but cut short or with holes
+
+
+class Kind(str, Enum):
+    """What is wrong with a log or with the place it should go."""
+
+    EXISTS = 'exists'  # the output is there already
+    CANNOT_WRITE = 'cannot write'
+    NO_DEFINITIONS = 'no message definitions'
+    NOT_FOUND = 'not found'
+    NOT_MCAP = 'not MCAP'
+    NOT_A_RUN = 'not a run'  # MCAP, but not written by this recorder
+    NEWER = 'newer format'
+    TRUNCATED = 'truncated'
+    CORRUPT = 'corrupt'
+    EMPTY = 'no messages'
+    MISSING_TOPIC = 'missing topic'
+    WRONG_TYPE = 'wrong type'
+    MISSING_ATTACHMENT = 'missing attachment'
+    BAD_ATTACHMENT = 'bad attachment'
+    DUPLICATE_TICK = 'duplicate tick'
+    TIME_BACKWARDS = 'time backwards'
+    BAD_STAMP = 'bad stamp'
+    BAD_MESSAGE = 'bad message'
+
+
+class LogError(ValueError):
+    """A log that cannot be written or read: one sentence, and what kind of fault it is.
+
+    kind : Kind
+    path : Path, the file or folder concerned
+    """
+
+    exit_code = ExitCode.BAD_INPUT
+
+    def __init__(self, kind: Kind, path: str | Path, sentence: str) -> None:
+        super().__init__(f'{path}: {sentence}')
+        self.kind = kind
+        self.path = Path(path)

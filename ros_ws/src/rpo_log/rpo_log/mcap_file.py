@@ -1,0 +1,144 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One growing MCAP file that a crash leaves readable: whole chunks reach the system or nothing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from rpo_log.errors import Kind, LogError
+
+PROFILE = 'ros2'
+LOG_FORMAT = 1
+"""Version of the layout of a run's log: its records, its attachments, its order."""
+
+LIBRARY = f'rpo_log/{LOG_FORMAT}'
+"""Library field of the header; the same on every machine."""
+
+_UNLIMITED = 1 << 62
+
+
+class _Sink:
+    """Output stream of the MCAP writer: gathers bytes, hands them to the system in `flush`.
+
+    A write that fails half way (a full disk) is cut off again: the file ends with a whole chunk.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = open(path, 'xb', buffering=0)  # noqa: SIM115, lives as long as the log
+        self._parts: list[bytes] = []
+        self._waiting = 0
+        self.committed = 0
+
+    def write(self, data: bytes) -> int:
+        self._parts.append(bytes(data))
+        self._waiting += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self.committed + self._waiting
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def flush(self) -> None:
+        view = memoryview(b''.join(self._parts))
+        try:
+            if os.fstat(self.fileno()).st_nlink == 0:
+                raise FileNotFoundError('the file was deleted')
+            at = 0
+            while at < len(view):
+                at += os.write(self.fileno(), view[at:])
+        except OSError:
+            self.discard()
+            raise
+        self._parts.clear()
+        self._waiting = 0
+        self.committed += len(view)
+
+    def discard(self) -> None:
+        """Drop what the system has not got whole."""
+        self._parts.clear()
+        self._waiting = 0
+        os.ftruncate(self.fileno(), self.committed)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class McapFile:
+    """One MCAP file with the profile ros2, zstd chunks, all indexes, statistics and checksums.
+
+    Every method that writes may raise OSError; the file then ends with the last whole chunk.
+    Nothing in it depends on the wall clock or the machine. The compression level is zstd's own, 3.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._sink = _Sink(path)
+        except FileExistsError:
+            raise LogError(Kind.EXISTS, path,
+                           'exists already; a log is never overwritten') from None
+        except OSError as error:
+            raise LogError(Kind.CANNOT_WRITE, path,
+                           f'cannot be created: {error.strerror}') from None
+        self.path = path
+        self._writer = Writer(self._sink, chunk_size=_UNLIMITED,  # type: ignore[arg-type]
+                              compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer.start(profile=PROFILE, library=LIBRARY)
+        self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
+        self._syncing: Future[None] | None = None
+
+    @property
+    def size(self) -> int:
+        """Bytes that have reached the system."""
+        return self._sink.committed
+
+    def add_schema(self, name: str, text: bytes, encoding: str = 'ros2msg') -> int:
+        """Return the id of a new schema."""
+        return self._writer.register_schema(name, encoding, text)
+
+    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str],
+                    encoding: str = 'cdr') -> int:
+        """Return the id of a new channel."""
+        return self._writer.register_channel(topic, encoding, schema_id, dict(metadata))
+
+    def add_message(self, channel_id: int, stamp_ns: int, sequence: int, data: bytes) -> None:
+        """Add a message to the open chunk; its log and publish time are its stamp."""
+        self._writer.add_message(channel_id, stamp_ns, data, stamp_ns, sequence)
+
+    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
+        """Write an attachment; both its times are `time_ns`."""
+        self._writer.add_attachment(time_ns, time_ns, name, media_type, data)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        self._writer.add_metadata(name, dict(values))
+
+    def close_chunk(self) -> None:
+        """End the open chunk, if it has messages, and hand all bytes to the system."""
+        self._writer.flush()
+
+    def sync(self) -> None:
+        """Ask for the bytes to reach the disk, without waiting; raises what the last call met."""
+        if self._syncing is not None:
+            if not self._syncing.done():
+                return
+            self._syncing.result()
+        self._syncing = self._syncer.submit(os.fsync, self._sink.fileno())
+
+    def finish(self) -> None:
+        """End the file with its summary and wait until it is on the disk."""
+        self._writer.finish()
+        self._sink.flush()
+        os.fsync(self._sink.fileno())
+
+    def close(self) -> None:
+        """Release the file, finished or not."""
+        self._syncer.shutdown(wait=True)
+        self._sink.close()

@@ -1,0 +1,109 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What rosbag2 wants beside the messages: its metadata, version 9, in the log and next to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from rpo_log.topics import Qos
+
+VERSION = 9
+ROS_DISTRO = 'jazzy'
+RECORD = 'rosbag2'
+"""Name of the MCAP metadata record."""
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """One topic as rosbag2 describes it."""
+
+    name: str
+    type: str
+    type_hash: str
+    qos: Sequence[Mapping[str, Any]]
+    messages: int = 0
+
+
+@dataclass(frozen=True)
+class BagFile:
+    """One file of a bag: first and last stamp [ns], messages; zeros if it has none."""
+
+    path: str
+    first_ns: int = 0
+    last_ns: int = 0
+    messages: int = 0
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the entry of the list `files`."""
+        return {
+            'path': self.path,
+            'starting_time': {'nanoseconds_since_epoch': self.first_ns},
+            'duration': {'nanoseconds': self.last_ns - self.first_ns},
+            'message_count': self.messages,
+        }
+
+
+def qos_text(profiles: Iterable[Qos]) -> str:
+    """Return the channel metadata `offered_qos_profiles`: a YAML sequence, version 9."""
+    return yaml.safe_dump([qos.to_document() for qos in profiles], sort_keys=False).rstrip('\n')
+
+
+def _topic(topic: BagTopic) -> dict[str, Any]:
+    return {
+        'topic_metadata': {
+            'name': topic.name,
+            'type': topic.type,
+            'serialization_format': 'cdr',
+            'offered_qos_profiles': [dict(profile) for profile in topic.qos],
+            'type_description_hash': topic.type_hash,
+        },
+        'message_count': topic.messages,
+    }
+
+
+def metadata(topics: Iterable[BagTopic], files: Sequence[BagFile]) -> dict[str, Any]:
+    """Return the content of `rosbag2_bagfile_information` for a whole bag."""
+    filled = [file for file in files if file.messages]
+    first = min((file.first_ns for file in filled), default=0)
+    last = max((file.last_ns for file in filled), default=0)
+    return {
+        'version': VERSION,
+        'storage_identifier': 'mcap',
+        'duration': {'nanoseconds': last - first},
+        'starting_time': {'nanoseconds_since_epoch': first},
+        'message_count': sum(file.messages for file in files),
+        'topics_with_message_count': [_topic(topic) for topic in topics],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': [file.path for file in files],
+        'files': [file.to_document() for file in files],
+        'custom_data': None,
+        'ros_distro': ROS_DISTRO,
+    }
+
+
+class _NoAliases(yaml.SafeDumper):
+    """Writes equal values out in full: not every YAML reader follows anchors."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def to_yaml(document: Mapping[str, Any]) -> str:
+    """Return the YAML text of a document, keys in their order."""
+    return yaml.dump(dict(document), Dumper=_NoAliases, sort_keys=False, width=1000)
+
+
+def record_values(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the values of the MCAP metadata record `rosbag2`."""
+    return {'serialized_metadata': to_yaml(document)}
+
+
+def metadata_yaml(document: Mapping[str, Any]) -> str:
+    """Return the text of `metadata.yaml`."""
+    return to_yaml({'rosbag2_bagfile_information': dict(document)})

@@ -1,0 +1,138 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run as its log sees it: the ticks, the files of its folder, what was logged and what not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from rpo_log.errors import Kind, LogError
+
+RUN_RECORD = 'rpo_run'
+"""Name of the MCAP metadata record that holds the time base."""
+
+SCENARIO = 'scenario.yaml'
+CONTROLLER = 'controller.yaml'
+PARAMETERS = 'parameters.yaml'
+"""Names of the attachments; the parameters are those of every node, resolved."""
+
+METADATA_FILE = 'metadata.yaml'
+HEALTH_FILE = 'health.mcap'
+INFO_FILE = 'run_info.yaml'
+
+MAX_CHUNK_TICKS = 512
+
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """The ticks of a run: tick k has the stamp epoch_ns + k dt_ns, k = 0..last_tick."""
+
+    epoch_ns: int
+    dt_ns: int
+    last_tick: int
+
+    def stamp_ns(self, tick: int) -> int:
+        """Return the stamp of a tick."""
+        return self.epoch_ns + tick * self.dt_ns
+
+    def tick_of(self, stamp_ns: int) -> int | None:
+        """Return the tick of a stamp; None if the run has no such tick."""
+        tick, rest = divmod(stamp_ns - self.epoch_ns, self.dt_ns)
+        return tick if rest == 0 and 0 <= tick <= self.last_tick else None
+
+    @property
+    def chunk_ticks(self) -> int:
+        """Most ticks in one chunk: one second of simulated time, and a bound on its size."""
+        return max(1, min(MAX_CHUNK_TICKS, _NS // self.dt_ns))
+
+    def to_record(self) -> dict[str, str]:
+        """Return the values of the MCAP metadata record."""
+        return {'epoch_ns': str(self.epoch_ns), 'dt_ns': str(self.dt_ns),
+                'last_tick': str(self.last_tick)}
+
+    @classmethod
+    def from_record(cls, values: Mapping[str, str], path: Path) -> TimeBase:
+        """Return the time base of an MCAP metadata record; raises LogError."""
+        try:
+            base = cls(int(values['epoch_ns']), int(values['dt_ns']), int(values['last_tick']))
+        except (KeyError, ValueError):
+            base = cls(0, 0, 0)
+        if base.dt_ns <= 0 or base.last_tick < 0 or base.epoch_ns < 0:
+            raise LogError(Kind.NOT_A_RUN, path, f'its record {RUN_RECORD} must hold epoch_ns, '
+                           f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}')
+        return base
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a log holds, and what it does not.
+
+    messages : per topic, those that have reached the file
+    missing : per topic, (ticks without a message before the last tick seen, the first of them)
+    duplicates, conflicts, late : per topic, messages that came again with the same bytes (dropped,
+        as it should be), with other bytes (the first was kept), or too late to be put in order
+    foreign : messages that are of no tick of this run, or not of their type
+    lost : messages that could not be written
+    failure : why the log ended early; None if it did not
+    """
+
+    files: tuple[str, ...]
+    messages: Mapping[str, int]
+    missing: Mapping[str, tuple[int, int]]
+    duplicates: Mapping[str, int]
+    conflicts: Mapping[str, int]
+    late: Mapping[str, int]
+    foreign: int
+    lost: int
+    failure: str | None
+
+    @property
+    def whole(self) -> bool:
+        """Whether the log has everything that it was owed."""
+        return not (self.failure or self.lost or self.missing or self.conflicts or self.late)
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        faults = [f'{count} missing on {name}, the first at tick {first}'
+                  for name, (count, first) in self.missing.items()]
+        faults += [f'{count} contradicting on {name}' for name, count in self.conflicts.items()]
+        faults += [f'{count} too late on {name}' for name, count in self.late.items()]
+        if self.failure:
+            faults.append(f'the log failed ({self.failure}), {self.lost} lost')
+        return (f'{sum(self.messages.values())} messages logged; '
+                + ('; '.join(faults) if faults else 'none lacks'))
+
+
+def log_files(folder: Path) -> list[Path]:
+    """Return the MCAP files of a run's log in order of time; empty if there are none."""
+    single = folder / 'run.mcap'
+    if single.exists():
+        return [single]
+    parts = [path for path in folder.glob('run_*.mcap') if path.stem[4:].isdigit()]
+    return sorted(parts, key=lambda path: int(path.stem[4:]))
+
+
+def prepare_folder(folder: Path, overwrite: bool) -> None:
+    """Create the folder of a run, or clear a log from it when asked to; raises LogError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = log_files(folder)
+        taken += [folder / name for name in (METADATA_FILE, HEALTH_FILE, INFO_FILE)
+                  if (folder / name).exists()]
+        if taken and not overwrite:
+            raise LogError(Kind.EXISTS, folder, 'holds a log already '
+                           f'({", ".join(path.name for path in taken)}); name another folder, or '
+                           'ask for it to be overwritten')
+        for path in taken:
+            path.unlink()
+    except OSError as error:
+        raise cannot_write(folder, error) from None
+
+
+def cannot_write(path: Path, error: OSError) -> LogError:
+    """Return the LogError of a place that takes no log."""
+    return LogError(Kind.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')

@@ -1,0 +1,193 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The writer of a run's log: `run.mcap` and `metadata.yaml`, the same bytes for the same run.
+
+When the process dies (`kill -9`), the open chunk and the ticks that wait for a message are lost,
+nothing else. A chunk holds at most 1/25 of the ticks before it and at most one second of simulated
+time: 4 % of the run so far, one second in real time. Chunks are cut by ticks alone, never by the
+wall clock; the wall clock only paces `fsync`, about once a second, in case the machine dies.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from rpo_log import cdr, rosbag2, topics
+from rpo_log.bag_file import BagFileWriter, bag_topics
+from rpo_log.errors import LogError
+from rpo_log.orderer import TickOrderer
+from rpo_log.run import (
+    CONTROLLER,
+    METADATA_FILE,
+    PARAMETERS,
+    SCENARIO,
+    RunSummary,
+    TimeBase,
+    cannot_write,
+    prepare_folder,
+)
+
+__all__ = ['CONTROLLER', 'PARAMETERS', 'SCENARIO', 'RunLogWriter', 'RunSummary', 'TimeBase',
+           'prepare_folder']
+
+SYNC_INTERVAL_S = 1.0
+
+_NS = 1_000_000_000
+
+
+class RunLogWriter:
+    """Writes one run; takes messages in any order, never raises into the flight.
+
+    folder : created if it is not there
+    base : the ticks of the run
+    names : full topic names; the last part of each is its role (`rpo_log.topics`)
+    attachments : file name to bytes: scenario.yaml, controller.yaml, parameters.yaml
+    split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
+        time or so many bytes; 0 and 0 for one file, run.mcap
+    overwrite : clear a log that is there; otherwise that is a LogError
+
+    Raises LogError if the log cannot be begun. After that a fault of the disk ends the log, not the
+    flight: `failure` says why, `summary` counts what is lost.
+    """
+
+    def __init__(self, folder: str | Path, base: TimeBase, names: Iterable[str],
+                 attachments: Mapping[str, bytes], *, split_s: float = 0.0, split_bytes: int = 0,
+                 overwrite: bool = False) -> None:
+        self.folder = Path(folder)
+        self.base = base
+        self.topics = topics.resolve(names, str(folder))
+        self.failure: str | None = None
+        self._indices = {topic.name: index for index, topic in enumerate(self.topics)}
+        self._attachments = dict(sorted(attachments.items()))
+        self._split_ticks = round(split_s * _NS) // base.dt_ns
+        self._split_bytes = split_bytes
+        self._finished: list[BagFileWriter] = []
+        self._foreign = self._unwanted = 0
+        self._closed = False
+        self._synced_s = time.monotonic()
+        roles = [topic.role for topic in self.topics]
+        event = roles.index(topics.STATUS) if topics.STATUS in roles else None
+        self._orderer = TickOrderer(len(self.topics), event, self._write_tick)
+        prepare_folder(self.folder, overwrite)
+        try:
+            self._file = self._begin_file(0, 0)
+        except OSError as error:
+            raise cannot_write(self.folder, error) from None
+
+    def record(self, name: str, data: bytes) -> None:
+        """Take the CDR of a message as it came; never raises.
+
+        Its tick is that of its stamp; of a run_status, the value `tick`.
+        """
+        topic = self.topics[self._indices[name]]
+        try:
+            if topic.role == topics.STATUS:
+                tick = int(dict(cdr.decode_status(data).values)['tick'])
+            else:
+                found = self.base.tick_of(cdr.stamp_ns(data))
+                tick = -1 if found is None else found
+        except (ValueError, KeyError):  # not CDR, or a status that is of no tick
+            tick = -1
+        self.write(name, tick, data)
+
+    def write(self, name: str, tick: int, data: bytes) -> None:
+        """Take one message of a tick, in any order; never raises.
+
+        Repeated ones are dropped; those of no tick of this run, or not of their type, are foreign.
+        """
+        index = self._indices[name]
+        if self.failure is not None or self._closed:
+            self._unwanted += 1
+            return
+        try:
+            data = cdr.canonical(self.topics[index].type, data)
+        except cdr.CdrError:
+            tick = -1
+        if not 0 <= tick <= self.base.last_tick:
+            self._foreign += 1
+            return
+        try:
+            self._orderer.add(index, tick, data)
+        except (OSError, LogError) as error:
+            self._fail(error)
+
+    def close(self) -> RunSummary:
+        """End the log and return what it holds; never raises."""
+        if not self._closed:
+            self._closed = True
+            try:
+                if self.failure is None:
+                    self._orderer.close(self.base.last_tick)
+                    self._file.finish()
+                    self._write_metadata_yaml()
+            except (OSError, LogError) as error:
+                self._fail(error)
+            self._file.close()
+        return self.summary
+
+    @property
+    def summary(self) -> RunSummary:
+        """What the log holds now."""
+        counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts,
+                          strict=True))
+        logged = self._logged()
+        taken = sum(c.written for c in counts.values()) + self._orderer.waiting
+        return RunSummary(
+            files=tuple(file.entry.path for file in self._files()),
+            messages=dict(zip(counts, logged, strict=True)),
+            missing={name: (c.missing, c.first_missing or 0) for name, c in counts.items()
+                     if c.missing},
+            duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
+            conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
+            late={name: c.late for name, c in counts.items() if c.late},
+            foreign=self._foreign,
+            lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
+            failure=self.failure)
+
+    def _files(self) -> list[BagFileWriter]:
+        return [*self._finished, self._file]
+
+    def _logged(self) -> list[int]:
+        return [sum(column) for column in zip(*(file.counts for file in self._files()),
+                                              strict=True)]
+
+    def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
+        split = self._split_ticks > 0 or self._split_bytes > 0
+        name = f'run_{number}.mcap' if split else 'run.mcap'
+        self._file_tick = ticks_before
+        return BagFileWriter(self.folder / name, self.base, self.topics, self._attachments,
+                             ticks_before)
+
+    def _write_tick(self, tick: int, messages: Sequence[bytes | None]) -> None:
+        file = self._file
+        if tick > file.newest_tick and (
+                0 < self._split_ticks <= file.ticks - self._file_tick
+                or 0 < self._split_bytes <= file.size):
+            file.finish()
+            file.close()
+            following = self._begin_file(len(self._finished) + 1, file.ticks)
+            self._finished.append(file)
+            self._file = file = following
+        file.add_tick(tick, messages)
+        now_s = time.monotonic()
+        if now_s - self._synced_s >= SYNC_INTERVAL_S:
+            self._synced_s = now_s
+            file.sync()
+
+    def _fail(self, error: OSError | LogError) -> None:
+        self.failure = getattr(error, 'strerror', None) or str(error)
+
+    def _write_metadata_yaml(self) -> None:
+        """Write the file whole or not at all."""
+        document = rosbag2.metadata(bag_topics(self.topics, self._logged()),
+                                    [file.entry for file in self._files()])
+        path = self.folder / METADATA_FILE
+        draft = path.with_suffix('.part')
+        with open(draft, 'w', encoding='utf-8') as stream:
+            stream.write(rosbag2.metadata_yaml(document))
+            stream.flush()
+            os.fsync(stream.fileno())
+        draft.replace(path)
