@@ -40,7 +40,10 @@ def publish_health(node: Node, health: Callable[[], Health]) -> None:
 def publish_manifest(
     node: Node, role: str, parameters: Mapping[str, Any], files: Mapping[str, str]
 ) -> None:
-    """Publish once, latched, what a node runs with, for the recorder to attach to the log.
+    """Publish, latched, what a node runs with, for the recorder to attach to the log.
+
+    Said again every second: the first latched sample reaches a late reader only with DDS's next
+    heartbeat, seconds later.
 
     role : 'plant', 'controller' or 'disturbance'
     parameters : those that shape the flight; none that concern wall time
@@ -52,4 +55,7 @@ def publish_manifest(
         *((f'parameter.{key}', value) for key, value in sorted(parameters.items())),
         *((f'file.{name}', text) for name, text in sorted(files.items())),
     ]
-    publisher.publish(to_status(OK, node.get_name(), 'manifest', values))
+    manifest = to_status(OK, node.get_name(), 'manifest', values)
+    publisher.publish(manifest)
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(1.0, lambda: publisher.publish(manifest), clock=steady)

@@ -40,12 +40,15 @@ PARAMETERS = (
         wall=True),
     Row('wait_for_recorder', False, 'insist on a recorder before tick 0 (one in sight is waited for '
         'anyway)', wall=True),
-    Row('publish_clock', True, 'publish /clock', wall=True),
+    Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
 
 _LOOK_S = 0.05
 _SAY_S = 5.0
-_LAST_WORD = Duration(seconds=2)
+_ENDED = ('finished', 'aborted')
+_LAST_WORD_S = 5.0
+"""Longest wait for the recorder to close its log after the end of a run."""
+_INTERRUPTED = Duration(seconds=0.5)
 
 
 class PlantNode(FlightNode):
@@ -62,7 +65,7 @@ class PlantNode(FlightNode):
         self.plant = LockstepPlant(flown, answers)
         self.phase = 'waiting'
         self.resends = 0
-        self.recorder_ready = False
+        self._recorder = ''
         self._overdue = False
         self._begun = self._sent = self._progress = time.monotonic()
         self._said = 0.0
@@ -107,7 +110,7 @@ class PlantNode(FlightNode):
             self._advance()
 
     def _on_recorder(self, message: DiagnosticStatus) -> None:
-        self.recorder_ready = message.message == 'ready'
+        self._recorder = message.message
 
     def _on_pace(self) -> None:
         if self.phase != 'running':
@@ -137,7 +140,10 @@ class PlantNode(FlightNode):
         now = time.monotonic()
         if self.phase == 'waiting':
             self._wait(now)
-        elif self.phase == 'running' and self.plant.missing:
+        elif self.phase in _ENDED:
+            recorded = self._recorder in ('', 'closed')
+            self.done = recorded or now - self._progress > _LAST_WORD_S
+        elif self.plant.missing:
             if now - self._progress > self.values['peer_timeout_s']:
                 self._lose_peers()
             elif now - self._sent > self.values['resend_after_s']:
@@ -150,7 +156,7 @@ class PlantNode(FlightNode):
         if not absent:
             self._send()
         recorder = self.values['wait_for_recorder'] or self.count_publishers(names.RECORDER_STATUS)
-        awaited = self.plant.missing + ['the recorder'] * bool(recorder and not self.recorder_ready)
+        awaited = self.plant.missing + ['the recorder'] * bool(recorder and self._recorder != 'ready')
         if not awaited:
             self.phase = 'running'
             self._progress = now
@@ -180,9 +186,7 @@ class PlantNode(FlightNode):
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self._report(level, phase, reason)
-        for publisher in (self._state, self._status):
-            publisher.wait_for_all_acked(_LAST_WORD)
-        self.done = True
+        self._progress = time.monotonic()
         if phase == 'finished':
             figures = self.plant.figures()
             self.get_logger().info(
@@ -204,8 +208,9 @@ class PlantNode(FlightNode):
 
     def close(self, reason: str) -> None:
         """Say that the run was interrupted."""
-        if reason and not self.done:
+        if reason and self.phase not in _ENDED:
             self._end('aborted', f'interrupted by {reason}', health.WARN)
+            self._status.wait_for_all_acked(_INTERRUPTED)
 
 
 def main() -> int:

@@ -1,0 +1,111 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`final_approach`: plant, fuzzy controller, disturbance and recorder in one process."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from rclpy.utilities import remove_ros_args
+
+from rpo_core import scenario
+from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core.validation import InputError, real
+from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_log import report
+from rpo_log.recorder_node import RecorderNode
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.plant_node import PlantNode
+
+_START_TIMEOUT_S = 30.0
+
+_EXAMPLE = """example:
+  ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
+
+exit code: 0 flown and recorded, 1 flown but not all recorded, 2 bad input, 3 aborted
+"""
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='final_approach',
+        description=__doc__.split(': ')[1] if __doc__ else None,
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--scenario', default='approach', help='shipped name or path (%(default)s)')
+    parser.add_argument(
+        '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
+    )
+    parser.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
+    parser.add_argument(
+        '--overwrite', action='store_true', help='replace the run in an existing output folder'
+    )
+    parser.add_argument(
+        '--real-time-factor',
+        default=0.0,
+        type=float,
+        metavar='X',
+        help='simulated seconds per second; 0: as fast as it goes (default)',
+    )
+    parser.add_argument('--no-report', action='store_true', help='leave a log, but no report')
+    return parser.parse_args(argv)
+
+
+def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
+    flown = scenario.load_scenario(options.scenario)
+    plant = {
+        'scenario': options.scenario,
+        'real_time_factor': real('real_time_factor', options.real_time_factor, least=0.0),
+        'wait_for_recorder': True,
+        'start_timeout_s': _START_TIMEOUT_S,
+    }
+    nodes: list[FlightNode] = [
+        PlantNode(plant),
+        RecorderNode({'output': str(folder), 'overwrite': options.overwrite}),
+        FuzzyControllerNode({'controller': options.controller}),
+    ]
+    if not flown.disturbance.is_zero:
+        nodes.append(DisturbanceInjectorNode({'scenario': options.scenario}))
+    return nodes
+
+
+def _both_done(nodes: Sequence[FlightNode]) -> bool:
+    plant, recorder = nodes[0], nodes[1]
+    return plant.done and recorder.done
+
+
+def _report(folder: Path, wall_s: float) -> None:
+    from rpo_log.reader import read_flight
+    flight = read_flight(folder)
+    name = flight.scenario.name
+    print(f'flew {flight.scenario.duration_s:g} s in {wall_s:.2f} s: {folder}')
+    report.print_table(flight, name)
+    picture = report.draw(flight, folder / 'report', name)
+    print(picture or 'no picture: matplotlib is not installed (`make report` installs it)')
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_bringup final_approach`."""
+    options = _arguments(remove_ros_args(sys.argv)[1:])
+    now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
+    folder = Path(options.output or f'runs/{Path(options.scenario).stem}-{now}')
+    begun = time.monotonic()
+    code = run(lambda: _nodes(options, folder), sys.argv, _both_done)
+    if code == 0 and not options.no_report:
+        try:
+            _report(folder, time.monotonic() - begun)
+        except InputError as error:
+            print(error, file=sys.stderr)
+            return EXIT_BAD_INPUT
+    return code
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,239 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `recorder`: writes a run to MCAP as the middleware delivers it, and loses nothing."""
+
+from __future__ import annotations
+
+import datetime
+import sys
+import time
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+
+from rpo_core import files, scenario
+from rpo_core.validation import InputError
+from rpo_log import run as run_log
+from rpo_log.errors import LogError
+from rpo_log.writer import RunLogWriter
+from rpo_ros import health, names, qos
+from rpo_ros.conversions import to_status
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode, run_node
+
+EXIT_INCOMPLETE = 1
+
+PARAMETERS = (
+    Row('output', '', 'run folder; empty: runs/recording-<date>-<time>', wall=True),
+    Row('overwrite', False, 'replace the run in an existing folder', wall=True),
+    Row('split_s', 0.0, 'begin a new file after so much simulated time; 0: one file', 's'),
+    Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
+    Row('grace_s', 3.0, 'wall time to wait for the last messages after the end of a run', 's',
+        wall=True),
+)  # fmt: skip
+
+_TYPES = {
+    names.CLOCK: Clock,
+    names.RELATIVE_STATE: Odometry,
+    names.CONTROL_FORCE: WrenchStamped,
+    names.DISTURBANCE_FORCE: WrenchStamped,
+}
+_FILE, _PARAMETER = 'file.', 'parameter.'
+_ABORT_GRACE_S = 0.5
+_MOST_EARLY = 100_000
+_ENOUGH_EARLY = 400
+"""So many messages without a manifest of the controller: it is not one of ours, and has none."""
+_LOOK_S = 0.02
+_RECORDED = ('running', 'finished', 'aborted')
+
+
+class RecorderNode(FlightNode):
+    """Begins when the manifests are there, ends when run_status says that the run has."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('recorder', overrides)
+        self.values = declare(self, PARAMETERS)
+        now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
+        self.folder = Path(self.values['output'] or f'runs/recording-{now}').expanduser()
+        self.log: RunLogWriter | None = None
+        self._scenario: scenario.Scenario | None = None
+        self._manifests: dict[str, DiagnosticStatus] = {}
+        self._early: list[tuple[str, bytes]] = []
+        self._expected: list[str] = []
+        self._recorded: set[str] = set()
+        self._end: tuple[str, int, float] | None = None
+        self._heard: set[str] = set()
+        self._ready = False
+        try:
+            run_log.prepare_folder(self.folder, self.values['overwrite'])
+        except LogError as error:
+            raise InputError(str(error)) from None
+        self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
+        self._say('waiting')
+        self._subscribe()
+        health.publish_health(self, self._health)
+        self.create_timer(_LOOK_S, self._look, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+
+    def _subscribe(self) -> None:
+        for topic, kind in _TYPES.items():
+            name = self.resolve_topic_name(topic)
+            on_raw = partial(self._on_raw, name)
+            self.create_subscription(kind, topic, on_raw, qos.RECORDING, raw=True)
+        self.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED, raw=True
+        )
+        self.create_subscription(
+            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_FROM_MANY
+        )
+
+    def _on_raw(self, name: str, data: bytes) -> None:
+        if not self._ready:
+            self._heard.add(name)
+        if self.log is not None:
+            if name in self._recorded:
+                self.log.record(name, data)
+        elif len(self._early) < _MOST_EARLY:
+            self._early.append((name, data))
+
+    def _on_status(self, data: bytes) -> None:
+        status = deserialize_message(data, DiagnosticStatus)
+        values = {pair.key: pair.value for pair in status.values}
+        phase = values.get('phase', '')
+        if phase not in _RECORDED:
+            return
+        self._on_raw(self.resolve_topic_name(names.RUN_STATUS), data)
+        if phase != 'running':
+            self._end = (phase, int(values['tick']), time.monotonic())
+
+    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
+        values = _values(manifest)
+        self._manifests[values.get('role', '')] = manifest
+        if values.get('role') == 'plant' and self._scenario is None:
+            try:
+                found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
+            except (InputError, KeyError) as error:
+                self.get_logger().error(f'the manifest of the plant has no usable scenario: {error}')
+                return
+            if isinstance(found, scenario.Scenario):
+                self._scenario = found
+                self._expected = self._topics(found, values)
+
+    def _topics(self, flown: scenario.Scenario, plant: Mapping[str, str]) -> list[str]:
+        """Return the full names of the topics that speak at every tick."""
+        topics = [names.RELATIVE_STATE, names.CONTROL_FORCE]
+        if plant.get(f'{_PARAMETER}publish_clock') == 'True':
+            topics.append(names.CLOCK)
+        if not flown.disturbance.is_zero:
+            topics.append(names.DISTURBANCE_FORCE)
+        return [self.resolve_topic_name(topic) for topic in topics]
+
+    def _look(self) -> None:
+        if self.log is None:
+            self._begin()
+        if not self._ready and self.log is not None and self._heard >= set(self._expected):
+            self._ready = True
+            self._say('ready')
+        if self._end is not None:
+            phase, tick, moment = self._end
+            grace = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
+            complete = self.log is not None and self.log.next_tick > tick
+            if complete or time.monotonic() - moment > grace:
+                self._finish()
+        elif self._ready and not self.count_publishers(names.RELATIVE_STATE):
+            self.get_logger().error('the plant is gone')
+            self._end = ('aborted', -1, time.monotonic())
+            self.exit_code = EXIT_INCOMPLETE
+
+    def _begin(self) -> None:
+        """Open the log as soon as it is known what flies, and who flies it or that they do not say."""
+        if self._scenario is None:
+            return
+        roles = ['controller'] if self._scenario.disturbance.is_zero else ['controller', 'disturbance']
+        silent = [role for role in roles if role not in self._manifests]
+        if silent and len(self._early) <= _ENOUGH_EARLY:
+            return
+        flown = self._scenario
+        base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+        self._recorded = {*self._expected, self.resolve_topic_name(names.RUN_STATUS)}
+        try:
+            self.log = RunLogWriter(
+                self.folder, base, self._recorded, self._attachments(),
+                split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
+                overwrite=self.values['overwrite'])  # fmt: skip
+        except LogError as error:
+            self.get_logger().error(str(error))
+            self.exit_code, self.done = EXIT_INCOMPLETE, True
+            return
+        for name, data in self._early:
+            self._on_raw(name, data)
+        self._early.clear()
+        self.get_logger().info(f'recording {flown.name} to {self.folder}')
+
+    def _attachments(self) -> dict[str, bytes]:
+        """Return what the nodes run with: their files, and a file of all their parameters."""
+        found: dict[str, bytes] = {}
+        parameters: dict[str, dict[str, Any]] = {'recorder': {
+            row.name: self.values[row.name] for row in PARAMETERS if not row.wall}}
+        for manifest in self._manifests.values():
+            values = _values(manifest)
+            for key, value in values.items():
+                if key.startswith(_FILE):
+                    found[key.removeprefix(_FILE)] = value.encode()
+            parameters[manifest.name] = {
+                key.removeprefix(_PARAMETER): yaml.safe_load(value)
+                for key, value in values.items() if key.startswith(_PARAMETER)}
+        found[run_log.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
+        return found
+
+    def _finish(self) -> None:
+        if self.log is None or self.done:
+            return
+        summary = self.log.close()
+        said = f'{summary.sentence()}: {self.folder}'
+        if summary.whole:
+            self.get_logger().info(said)
+        else:
+            self.exit_code = EXIT_INCOMPLETE
+            self.get_logger().error(said)
+        self._say('closed')
+        self.done = True
+
+    def _say(self, message: str) -> None:
+        self._status.publish(to_status(health.OK, self.get_name(), message, []))
+
+    def _health(self) -> health.Health:
+        if self.log is None:
+            return health.OK, 'waiting for a run', {'messages': 0}
+        summary = self.log.summary
+        level = health.ERROR if summary.failure else health.OK
+        values = {'messages': sum(summary.messages.values()), 'lost': summary.lost}
+        return level, summary.failure or 'recording', values
+
+    def close(self, reason: str) -> None:
+        """Close the log; an interruption is the user's wish, not a fault."""
+        self._finish()
+        if reason:
+            self.exit_code = 0
+
+
+def _values(status: DiagnosticStatus) -> dict[str, str]:
+    return {pair.key: pair.value for pair in status.values}
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_log recorder`."""
+    return run_node(RecorderNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
