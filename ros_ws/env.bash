@@ -36,6 +36,7 @@ _rpo_underlay_wheels() {  # VENV
 _rpo_overlay() {  # WORKSPACE
   [ -z "${ZSH_VERSION:-}" ] || emulate -L sh  # globs without a match are no error
   for _rpo_dir in "$1"/install/*/share/*/package.xml; do
+    [ -f "$_rpo_dir" ] || continue
     _rpo_name="${_rpo_dir%/package.xml}"
     _rpo_name="${_rpo_name##*/}"
     for _rpo_site in "$1/install/$_rpo_name"/lib/python3.*/site-packages; do

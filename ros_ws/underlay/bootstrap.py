@@ -98,6 +98,7 @@ def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
             'tools of ROS 2 cannot handle: move it.'
         )
     venv = Environment(ROOT)
+    venv.check_layers(layers)
     workspace = Workspace(ROOT / 'ros_ws')
     ros_prefix = ros_for(venv.identity)
     if not environment_fits(venv, asked, ros_prefix):

@@ -108,13 +108,15 @@ class Environment:
         have = self.record.get('layers', {})
         return [x for x in self.layers_for(wanted) if have.get(x) != digest(self._lock(x))]
 
+    def check_layers(self, wanted: Sequence[str]) -> None:
+        """Raise SetupError for a layer that has no lock file."""
+        known = sorted(p.stem for p in self.requirements.glob('*.txt') if p.stem != 'versions')
+        for layer in wanted:
+            if layer not in known:
+                raise SetupError(f'There is no layer `{layer}`; there are {", ".join(known)}.')
+
     def _lock(self, layer: str) -> bytes:
-        try:
-            return (self.requirements / f'{layer}.txt').read_bytes()
-        except OSError:
-            known = sorted(p.stem for p in self.requirements.glob('*.txt') if p.stem != 'versions')
-            message = f'There is no layer `{layer}`; there are {", ".join(known)}.'
-            raise SetupError(message) from None
+        return (self.requirements / f'{layer}.txt').read_bytes()
 
     def create(self, python: Interpreter, ros_prefix: str) -> None:
         """Build an empty environment on `python`, in place of any other."""

@@ -1,0 +1,154 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who may import whom, what a package declares of it, and the form of every source file."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SRC = ROOT / 'ros_ws' / 'src'
+PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
+FIRST_PARTY = {*PACKAGES, 'rpo_training'}
+
+# Which of our packages a package may import. `rpo_log` is its ROS-free half; its nodes are apart.
+MAY_IMPORT = {
+    'rpo_core': set(),
+    'rpo_log': {'rpo_core'},
+    'rpo_training': {'rpo_core', 'rpo_log'},
+    'rpo_ros': {'rpo_core'},
+    'rpo_sim': {'rpo_core', 'rpo_ros'},
+    'rpo_ctrl': {'rpo_core', 'rpo_ros'},
+    'rpo_log nodes': {'rpo_core', 'rpo_log', 'rpo_ros'},
+    'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log'},
+}
+ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}
+CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
+ROSDEP_KEYS = {'numpy': 'python3-numpy', 'yaml': 'python3-yaml', 'mcap': 'python3-mcap-pip'}
+MAX_MODULE_LINES = 400
+
+
+def is_ros(module: str) -> bool:
+    """Whether a top-level module comes with ROS 2."""
+    return module.startswith(('rcl', 'rosidl', 'rosgraph', 'ament')) or module.endswith(
+        ('_msgs', '_srvs', '_interfaces')
+    )
+
+
+def imports(path: Path) -> set[str]:
+    """Return the top-level modules that a file imports, anywhere in it."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition('.')[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found.add(node.module.partition('.')[0])
+    return found
+
+
+def rooms() -> dict[str, list[Path]]:
+    """Return room -> its modules."""
+    found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
+    nodes = [path for path in found['rpo_log'] if path.name.endswith('_node.py')]
+    found['rpo_log nodes'] = nodes
+    found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
+    found['rpo_training'] = sorted((ROOT / 'offline_training' / 'rpo_training').rglob('*.py'))
+    return found
+
+
+def sources() -> list[Path]:
+    """Return every Python file of ours."""
+    found = [ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2']
+    for folder in ('ros_ws/src', 'ros_ws/underlay', 'offline_training', 'docs', 'tests'):
+        found += sorted((ROOT / folder).rglob('*.py'))
+    return found
+
+
+@pytest.mark.parametrize('room', sorted(MAY_IMPORT))
+def test_imports_only_what_its_room_may(room):
+    own = room.removesuffix(' nodes')
+    allowed = MAY_IMPORT[room] | {own}
+    for path in rooms()[room]:
+        modules = imports(path)
+        strangers = (modules & FIRST_PARTY) - allowed
+        assert not strangers, f'{path.relative_to(ROOT)} may not import {sorted(strangers)}'
+        if room in ROS_FREE:
+            ros = sorted(filter(is_ros, modules))
+            assert not ros, f'{path.relative_to(ROOT)} must work without ROS, but imports {ros}'
+
+
+def test_every_package_has_its_rule():
+    assert {room.removesuffix(' nodes') for room in MAY_IMPORT} == FIRST_PARTY
+
+
+def test_the_core_needs_numpy_and_yaml_alone():
+    for path in rooms()['rpo_core']:
+        third = imports(path) - set(sys.stdlib_module_names) - {'rpo_core'}
+        assert third <= CORE_THIRD_PARTY, f'{path.relative_to(ROOT)} imports {sorted(third)}'
+
+
+def test_ros_free_halves_import_with_rclpy_blocked():
+    modules = [
+        '.'.join([*path.relative_to(base).parts[:-1], path.stem]).removesuffix('.__init__')
+        for room in ('rpo_core', 'rpo_log')
+        for path in rooms()[room]
+        for base in [PACKAGES[room]]
+    ]
+    block = (
+        'import importlib, sys\n'
+        'class Block:\n'
+        '    def find_spec(self, name, path=None, target=None):\n'
+        '        top = name.partition(".")[0]\n'
+        '        if top in ("rclpy", "rpo_ros") or top.endswith("_msgs"):\n'
+        '            raise ImportError(name + " is blocked")\n'
+        'sys.meta_path.insert(0, Block())\n'
+        'for name in sys.argv[1:]: importlib.import_module(name)\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', block, *modules], capture_output=True, text=True, timeout=50
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize('package', sorted(PACKAGES))
+def test_package_declares_what_it_imports(package):
+    manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
+    declared = {tag.text for tag in manifest.iter('exec_depend')}
+    needed: set[str] = set()
+    for path in (PACKAGES[package] / package).rglob('*.py'):
+        for module in imports(path) - {package}:
+            if module in FIRST_PARTY or is_ros(module):
+                needed.add(module)
+            elif module in ROSDEP_KEYS:
+                needed.add(ROSDEP_KEYS[module])
+    assert needed <= declared, f'package.xml lacks {sorted(needed - declared)}'
+
+
+@pytest.mark.parametrize('package', sorted(PACKAGES))
+def test_version_is_said_once(package):
+    manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
+    setup = (PACKAGES[package] / 'setup.py').read_text()
+    assert re.search(r"version='([^']+)'", setup).group(1) == manifest.findtext('version')
+
+
+def test_every_source_file_names_owner_and_licence():
+    for path in sources():
+        lines = path.read_text().splitlines()
+        head = [line for line in lines[:3] if not line.startswith('#!')][:2]
+        assert head == [
+            '# Copyright 2026 The RPO stack authors',
+            '# SPDX-License-Identifier: Apache-2.0',
+        ], f'{path.relative_to(ROOT)} lacks its first two lines'
+
+
+def test_modules_are_short_enough_to_read():
+    for path in sources():
+        lines = len(path.read_text().splitlines())
+        assert lines <= MAX_MODULE_LINES, f'{path.relative_to(ROOT)} has {lines} lines'

@@ -1,0 +1,360 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The set-up's decisions, put before machines of every kind; what it takes for whole or damaged."""
+
+from __future__ import annotations
+
+import ast
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import bootstrap
+import host
+import layers
+import pytest
+import workspace
+from host import Interpreter, SetupError
+
+ROOT = Path(__file__).resolve().parents[2]
+UNDERLAY = ROOT / 'ros_ws' / 'underlay'
+
+
+def python(version: str, name: str = 'python3', **facts: object) -> Interpreter:
+    major, minor, micro = map(int, version.split('.'))
+    defaults = {'implementation': 'cpython', 'free_threaded': False, 'has_venv': True}
+    path = f'/usr/bin/python{major}.{minor}'
+    return Interpreter(name, path, (major, minor, micro), **{**defaults, **facts})
+
+
+def sentence(error: pytest.ExceptionInfo[SetupError]) -> str:
+    text = str(error.value)
+    assert '\n' not in text
+    assert text.endswith('.')
+    return text
+
+
+class TestInterpreter:
+    def test_the_first_that_fits_is_taken(self):
+        found = [python('3.9.18'), python('3.14.0'), python('3.13.1'), python('3.12.1')]
+        assert host.choose_interpreter(found) == found[2]
+
+    @pytest.mark.parametrize('version', ['3.10.0', '3.11.9', '3.12.3', '3.13.0'])
+    def test_all_supported_versions_fit(self, version):
+        assert host.choose_interpreter([python(version)]).version[:2] in host.SUPPORTED_VERSIONS
+
+    @pytest.mark.parametrize(
+        'stranger',
+        [
+            python('3.9.18'),
+            python('3.14.0'),
+            python('3.11.9', implementation='pypy'),
+            python('3.13.1', free_threaded=True),
+        ],
+    )
+    def test_others_are_refused_by_name(self, stranger):
+        with pytest.raises(SetupError) as error:
+            host.choose_interpreter([stranger])
+        assert str(stranger) in sentence(error)
+        assert '3.10, 3.11, 3.12 or 3.13 is needed' in str(error.value)
+
+    def test_one_without_venv_is_passed_over(self):
+        found = [python('3.11.2', has_venv=False), python('3.12.1')]
+        assert host.choose_interpreter(found) == found[1]
+
+    def test_venv_missing_everywhere_names_the_package(self):
+        with pytest.raises(SetupError, match=r'apt install python3\.11-venv') as error:
+            host.choose_interpreter([python('3.9.2'), python('3.11.2', has_venv=False)])
+        sentence(error)
+
+    def test_none_at_all(self):
+        with pytest.raises(SetupError, match='none of python3, ') as error:
+            host.choose_interpreter([])
+        sentence(error)
+
+    def test_the_one_asked_for_does_not_run(self):
+        with pytest.raises(SetupError, match='`/no/python` does not run'):
+            host.choose_interpreter([], '/no/python')
+
+    def test_probe_sees_through_a_virtual_environment(self):
+        found = host.probe(sys.executable)
+        assert found.version == sys.version_info[:3]
+        assert Path(found.path).resolve().is_relative_to(Path(sys.base_prefix).resolve())
+
+    def test_probe_of_what_does_not_run(self):
+        assert host.probe('/no/such/python') is None
+        assert host.probe('false') is None
+
+
+class TestPlatform:
+    def test_where_the_wheels_run(self):
+        assert host.platform_problem('Linux', 'x86_64', (2, 28)) is None
+        assert host.platform_problem('Linux', 'x86_64', (2, 39)) is None
+
+    @pytest.mark.parametrize(
+        ('facts', 'word'),
+        [
+            (('Linux', 'aarch64', (2, 39)), 'aarch64 Linux'),
+            (('Darwin', 'x86_64', None), 'Darwin'),
+            (('Linux', 'x86_64', None), 'another C library'),
+            (('Linux', 'x86_64', (2, 17)), 'glibc 2.17'),
+        ],
+    )
+    def test_elsewhere_one_sentence(self, facts, word):
+        problem = host.platform_problem(*facts)
+        assert word in problem
+        assert problem.endswith('.') and '\n' not in problem
+
+
+class TestRos:
+    @staticmethod
+    def find(environ, *files):
+        return host.find_ros(environ, files.__contains__)
+
+    def test_none(self):
+        assert self.find({}) is None
+
+    def test_in_the_usual_place(self):
+        assert self.find({}, '/opt/ros/jazzy/setup.bash') == '/opt/ros/jazzy'
+
+    def test_sourced_goes_before_the_usual_place(self):
+        files = ('/mine/share/rclpy/package.xml', '/mine/setup.bash', '/opt/ros/jazzy/setup.bash')
+        environ = {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/overlay:/mine'}
+        assert self.find(environ, *files) == '/mine'
+
+    def test_sourced_and_built_from_source_in_isolated_folders(self):
+        files = ('/ws/install/rclpy/share/rclpy/package.xml', '/ws/install/setup.bash')
+        environ = {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/ws/install/rclpy'}
+        assert self.find(environ, *files) == '/ws/install'
+
+    def test_our_own_wheels_are_no_installation(self):
+        files = ('/p/.venv/share/rclpy/package.xml', '/p/.venv/pyvenv.cfg', '/p/.venv/setup.bash')
+        assert self.find({'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/p/.venv'}, *files) is None
+
+    def test_another_distribution_is_refused(self):
+        with pytest.raises(SetupError, match='ROS 2 humble is sourced') as error:
+            self.find({'ROS_DISTRO': 'humble'}, '/opt/ros/jazzy/setup.bash')
+        sentence(error)
+
+    def test_the_variable_decides(self):
+        usual = '/opt/ros/jazzy/setup.bash'
+        assert self.find({'RPO_ROS_PREFIX': ''}, usual) is None
+        assert self.find({'RPO_ROS_PREFIX': '/x/'}, usual, '/x/setup.bash') == '/x'
+        with pytest.raises(SetupError, match=r'/x/setup\.bash does not exist'):
+            self.find({'RPO_ROS_PREFIX': '/x'}, usual)
+
+    def test_an_environment_keeps_the_installation_it_stands_on(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(host, 'find_ros', lambda environ: None)
+        monkeypatch.delenv('RPO_ROS_PREFIX', raising=False)
+        (tmp_path / 'setup.bash').touch()
+        on_it = layers.Identity('/r', '/p', '3.12', str(tmp_path))
+        assert bootstrap.ros_for(on_it) == str(tmp_path)
+        assert bootstrap.ros_for(on_it._replace(ros_prefix='/gone')) == ''
+        monkeypatch.setenv('RPO_ROS_PREFIX', '')
+        assert bootstrap.ros_for(on_it) == ''
+
+    def test_variables_of_a_sourced_installation(self, tmp_path):
+        (tmp_path / 'setup.bash').write_text('export A="b\nc" ROS_DISTRO=jazzy; echo noise\n')
+        found = host.ros_environment(str(tmp_path), {'PATH': '/usr/bin:/bin'})
+        assert (found['A'], found['ROS_DISTRO']) == ('b\nc', 'jazzy')
+
+    def test_a_broken_installation(self, tmp_path):
+        (tmp_path / 'setup.bash').write_text('echo it is broken >&2; return 3\n')
+        with pytest.raises(SetupError, match='it is broken'):
+            host.ros_environment(str(tmp_path), {'PATH': '/usr/bin:/bin'})
+
+    def test_no_interpreter_for_the_installation(self):
+        here = host.probe(sys.executable)._replace(path='/bin/false')
+        with pytest.raises(SetupError, match='No Python here imports rclpy') as error:
+            host.interpreter_for_ros([here], '/opt/ros/jazzy', {})
+        sentence(error)
+
+
+LOCK = 'rich==15.0.0 \\\n    --hash=sha256:dd\nmcap==1.0 \\\n    --hash=sha256:ee\n'
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the root of a finished environment without packages."""
+    root = tmp_path_factory.mktemp('checkout')
+    requirements = root / 'ros_ws' / 'underlay' / 'requirements'
+    requirements.mkdir(parents=True)
+    for name in ('ros', 'fly', 'test', 'versions'):
+        (requirements / f'{name}.txt').write_text(LOCK)
+    layers.Environment(root).create(host.probe(sys.executable), '')
+    return root
+
+
+class TestLayers:
+    ONE = '# by uv\n#\nnumpy==2.2.6 ; python_full_version < "3.11" \\\n    --hash=sha256:aa \\\n' \
+          '    --hash=sha256:bb\nnumpy==2.4.6 ; python_full_version >= "3.11" \\\n' \
+          '    --hash=sha256:cc\nrich==15.0.0 \\\n    --hash=sha256:dd\n'  # fmt: skip
+
+    def test_locks_are_merged_and_keep_their_hashes(self):
+        merged = layers.locked_packages([self.ONE, LOCK])
+        assert len(merged) == 4
+        assert '\n'.join(merged.values()) == (
+            self.ONE.split('#\n')[1] + 'mcap==1.0 \\\n    --hash=sha256:ee'
+        )
+
+    def test_what_an_installed_ros_brings_is_left_out(self):
+        merged = layers.locked_packages([self.ONE], left_out=layers.FROM_ROS)
+        assert [block.split('==')[0] for block in merged.values()] == ['rich']
+
+    @pytest.fixture
+    def venv(self, made: Path, tmp_path: Path) -> layers.Environment:
+        """Return a copy of that environment, to be damaged."""
+        shutil.copytree(made, tmp_path, symlinks=True, dirs_exist_ok=True)
+        copy = layers.Environment(tmp_path)
+        copy.write(identity={**copy.record['identity'], 'root': str(tmp_path)})
+        return copy
+
+    def test_what_counts_as_whole(self, venv, tmp_path):
+        again = layers.Environment(tmp_path)
+        assert again.is_sound()
+        again.write(installing=True)
+        assert not layers.Environment(tmp_path).is_sound()
+        again.write(installing=False)
+        assert layers.Environment(tmp_path).is_sound()
+        # The base interpreter goes.
+        venv.python.unlink()
+        venv.python.symlink_to('/no/such/python')
+        assert not layers.Environment(tmp_path).is_sound()
+        # The record is cut short.
+        (venv.path / 'rpo_setup.json').write_text('{"identity": {"root"')
+        assert not layers.Environment(tmp_path).is_sound()
+
+    def test_another_place_or_ground_is_another_environment(self, venv, monkeypatch):
+        monkeypatch.setattr(bootstrap, 'ROOT', venv.root)
+        assert bootstrap.environment_fits(venv, None, '')
+        assert bootstrap.environment_fits(venv, sys.executable, '')
+        assert not bootstrap.environment_fits(venv, '/no/such/python', '')
+        assert not bootstrap.environment_fits(venv, None, '/opt/ros/jazzy')
+        monkeypatch.setattr(bootstrap, 'ROOT', venv.root / 'moved')
+        assert not bootstrap.environment_fits(venv, None, '')
+
+    def test_a_changed_lock_is_missing_again(self, venv):
+        assert venv.missing(['test']) == ['ros', 'fly', 'test']
+        lock = venv.requirements / 'test.txt'
+        done = {name: layers.digest(lock.read_bytes()) for name in ('ros', 'fly', 'test')}
+        venv.write(layers=done)
+        assert venv.missing(['test']) == []
+        lock.write_text(self.ONE)
+        assert venv.missing(['test']) == ['test']
+
+    def test_an_installed_ros_needs_no_wheels(self, venv):
+        venv.write(identity={**venv.record['identity'], 'ros_prefix': '/opt/ros/jazzy'})
+        assert venv.layers_for(['test']) == ['fly', 'test']
+
+    def test_an_unknown_layer_is_refused_before_anything_is_made(self, venv):
+        venv.check_layers(['test', 'fly'])
+        with pytest.raises(SetupError, match='no layer `tset`; there are fly, ros, test'):
+            venv.check_layers(['tset'])
+
+    def test_pip_that_changed_nothing_leaves_the_environment_whole(self, venv):
+        with pytest.raises(SetupError):
+            venv.pip('--no-index', 'no-such-package==1.0')
+        assert layers.Environment(venv.root).is_sound()
+
+    @pytest.mark.parametrize(
+        ('output', 'word'),
+        [
+            ('WARNING: Retrying ... NewConnectionError(...)\nERROR: No matching', 'network'),
+            ('ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE', 'differs from the one'),
+            ('ERROR: Could not install: [Errno 28] No space left on device', 'disk is full'),
+            ('ERROR: something new', 'something new'),
+            ('', 'no message'),
+        ],
+    )
+    def test_every_failure_of_pip_is_a_sentence(self, output, word):
+        text = layers.pip_failure(output, '.venv/rpo_pip.log')
+        assert word in text
+        assert text.endswith('.') and '\n' not in text
+
+
+class TestWorkspace:
+    @pytest.fixture
+    def package(self, tmp_path: Path) -> Path:
+        """Return a package of a workspace."""
+        path = tmp_path / 'src' / 'rpo_x'
+        (path / 'rpo_x').mkdir(parents=True)
+        for name in (*workspace.METADATA, 'rpo_x/__init__.py'):
+            (path / name).write_text('first\n')
+        return path
+
+    def test_code_is_linked_metadata_is_built(self, package):
+        before = workspace.package_digest(package)
+        (package / 'rpo_x' / '__init__.py').write_text('second\n')
+        (package / 'rpo_x' / '__pycache__').mkdir()
+        (package / 'rpo_x' / '__pycache__' / 'x.pyc').touch()
+        (package / 'rpo_x' / '.hidden.swp').touch()
+        assert workspace.package_digest(package) == before
+        (package / 'config').mkdir()
+        (package / 'config' / 'new.yaml').touch()
+        with_data = workspace.package_digest(package)
+        assert with_data != before
+        (package / 'setup.py').write_text('second\n')
+        assert workspace.package_digest(package) != with_data
+
+    def test_only_what_is_built_and_still_there_is_current(self, package, tmp_path):
+        space = workspace.Workspace(tmp_path)
+        assert space.outdated() == ['rpo_x']
+        install = tmp_path / 'install' / 'rpo_x'
+        (install / 'share' / 'rpo_x').mkdir(parents=True)
+        (install / 'lib' / 'rpo_x').mkdir(parents=True)
+
+        def colcon(*_):
+            (tmp_path / 'build' / 'rpo_x').mkdir(parents=True, exist_ok=True)
+            (install / 'share' / 'rpo_x' / 'package.xml').touch()
+            (install / 'lib' / 'rpo_x' / 'node').touch()
+            return True
+
+        space._colcon = colcon
+        space.build(Path(sys.executable), {}, ['rpo_x'])
+        assert space.outdated() == []
+        (install / 'lib' / 'rpo_x' / 'node').unlink()
+        assert space.outdated() == ['rpo_x']
+
+    def test_a_failed_build_is_tried_from_nothing_once(self, package, tmp_path):
+        space = workspace.Workspace(tmp_path)
+        tries = []
+        space._colcon = lambda *_: tries.append((tmp_path / 'build').exists()) is not None
+        (tmp_path / 'build').mkdir()
+        with pytest.raises(SetupError, match='colcon build of ros_ws failed'):
+            space.build(Path(sys.executable), {}, ['rpo_x'])
+        assert tries == [True, False]
+        assert space.outdated() == ['rpo_x']
+
+
+class TestProgram:
+    @pytest.mark.parametrize('name', ['bootstrap', 'host', 'layers', 'workspace'])
+    def test_starts_on_an_old_python_to_refuse_it(self, name):
+        ast.parse((UNDERLAY / f'{name}.py').read_text(), feature_version=(3, 6))
+
+    def test_two_at_once_take_turns(self, tmp_path):
+        order = tmp_path / 'order'
+        script = (
+            f'import sys, time; sys.path.insert(0, {str(UNDERLAY)!r})\n'
+            'import bootstrap, pathlib\n'
+            f'with bootstrap.only_one(pathlib.Path({str(tmp_path / "lock")!r})):\n'
+            f'    with open({str(order)!r}, "a") as f: f.write("in "); f.flush()\n'
+            '    time.sleep(0.3)\n'
+            f'    with open({str(order)!r}, "a") as f: f.write("out ")\n'
+        )
+        both = [subprocess.Popen([sys.executable, '-c', script]) for _ in range(2)]
+        assert [process.wait(20) for process in both] == [0, 0]
+        assert order.read_text() == 'in out in out '
+
+    def test_help_has_an_example(self):
+        done = subprocess.run(
+            [sys.executable, UNDERLAY / 'bootstrap.py', '--help'], capture_output=True, text=True
+        )
+        assert done.returncode == 0
+        assert 'example: python3 ros_ws/underlay/bootstrap.py' in done.stdout
+
+    def test_make_lists_every_target_with_a_line(self):
+        done = subprocess.run(['make', 'help'], cwd=ROOT, capture_output=True, text=True)
+        listed = {line.split()[0] for line in done.stdout.splitlines()}
+        assert {'setup', 'demo', 'test', 'lint', 'format', 'lock', 'clean', 'help'} <= listed
+        assert all(len(line.split()) > 1 for line in done.stdout.splitlines())
