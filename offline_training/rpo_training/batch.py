@@ -1,0 +1,381 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The batch simulator: many axis loops side by side, the bits of `rpo_core.closed_loop.fly`.
+
+Under Clohessy-Wiltshire z is decoupled from x and y, and the controller acts axis by axis: a set
+of starts needs its distinct planar (x, y) and vertical (z) loops only. The axes of all loops of one
+controller lie side by side as lanes of a block; every inner loop runs over lanes, which the
+compiler turns into SIMD. Each lane does the core's arithmetic in the core's order: the centroid's
+eight partial sums one after the other, padded with zero grades where the samples end (adding +0
+changes no bit).
+
+Scratch is one flat array of rows of `STRIDE` lanes; nothing is allocated while flying.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import sqrt
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from rpo_core.jit import COMPILED
+from rpo_core.kernels import LANES, cw_step, memberships, saturate
+
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+STRIDE = 136
+"""Lanes of a block, at most: planar loops count two, vertical loops one. 17 cache lines, an odd
+number, so that the rows do not contend for the same lines of the first-level cache."""
+
+TERMS = 7
+"""Samples in one partial sum of the unrolled centroid: ceil(50 / 8) at 101 samples."""
+
+# Rows of the scratch.
+R, V, FORCE, FLOWN, ENERGY, SLEW, LATE_R, LATE_V, LATE_F = (row * STRIDE for row in range(9))
+E_R, E_V, MOMENT, AREA, OUTPUT, SUM_R, SUM_V = (row * STRIDE for row in range(9, 16))
+GRADES = 16 * STRIDE  # 5 rows of position, 5 of velocity grades
+STRENGTHS = 26 * STRIDE  # 5 rows
+ROWS = 31
+
+
+def compiled(function: Kernel) -> Kernel:
+    """Compile a batch kernel, free of the interpreter's lock, where the core's kernels are."""
+    if not COMPILED:
+        return function
+    import numba
+
+    return numba.njit(cache=True, error_model='numpy', fastmath=False, nogil=True)(function)
+
+
+FIGURES = 7
+"""Columns of what `combine` fills."""
+
+
+class Law(NamedTuple):
+    """A controller as the batch kernels read it; filled by `set_law`.
+
+    scales : (3,) position [m], velocity [m/s], force [N]
+    functions : (15,) p1-p15
+    rules : (25,) int, row = velocity word, column = position word
+    samples, z, sp, lp : (8 * terms,) positive output samples and their grades, padded with zeros
+    """
+
+    scales: Any
+    functions: Any
+    rules: Any
+    samples: Any
+    z: Any
+    sp: Any
+    lp: Any
+
+
+class Block(NamedTuple):
+    """Loops that fly side by side.
+
+    planar : (P, 4) starts x, y, vx, vy [m, m/s]; vertical : (Q, 2) starts z, vz
+    disturbance : (ticks, 2 P + Q) [N], lanes x..., y..., z...; or (1, 2 P + Q), always the same
+    """
+
+    planar: Any
+    vertical: Any
+    disturbance: Any
+
+
+def make_law(samples: int) -> Law:
+    """Return an empty law with room for an odd number of output samples."""
+    terms = -(-((samples - 1) // 2) // LANES)
+    half = (samples - 1) // 2
+    padded = np.zeros(LANES * terms)
+    padded[:half] = np.arange(1, half + 1) / half
+    grades = np.zeros((3, LANES * terms))
+    return Law(np.zeros(3), np.zeros(15), np.zeros(25, np.int64), padded, *grades)
+
+
+def make_scratch() -> Any:
+    """Return the scratch (ROWS * STRIDE,) of one worker."""
+    return np.zeros(ROWS * STRIDE)
+
+
+@compiled
+def set_law(law, scales, functions, rules):  # type: ignore[no-untyped-def]
+    """Fill a law: scales (3,), functions (15,) = p1-p15, rules (25,) codes 0..4."""
+    law.scales[:] = scales
+    law.functions[:] = functions
+    law.rules[:] = rules
+    force = (functions[10], functions[11], functions[12], functions[13], functions[14])
+    for i in range(len(law.samples)):
+        sample = law.samples[i]
+        law.z[i] = law.sp[i] = law.lp[i] = 0.0
+        if sample > 0.0:
+            _, _, law.z[i], law.sp[i], law.lp[i] = memberships(sample, force)
+
+
+@compiled
+def fuzzify(w, n, source, target, functions):  # type: ignore[no-untyped-def]
+    """Write the five grades of row `source` to the five rows from `target`."""
+    feet = (functions[0], functions[1], functions[2], functions[3], functions[4])
+    for s in range(n):
+        ln, sn, zero, sp, lp = memberships(w[source + s], feet)
+        w[target + s] = ln
+        w[target + STRIDE + s] = sn
+        w[target + 2 * STRIDE + s] = zero
+        w[target + 3 * STRIDE + s] = sp
+        w[target + 4 * STRIDE + s] = lp
+
+
+@compiled
+def fire(w, n, rules):  # type: ignore[no-untyped-def]
+    """Strength of each word per lane: max over its rules of min(position, velocity) grade."""
+    w[STRENGTHS : STRENGTHS + 5 * STRIDE] = 0.0
+    for row in range(5):
+        velocity = w[GRADES + (5 + row) * STRIDE :][:STRIDE]
+        for column in range(5):
+            position = w[GRADES + column * STRIDE :][:STRIDE]
+            strengths = w[STRENGTHS + rules[5 * row + column] * STRIDE :][:STRIDE]
+            for s in range(n):
+                grade = position[s]
+                strength = velocity[s]
+                strength = strength if strength < grade else grade
+                best = strengths[s]
+                strengths[s] = strength if strength > best else best
+
+
+@compiled
+def clip_pair(i, law, ln, sn, zero, sp, lp):  # type: ignore[no-untyped-def]
+    """Aggregate the grades of sample y_i and of its mirror -y_i."""
+    grade = law.z[i]
+    right = left = grade if grade < zero else zero
+    grade = law.sp[i]
+    clipped = grade if grade < sp else sp
+    right = clipped if clipped > right else right
+    clipped = grade if grade < sn else sn
+    left = clipped if clipped > left else left
+    grade = law.lp[i]
+    clipped = grade if grade < lp else lp
+    right = clipped if clipped > right else right
+    clipped = grade if grade < ln else ln
+    left = clipped if clipped > left else left
+    return right, left
+
+
+@compiled
+def _add_partial_sums(w, n, lane, terms, law, strengths):  # type: ignore[no-untyped-def]
+    for s in range(n):
+        moment = area = 0.0
+        for k in range(terms):
+            i = LANES * k + lane
+            right, left = clip_pair(
+                i,
+                law,
+                strengths[s],
+                strengths[STRIDE + s],
+                strengths[2 * STRIDE + s],
+                strengths[3 * STRIDE + s],
+                strengths[4 * STRIDE + s],
+            )
+            moment += law.samples[i] * (right - left)
+            area += right + left
+        w[MOMENT + s] += moment
+        w[AREA + s] += area
+
+
+@compiled
+def defuzzify(w, n, law):  # type: ignore[no-untyped-def]
+    """Centroid per lane into row OUTPUT, in the order of `rpo_core.kernels.centroid`.
+
+    At 101 samples the count of terms is a constant: their loop is unrolled, and the loop over lanes
+    becomes SIMD.
+    """
+    terms = len(law.samples) // LANES
+    strengths = w[STRENGTHS : STRENGTHS + 5 * STRIDE]
+    for s in range(n):
+        w[MOMENT + s] = 0.0
+        w[AREA + s] = strengths[2 * STRIDE + s]
+    for lane in range(LANES):
+        if terms == TERMS:
+            _add_partial_sums(w, n, lane, TERMS, law, strengths)
+        else:
+            _add_partial_sums(w, n, lane, terms, law, strengths)
+    for s in range(n):
+        area = w[AREA + s]
+        w[OUTPUT + s] = w[MOMENT + s] / area if area > 0.0 else 0.0
+
+
+@compiled
+def infer_lanes(w, n, law):  # type: ignore[no-untyped-def]
+    """Row OUTPUT of n lanes from their normalised errors, rows E_R and E_V."""
+    fuzzify(w, n, E_R, GRADES, law.functions[:5])
+    fuzzify(w, n, E_V, GRADES + 5 * STRIDE, law.functions[5:10])
+    fire(w, n, law.rules)
+    defuzzify(w, n, law)
+
+
+@compiled
+def command(w, lanes, law):  # type: ignore[no-untyped-def]
+    """Row FORCE [N] of the lanes from rows R [m] and V [m/s].
+
+    Lanes are filled up to a multiple of eight, whole SIMD registers; the rest idles at the origin.
+    """
+    n = (lanes + 7) // 8 * 8
+    position_scale, velocity_scale, force_scale = law.scales[0], law.scales[1], law.scales[2]
+    for s in range(n):
+        w[E_R + s] = saturate(-w[R + s] / position_scale, 1.0)
+        w[E_V + s] = saturate(-w[V + s] / velocity_scale, 1.0)
+    infer_lanes(w, n, law)
+    for s in range(n):
+        w[FORCE + s] = force_scale * w[OUTPUT + s]
+
+
+@compiled
+def place(w, block):  # type: ignore[no-untyped-def]
+    """Put the starts of a block into rows R and V."""
+    w[:] = 0.0
+    p, q = len(block.planar), len(block.vertical)
+    for i in range(p):
+        w[R + i], w[R + p + i], w[V + i], w[V + p + i] = block.planar[i]
+    for i in range(q):
+        w[R + 2 * p + i], w[V + 2 * p + i] = block.vertical[i]
+
+
+@compiled
+def step(w, block, tick, limit, c):  # type: ignore[no-untyped-def]
+    """Fly rows FORCE and the disturbance of `tick` for one step of the plant."""
+    p, q = len(block.planar), len(block.vertical)
+    d = block.disturbance[tick if len(block.disturbance) > 1 else 0]
+    for i in range(p):
+        state = (w[R + i], w[R + p + i], 0.0, w[V + i], w[V + p + i], 0.0)
+        total = (
+            saturate(w[FORCE + i], limit) + d[i],
+            saturate(w[FORCE + p + i], limit) + d[p + i],
+            0.0,
+        )
+        w[R + i], w[R + p + i], _, w[V + i], w[V + p + i], _ = cw_step(state, total, c)
+    for i in range(2 * p, 2 * p + q):
+        state = (0.0, 0.0, w[R + i], 0.0, 0.0, w[V + i])
+        total = (0.0, 0.0, saturate(w[FORCE + i], limit) + d[i])
+        _, _, w[R + i], _, _, w[V + i] = cw_step(state, total, c)
+
+
+@compiled
+def record(block, law, limit, c, ticks, w, states, forces):  # type: ignore[no-untyped-def]
+    """Fly a block; keep states (ticks + 1, lanes, 2), r and v, and forces (ticks + 1, lanes)."""
+    n = 2 * len(block.planar) + len(block.vertical)
+    place(w, block)
+    for tick in range(ticks + 1):
+        command(w, n, law)
+        for s in range(n):
+            states[tick, s, 0] = w[R + s]
+            states[tick, s, 1] = w[V + s]
+            forces[tick, s] = w[FORCE + s]
+        if tick < ticks:
+            step(w, block, tick, limit, c)
+
+
+class Times(NamedTuple):
+    """What is watched when, in ticks.
+
+    ticks : flight that is judged; energy and slew count its forces
+    tail : last states of it whose norms are averaged
+    horizon : flight in all, >= ticks
+    late : last ticks of the horizon whose extremes are kept
+    """
+
+    ticks: int
+    tail: int
+    horizon: int
+    late: int
+
+
+@compiled
+def assess(block, law, limit, c, times, w, norms):  # type: ignore[no-untyped-def]
+    """Fly a block; leave energy sums, slew steps and late extremes in rows, the tail in `norms`.
+
+    norms : (2, tail, >= P + Q) squared distances and speeds, planar loops first
+    """
+    n = 2 * len(block.planar) + len(block.vertical)
+    place(w, block)
+    for tick in range(times.horizon):
+        command(w, n, law)
+        if tick < times.ticks:
+            _count_force(w, n, limit, tick)
+        if tick >= times.horizon - times.late:
+            for s in range(n):
+                size = abs(saturate(w[FORCE + s], limit))
+                w[LATE_F + s] = size if size > w[LATE_F + s] else w[LATE_F + s]
+        step(w, block, tick, limit, c)
+        if times.ticks - times.tail <= tick < times.ticks:
+            _keep_norms(
+                w,
+                len(block.planar),
+                len(block.vertical),
+                norms[:, tick - (times.ticks - times.tail)],
+            )
+        if tick >= times.horizon - times.late:
+            for s in range(n):
+                size = abs(w[R + s])
+                w[LATE_R + s] = size if size > w[LATE_R + s] else w[LATE_R + s]
+                size = abs(w[V + s])
+                w[LATE_V + s] = size if size > w[LATE_V + s] else w[LATE_V + s]
+
+
+@compiled
+def _count_force(w, n, limit, tick):  # type: ignore[no-untyped-def]
+    for s in range(n):
+        flown = saturate(w[FORCE + s], limit)
+        w[ENERGY + s] += flown * flown
+        if tick > 0:
+            size = abs(flown - w[FLOWN + s])
+            w[SLEW + s] = size if size > w[SLEW + s] else w[SLEW + s]
+        w[FLOWN + s] = flown
+
+
+@compiled
+def _keep_norms(w, p, q, norms):  # type: ignore[no-untyped-def]
+    for i in range(p):
+        norms[0, i] = w[R + i] * w[R + i] + w[R + p + i] * w[R + p + i]
+        norms[1, i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
+    for i in range(q):
+        s = 2 * p + i
+        norms[0, p + i] = w[R + s] * w[R + s]
+        norms[1, p + i] = w[V + s] * w[V + s]
+
+
+@compiled
+def combine(p, q, dt, times, w, norms, figures):  # type: ignore[no-untyped-def]
+    """Pair every planar with every vertical loop: figures (P * Q, FIGURES), z fastest.
+
+    Columns: energy [N^2 s], mean speed [m/s], slew [N/s], mean distance [m], as
+    `rpo_core.metrics.Figures` names them, summed over ticks per axis, then x + y + z; and, over the
+    late window, the largest |position| of an axis [m], the norm of the axes' largest speeds [m/s]
+    and the largest |force| of an axis [N].
+    """
+    for j in range(q):
+        z = 2 * p + j
+        _mean_norms(p, p + j, times.tail, w, norms)
+        for i in range(p):
+            y = p + i
+            row = figures[i * q + j]
+            row[0] = (w[ENERGY + i] + w[ENERGY + y] + w[ENERGY + z]) * dt
+            row[1] = w[SUM_V + i] / times.tail
+            row[2] = max(w[SLEW + i], w[SLEW + y], w[SLEW + z]) / dt
+            row[3] = w[SUM_R + i] / times.tail
+            row[4] = max(w[LATE_R + i], w[LATE_R + y], w[LATE_R + z])
+            row[5] = sqrt(
+                w[LATE_V + i] * w[LATE_V + i]
+                + w[LATE_V + y] * w[LATE_V + y]
+                + w[LATE_V + z] * w[LATE_V + z]
+            )
+            row[6] = max(w[LATE_F + i], w[LATE_F + y], w[LATE_F + z])
+
+
+@compiled
+def _mean_norms(p, vertical, tail, w, norms):  # type: ignore[no-untyped-def]
+    for i in range(p):
+        w[SUM_R + i] = w[SUM_V + i] = 0.0
+    for tick in range(tail):
+        distance, speed = norms[0, tick, vertical], norms[1, tick, vertical]
+        for i in range(p):
+            w[SUM_R + i] += sqrt(norms[0, tick, i] + distance)
+            w[SUM_V + i] += sqrt(norms[1, tick, i] + speed)

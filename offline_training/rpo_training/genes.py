@@ -1,0 +1,196 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Chromosomes: what a search varies, and how it decodes to controllers.
+
+Genes are reals in [0, 1], in this order: the two input scales (where they are trained), the
+paper's p1-p15 (membership functions; position, velocity, force), and the rules. A foot is placed
+between its neighbours, so that every chromosome decodes to ordered feet; a rule gene is cut into
+equal parts, one per word. Values are rounded to 1e-4, so that a controller file holds few digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.controller import FuzzyController
+from rpo_core.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.validation import InputError, choice, real
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RULES = ('free', 'odd', 'odd-monotone')
+"""Rule spaces: the paper's 15 of a transpose-symmetric table; 6 of an odd one; those, monotone."""
+
+FUNCTIONS = 15
+_FREE = [(row, column) for column in range(5) for row in range(column, 5)]
+_ODD = [(row, column) for row, column in _FREE if row + column < 4]
+_DECIMALS = 4
+_SMALLEST = 0.01  # of a half-width, a centre; and of 1 - LP's left foot
+_LEAN = 0.99  # share of the centre that SP's left foot can reach
+
+
+class Population(NamedTuple):
+    """Controllers as arrays.
+
+    scales : (n, 3) position [m], velocity [m/s], force [N]
+    functions : (n, 15) p1-p15
+    rules : (n, 25) codes 0..4 = LN..LP, row by row
+    """
+
+    scales: Floats
+    functions: Floats
+    rules: Ints
+
+    def controller(self, index: int, name: str) -> FuzzyController:
+        """Return one member as a controller without provenance."""
+        feet = self.functions[index].reshape(3, 5).tolist()
+        position, velocity, force = (MembershipFunctions(*row) for row in feet)
+        rules = RuleTable.from_codes(self.rules[index].reshape(5, 5))
+        scales = self.scales[index].tolist()
+        return FuzzyController(name, FuzzySystem(position, velocity, force, rules), *scales)
+
+
+def population_of(*controllers: FuzzyController) -> Population:
+    """Return controllers as arrays."""
+    return Population(
+        np.array([c.scales for c in controllers]),
+        np.array([_functions(c.system) for c in controllers]),
+        np.array([c.system.rules.codes.ravel() for c in controllers]),
+    )
+
+
+def _functions(system: FuzzySystem) -> list[float]:
+    return [
+        value
+        for part in (system.position, system.velocity, system.force)
+        for value in (part.z_half_width, part.sp_left, part.sp_centre, part.sp_right, part.lp_left)
+    ]
+
+
+@dataclass(frozen=True)
+class GeneSpace:
+    """What may vary.
+
+    rules : one of `RULES`
+    position_scale_m, velocity_scale_m_s : (least, most); equal bounds fix the scale, without a gene
+    force_scale_n : fixed
+    """
+
+    rules: str = 'free'
+    position_scale_m: tuple[float, float] = (100.0, 100.0)
+    velocity_scale_m_s: tuple[float, float] = (1.0, 1.0)
+    force_scale_n: float = 0.5
+
+    def __post_init__(self) -> None:
+        choice('rules', self.rules, RULES)
+        real('force_scale_n', self.force_scale_n, 'N', above=0.0)
+        for name, bounds in (
+            ('position_scale_m', self.position_scale_m),
+            ('velocity_scale_m_s', self.velocity_scale_m_s),
+        ):
+            least, most = (real(name, bound, above=0.0) for bound in bounds)
+            if least > most:
+                raise InputError(f'`{name}` must be [least, most]; got [{least!r}, {most!r}]')
+
+    @property
+    def _scales(self) -> list[tuple[float, float]]:
+        return [self.position_scale_m, self.velocity_scale_m_s]
+
+    @property
+    def free_scales(self) -> int:
+        """Number of scales that are genes."""
+        return sum(least < most for least, most in self._scales)
+
+    @property
+    def size(self) -> int:
+        """Genes in a chromosome."""
+        return self.free_scales + FUNCTIONS + (15 if self.rules == 'free' else len(_ODD))
+
+    def decode(self, genes: Floats) -> Population:
+        """Return the controllers of chromosomes (n, size) in [0, 1]."""
+        scales = np.empty((len(genes), 3))
+        used = 0
+        for column, (least, most) in enumerate(self._scales):
+            scales[:, column] = least
+            if least < most:
+                scales[:, column] += np.round((most - least) * genes[:, used], _DECIMALS)
+                scales[:, column] = np.round(scales[:, column], _DECIMALS)
+                used += 1
+        scales[:, 2] = self.force_scale_n
+        functions = _decode_functions(genes[:, used : used + FUNCTIONS])
+        return Population(scales, functions, self._decode_rules(genes[:, used + FUNCTIONS :]))
+
+    def _decode_rules(self, genes: Floats) -> Ints:
+        table = np.full((len(genes), 5, 5), 2)
+        words = 3 if self.rules == 'odd-monotone' else 5
+        codes = np.minimum((genes * words).astype(np.int64), words - 1)
+        if self.rules == 'free':
+            for k, (row, column) in enumerate(_FREE):
+                table[:, row, column] = table[:, column, row] = codes[:, k]
+            return table.reshape(-1, 25)
+        for k, (row, column) in enumerate(_ODD):
+            code = codes[:, k]
+            if self.rules == 'odd-monotone':  # never below the neighbours before it
+                for before in ((row - 1, column), (row, column - 1)):
+                    if min(before) >= 0:
+                        code = np.maximum(code, table[:, before[0], before[1]])
+            table[:, row, column] = table[:, column, row] = code
+            table[:, 4 - row, 4 - column] = table[:, 4 - column, 4 - row] = 4 - code
+        return table.reshape(-1, 25)
+
+    def encode(self, controller: FuzzyController) -> Floats:
+        """Return a chromosome (size,) that decodes to `controller`, to within the rounding.
+
+        Raises
+        ------
+        InputError
+            If the space does not hold it.
+        """
+        genes: list[float] = []
+        for value, (least, most) in zip(controller.scales, self._scales, strict=False):
+            if least < most:
+                genes.append((value - least) / (most - least))
+        genes += _encode_functions(np.array(_functions(controller.system)))
+        words = 3 if self.rules == 'odd-monotone' else 5
+        codes = controller.system.rules.codes
+        genes += [(codes[cell] + 0.5) / words for cell in (_FREE if self.rules == 'free' else _ODD)]
+        chromosome = np.array(genes)
+        if chromosome.min() < -1e-9 or chromosome.max() > 1.0 + 1e-9:
+            raise InputError(f'controller {controller.name} lies outside the bounds of the search')
+        chromosome = np.clip(chromosome, 0.0, 1.0)
+        decoded = self.decode(chromosome[None])
+        if (decoded.rules[0] != codes.ravel()).any():
+            raise InputError(f'the rules of controller {controller.name} are not {self.rules}')
+        return chromosome
+
+
+def _decode_functions(genes: Floats) -> Floats:
+    functions = np.empty_like(genes)
+    for first in (0, 5, 10):
+        zero, left, centre, right, large = genes[:, first : first + 5].T
+        peak = np.round(_SMALLEST + (1.0 - _SMALLEST) * centre, _DECIMALS)
+        functions[:, first] = np.round(_SMALLEST + (1.0 - _SMALLEST) * zero, _DECIMALS)
+        functions[:, first + 1] = np.round(_LEAN * peak * left, _DECIMALS)
+        functions[:, first + 2] = peak
+        functions[:, first + 3] = np.round(peak + (1.0 - peak) * right, _DECIMALS)
+        functions[:, first + 4] = np.round((1.0 - _SMALLEST) * large, _DECIMALS)
+    return functions
+
+
+def _encode_functions(functions: Floats) -> list[float]:
+    genes: list[float] = []
+    for first in (0, 5, 10):
+        zero, left, centre, right, large = functions[first : first + 5].tolist()
+        genes += [
+            (zero - _SMALLEST) / (1.0 - _SMALLEST),
+            left / (_LEAN * centre),
+            (centre - _SMALLEST) / (1.0 - _SMALLEST),
+            (right - centre) / (1.0 - centre) if centre < 1.0 else 0.0,
+            large / (1.0 - _SMALLEST),
+        ]
+    return genes
