@@ -17,7 +17,7 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='The mathematics of the final approach: Clohessy-Wiltshire motion, Mamdani inference, scenarios, metrics.',
+    description='The mathematics of the approach: relative motion, inference, scenarios, metrics.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
 )

@@ -52,6 +52,13 @@ def fly(scenario: Scenario, controller: FuzzyController) -> Flight:
     states = np.empty((scenario.ticks + 1, 6))
     forces = np.empty((scenario.ticks + 1, 3))
     kernels.closed_loop(
-        tuple(map(float, scenario.start)), controller.scales, controller.system.tables,
-        as_table(disturbances), float(scenario.max_force_n), scenario.step, states, forces)
+        scenario.start,
+        controller.scales,
+        controller.system.tables,
+        as_table(disturbances),
+        scenario.max_force_n,
+        scenario.step,
+        states,
+        forces,
+    )
     return Flight(scenario, states, forces, disturbances)

@@ -12,8 +12,8 @@ from typing import Any
 import yaml
 
 from rpo_core import files, kernels
-from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
-from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole
+from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
+from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
 
 SCHEMA = 'rpo/controller/1'
 
@@ -23,10 +23,19 @@ DEFAULT_CONTROLLER = 'handmade'
 SYMMETRIES = ('free', 'transpose', 'odd')
 """What a file claims of its rules: nothing; rule(i, j) = rule(j, i); and f(-e, -v) = -f(e, v)."""
 
-INFERENCE = {'and': 'min', 'implication': 'min', 'aggregation': 'max',
-             'defuzzification': 'centroid'}
+INFERENCE = {
+    'and': 'min',
+    'implication': 'min',
+    'aggregation': 'max',
+    'defuzzification': 'centroid',
+}
 
 _VARIABLES = ('position', 'velocity', 'force')
+_SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
+
+
+def _scale(name: str, value: Any, unit: str) -> float:
+    return real(name, value, unit, above=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
@@ -47,76 +56,86 @@ class FuzzyController:
     provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        real('position_scale_m', self.position_scale_m, 'm', above=0.0)
-        real('velocity_scale_m_s', self.velocity_scale_m_s, 'm/s', above=0.0)
-        real('force_scale_n', self.force_scale_n, 'N', above=0.0)
+        store(
+            self,
+            name=text('name', self.name),
+            description=text('description', self.description, empty=True),
+            position_scale_m=_scale('position_scale_m', self.position_scale_m, 'm'),
+            velocity_scale_m_s=_scale('velocity_scale_m_s', self.velocity_scale_m_s, 'm/s'),
+            force_scale_n=_scale('force_scale_n', self.force_scale_n, 'N'),
+        )
 
     @property
     def scales(self) -> tuple[float, float, float]:
         """Position [m], velocity [m/s] and force [N] scale."""
-        return (float(self.position_scale_m), float(self.velocity_scale_m_s),
-                float(self.force_scale_n))
+        return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
 
-    def force_n(self, position_m: Sequence[float],
-                velocity_m_s: Sequence[float]) -> tuple[float, float, float]:
+    def force_n(
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float]
+    ) -> tuple[float, float, float]:
         """Return the commanded force (3 floats, N) of a relative state, target LVLH.
 
         The state must be finite; callers at the edge check it.
         """
         tables = self.system.tables
-        x, y, z = (float(kernels.axis_force(float(r), float(v), *self.scales, tables))
-                   for r, v in zip(position_m, velocity_m_s))
+        x, y, z = (
+            float(kernels.axis_force(float(r), float(v), *self.scales, tables))
+            for r, v in zip(position_m, velocity_m_s, strict=True)
+        )
         return x, y, z
 
 
 def parse(document: Any) -> FuzzyController:
     """Return the controller of a parsed YAML document; raises InputError."""
-    data = mapping('', document, ['schema', 'name', 'scales', 'membership_functions', 'rules',
-                                  'inference', 'provenance'], ['description'])
+    data = mapping(
+        '',
+        document,
+        ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference', 'provenance'],
+        ['description'],
+    )
     if data['schema'] != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
-    scales = mapping('scales', data['scales'], ['position_m', 'velocity_m_s', 'force_n'])
+    scales = mapping('scales', data['scales'], _SCALES)
+    position_scale, velocity_scale, force_scale = (
+        _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
+    )
     functions = mapping('membership_functions', data['membership_functions'], _VARIABLES)
-    parts = {name: _functions(name, functions[name]) for name in _VARIABLES}
     if not isinstance(data['provenance'], Mapping):
         raise InputError(f'`provenance` must be a mapping; got {shown(data["provenance"])}')
     return FuzzyController(
-        name=text('name', data['name']),
-        description=text('description', data.get('description', ''), empty=True),
-        system=FuzzySystem(**parts, rules=_rules(data['rules']),
-                           samples=_samples(data['inference'])),
-        position_scale_m=real('scales.position_m', scales['position_m'], 'm', above=0.0),
-        velocity_scale_m_s=real('scales.velocity_m_s', scales['velocity_m_s'], 'm/s', above=0.0),
-        force_scale_n=real('scales.force_n', scales['force_n'], 'N', above=0.0),
+        name=data['name'],
+        description=data.get('description', ''),
+        system=FuzzySystem(
+            **{name: _functions(name, functions[name]) for name in _VARIABLES},
+            rules=_rules(data['rules']),
+            samples=_samples(data['inference']),
+        ),
+        position_scale_m=position_scale,
+        velocity_scale_m_s=velocity_scale,
+        force_scale_n=force_scale,
         provenance=dict(data['provenance']),
     )
 
 
 def _functions(variable: str, value: Any) -> MembershipFunctions:
     name = f'membership_functions.{variable}'
-    names = [f.name for f in fields(MembershipFunctions)]
-    data = mapping(name, value, names)
-    feet = {key: real(f'{name}.{key}', data[key]) for key in names}
-    try:
-        return MembershipFunctions(**feet)
-    except InputError as error:
-        raise InputError(f'{name}: {error}') from None
+    data = mapping(name, value, [f.name for f in fields(MembershipFunctions)])
+    with within(name):
+        return MembershipFunctions(**data)
 
 
 def _rules(value: Any) -> RuleTable:
     data = mapping('rules', value, ['symmetry', 'columns', *WORDS])
     symmetry = choice('rules.symmetry', data['symmetry'], SYMMETRIES)
     if data['columns'] != list(WORDS):
-        raise InputError(f'`rules.columns` must be [{", ".join(WORDS)}], the words of the position '
-                         f'error; got {shown(data["columns"])}')
-    rows = []
+        raise InputError(
+            f'`rules.columns` must be [{", ".join(WORDS)}], the words of the position '
+            f'error; got {shown(data["columns"])}'
+        )
     for word in WORDS:
-        row = data[word]
-        if not isinstance(row, list) or len(row) != 5:
-            raise InputError(f'`rules.{word}` must be a list of 5 words; got {shown(row)}')
-        rows.append(tuple(choice(f'rules.{word}[{column}]', cell, WORDS)
-                          for column, cell in zip(WORDS, row)))
-    table = RuleTable(tuple(rows))
+        if not isinstance(data[word], list) or len(data[word]) != 5:
+            raise InputError(f'`rules.{word}` must be a list of 5 words; got {shown(data[word])}')
+    table = RuleTable(tuple(tuple(data[word]) for word in WORDS))
     if symmetry != 'free' and not table.is_transpose_symmetric:
         raise InputError(f'`rules.symmetry` is {symmetry}, but the table is not its own transpose')
     if symmetry == 'odd' and not table.is_odd:
@@ -128,7 +147,7 @@ def _samples(value: Any) -> int:
     data = mapping('inference', value, [*INFERENCE, 'samples'])
     for key, only in INFERENCE.items():
         choice(f'inference.{key}', data[key], [only])
-    return whole('inference.samples', data['samples'], least=3, most=100_001)
+    return odd_samples('inference.samples', data['samples'])
 
 
 def to_document(controller: FuzzyController) -> dict[str, Any]:
@@ -141,10 +160,13 @@ def to_document(controller: FuzzyController) -> dict[str, Any]:
         'schema': SCHEMA,
         'name': controller.name,
         'description': controller.description,
-        'scales': dict(zip(('position_m', 'velocity_m_s', 'force_n'), controller.scales)),
+        'scales': dict(zip(_SCALES, controller.scales, strict=True)),
         'membership_functions': {name: asdict(getattr(system, name)) for name in _VARIABLES},
-        'rules': {'symmetry': symmetry, 'columns': list(WORDS),
-                  **{word: list(row) for word, row in zip(WORDS, rules.words)}},
+        'rules': {
+            'symmetry': symmetry,
+            'columns': list(WORDS),
+            **{word: list(row) for word, row in zip(WORDS, rules.words, strict=True)},
+        },
         'inference': {**INFERENCE, 'samples': system.samples},
         'provenance': dict(controller.provenance),
     }
@@ -152,6 +174,9 @@ def to_document(controller: FuzzyController) -> dict[str, Any]:
 
 class _Dumper(yaml.SafeDumper):
     """YAML with rows of words in flow style, so that the rule table reads as a table."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True  # the reader refuses them
 
 
 def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
@@ -164,8 +189,9 @@ _Dumper.add_representer(list, _represent_list)
 
 def dumps(controller: FuzzyController) -> str:
     """Return the YAML text of a controller; floats round-trip bit for bit."""
-    return yaml.dump(to_document(controller), Dumper=_Dumper, sort_keys=False, width=100,
-                     allow_unicode=True)
+    return yaml.dump(
+        to_document(controller), Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
+    )
 
 
 def load_controller(name: str | Path) -> FuzzyController:

@@ -32,8 +32,9 @@ def mean_motion(orbit_radius_m: float) -> float:
 def stumpff(angle_rad: float) -> tuple[float, float, float, float]:
     """Return Stumpff's functions c0..c3 of angle^2.
 
-    c0 = cos a, c1 = sin a / a, c2 = (1 - cos a) / a^2, c3 = (a - sin a) / a^3. A step of 0.1 s turns
-    the orbit by 1e-4 rad, where the differences would cancel to eight digits: the series does not.
+    c0 = cos a, c1 = sin a / a, c2 = (1 - cos a) / a^2, c3 = (a - sin a) / a^3. A step of 0.1 s
+    turns the orbit by 1e-4 rad, where the differences would cancel to eight digits: the series
+    does not.
     """
     square = angle_rad * angle_rad
     if square > 1.0:
@@ -57,36 +58,56 @@ def discretise(mean_motion_rad_s: float, mass_kg: float, dt_s: float) -> CwStep:
     a = n * t
     c0, c1, c2, c3 = stumpff(a)
     return CwStep(
-        xx=1.0 + 3.0 * a * a * c2, xvx=t * c1, xvy=2.0 * a * t * c2,
-        yx=-6.0 * a * a * a * c3, yvx=-2.0 * a * t * c2, yvy=t * (4.0 * c1 - 3.0),
-        vxx=3.0 * n * a * c1, vxvx=c0, vxvy=2.0 * a * c1,
-        vyx=-6.0 * n * a * a * c2, vyvx=-2.0 * a * c1, vyvy=1.0 - 4.0 * a * a * c2,
-        zz=c0, zvz=t * c1, vzz=-n * a * c1, vzvz=c0,
-        xfx=t * t * c2 / mass_kg, xfy=2.0 * a * t * t * c3 / mass_kg,
-        yfx=-2.0 * a * t * t * c3 / mass_kg, yfy=t * t * (4.0 * c2 - 1.5) / mass_kg,
-        vxfx=t * c1 / mass_kg, vxfy=2.0 * a * t * c2 / mass_kg,
-        vyfx=-2.0 * a * t * c2 / mass_kg, vyfy=t * (4.0 * c1 - 3.0) / mass_kg,
-        zfz=t * t * c2 / mass_kg, vzfz=t * c1 / mass_kg,
+        xx=1.0 + 3.0 * a * a * c2,
+        xvx=t * c1,
+        xvy=2.0 * a * t * c2,
+        yx=-6.0 * a * a * a * c3,
+        yvx=-2.0 * a * t * c2,
+        yvy=t * (4.0 * c1 - 3.0),
+        vxx=3.0 * n * a * c1,
+        vxvx=c0,
+        vxvy=2.0 * a * c1,
+        vyx=-6.0 * n * a * a * c2,
+        vyvx=-2.0 * a * c1,
+        vyvy=1.0 - 4.0 * a * a * c2,
+        zz=c0,
+        zvz=t * c1,
+        vzz=-n * a * c1,
+        vzvz=c0,
+        xfx=t * t * c2 / mass_kg,
+        xfy=2.0 * a * t * t * c3 / mass_kg,
+        yfx=-2.0 * a * t * t * c3 / mass_kg,
+        yfy=t * t * (4.0 * c2 - 1.5) / mass_kg,
+        vxfx=t * c1 / mass_kg,
+        vxfy=2.0 * a * t * c2 / mass_kg,
+        vyfx=-2.0 * a * t * c2 / mass_kg,
+        vyfy=t * (4.0 * c1 - 3.0) / mass_kg,
+        zfz=t * t * c2 / mass_kg,
+        vzfz=t * c1 / mass_kg,
     )
 
 
 def matrices(step: CwStep) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return A_d (6, 6) and B_d (6, 3) of x+ = A_d x + B_d (f + d), SI units."""
     c = step
-    state = np.array([
-        [c.xx, 0.0, 0.0, c.xvx, c.xvy, 0.0],
-        [c.yx, 1.0, 0.0, c.yvx, c.yvy, 0.0],
-        [0.0, 0.0, c.zz, 0.0, 0.0, c.zvz],
-        [c.vxx, 0.0, 0.0, c.vxvx, c.vxvy, 0.0],
-        [c.vyx, 0.0, 0.0, c.vyvx, c.vyvy, 0.0],
-        [0.0, 0.0, c.vzz, 0.0, 0.0, c.vzvz],
-    ])
-    force = np.array([
-        [c.xfx, c.xfy, 0.0],
-        [c.yfx, c.yfy, 0.0],
-        [0.0, 0.0, c.zfz],
-        [c.vxfx, c.vxfy, 0.0],
-        [c.vyfx, c.vyfy, 0.0],
-        [0.0, 0.0, c.vzfz],
-    ])
+    state = np.array(
+        [
+            [c.xx, 0.0, 0.0, c.xvx, c.xvy, 0.0],
+            [c.yx, 1.0, 0.0, c.yvx, c.yvy, 0.0],
+            [0.0, 0.0, c.zz, 0.0, 0.0, c.zvz],
+            [c.vxx, 0.0, 0.0, c.vxvx, c.vxvy, 0.0],
+            [c.vyx, 0.0, 0.0, c.vyvx, c.vyvy, 0.0],
+            [0.0, 0.0, c.vzz, 0.0, 0.0, c.vzvz],
+        ]
+    )
+    force = np.array(
+        [
+            [c.xfx, c.xfy, 0.0],
+            [c.yfx, c.yfy, 0.0],
+            [0.0, 0.0, c.zfz],
+            [c.vxfx, c.vxfy, 0.0],
+            [c.vyfx, c.vyfy, 0.0],
+            [0.0, 0.0, c.vzfz],
+        ]
+    )
     return state, force

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.kernels import sin_cos
-from rpo_core.validation import choice, real, vector3
+from rpo_core.validation import choice, real, store, vector3
 
 AXES = ('x', 'y', 'z')
 
-FORCE_BOUND_N = 1e6
+MAX_FORCE_N = 1e6
 """Largest force a file may name; beyond it a number is a typing error."""
 
 
@@ -32,9 +32,16 @@ class Harmonic:
     def __post_init__(self) -> None:
         choice('axis', self.axis, AXES)
         choice('function', self.function, ('sin', 'cos'))
-        real('amplitude_n', self.amplitude_n, 'N', least=-FORCE_BOUND_N, most=FORCE_BOUND_N)
-        real('angular_rate_rad_s', self.angular_rate_rad_s, 'rad/s', least=-10.0, most=10.0)
-        real('phase_rad', self.phase_rad, 'rad', least=-100.0, most=100.0)
+        store(
+            self,
+            amplitude_n=real(
+                'amplitude_n', self.amplitude_n, 'N', least=-MAX_FORCE_N, most=MAX_FORCE_N
+            ),
+            angular_rate_rad_s=real(
+                'angular_rate_rad_s', self.angular_rate_rad_s, 'rad/s', least=-10.0, most=10.0
+            ),
+            phase_rad=real('phase_rad', self.phase_rad, 'rad', least=-100.0, most=100.0),
+        )
 
 
 @dataclass(frozen=True)
@@ -45,7 +52,7 @@ class Disturbance:
     harmonics: tuple[Harmonic, ...] = ()
 
     def __post_init__(self) -> None:
-        vector3('constant_n', self.constant_n, 'N', bound=FORCE_BOUND_N)
+        store(self, constant_n=vector3('constant_n', self.constant_n, 'N', bound=MAX_FORCE_N))
 
     @property
     def is_zero(self) -> bool:
@@ -53,12 +60,16 @@ class Disturbance:
         return not any(self.constant_n) and not any(h.amplitude_n for h in self.harmonics)
 
     def force_n(self, t_s: float) -> tuple[float, float, float]:
-        """Return the force (3 floats, N, target LVLH) at time `t_s` since the start."""
+        """Return the force (3 floats, N, target LVLH) at time `t_s` since the start.
+
+        Sine and cosine are `kernels.sin_cos`, the same bits on every machine.
+        """
         total = list(self.constant_n)
         for term in self.harmonics:
             sine, cosine = sin_cos(term.angular_rate_rad_s * t_s + term.phase_rad)
             total[AXES.index(term.axis)] += term.amplitude_n * (
-                sine if term.function == 'sin' else cosine)
+                sine if term.function == 'sin' else cosine
+            )
         return total[0], total[1], total[2]
 
     def over(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -78,8 +89,11 @@ def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:
     rate = math.pi * mean_motion_rad_s
     third = math.pi / 3
     offset, phase = (1e-2 * third, 0.0) if reading == 'offset' else (0.0, third)
-    return Disturbance((0.0, offset, 0.0), (
-        Harmonic('x', 'cos', -1.1e-2, rate),
-        Harmonic('y', 'sin', -2.2e-2, rate, phase),
-        Harmonic('z', 'cos', 1.4e-2, rate),
-    ))
+    return Disturbance(
+        (0.0, offset, 0.0),
+        (
+            Harmonic('x', 'cos', -1.1e-2, rate),
+            Harmonic('y', 'sin', -2.2e-2, rate, phase),
+            Harmonic('z', 'cos', 1.4e-2, rate),
+        ),
+    )

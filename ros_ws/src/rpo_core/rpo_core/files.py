@@ -5,16 +5,20 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
-from rpo_core.validation import InputError, shown
+from rpo_core.validation import InputError, quoted, shown, within
 
-MAX_BYTES = 1 << 20
+MAX_BYTES = 1 << 18
 """A larger file is not one of ours; it is refused before it is parsed."""
+
+MAX_DEPTH = 20
+"""Deepest nesting of mappings and lists; ours need 4."""
 
 Parsed = TypeVar('Parsed')
 
@@ -24,20 +28,52 @@ _SHIPPED = {
 }
 
 
+_NOT_DECIMAL = re.compile(r'.*:|[-+]?0\w')
+"""Numbers of YAML 1.1 that surprise: 1:30 is 90, 010 is 8, 0x10 is 16."""
+
+
 class _StrictLoader(yaml.SafeLoader):
-    """YAML's safe loader, which also refuses a key given twice."""
+    """YAML's safe loader, which also refuses a key given twice and numbers that are not decimal."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
+        seen: set[str] = set()
         for key_node, _ in node.value:
-            key = self.construct_object(key_node, deep=True)  # type: ignore[no-untyped-call]
+            key = self.construct_object(key_node, deep=True)
             if not isinstance(key, str):
-                raise InputError(f'line {key_node.start_mark.line + 1}: a key must be a text; '
-                                 f'got {shown(key)}')
+                raise InputError(f'{_line(key_node)}a key must be a text; got {shown(key)}')
             if key in seen:
-                raise InputError(f'line {key_node.start_mark.line + 1}: `{key}` is given twice')
+                raise InputError(f'{_line(key_node)}{quoted(key)} is given twice')
             seen.add(key)
         return super().construct_mapping(node, deep)
+
+    def construct_number(self, node: yaml.ScalarNode) -> Any:
+        if _NOT_DECIMAL.match(node.value):
+            raise InputError(f'{_line(node)}a number must be decimal; got {shown(node.value)}')
+        if node.tag.endswith(':int'):
+            return self.construct_yaml_int(node)
+        return self.construct_yaml_float(node)
+
+
+for _tag in ('int', 'float'):
+    _StrictLoader.add_constructor(f'tag:yaml.org,2002:{_tag}', _StrictLoader.construct_number)
+
+
+def _line(place: Any) -> str:
+    return f'line {place.start_mark.line + 1}: '
+
+
+def _check_events(content: str) -> None:
+    """Refuse aliases, tags and deep nesting; PyYAML's time grows with the square of the depth."""
+    depth = 0
+    for event in yaml.parse(content, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise InputError(f'{_line(event)}aliases (*name) are not allowed')
+        if getattr(event, 'tag', None) is not None:
+            raise InputError(f'{_line(event)}tags (!name) are not allowed')
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH:
+            raise InputError(f'{_line(event)}must be nested at most {MAX_DEPTH} deep')
 
 
 def parse_yaml(content: str) -> Any:
@@ -46,26 +82,25 @@ def parse_yaml(content: str) -> Any:
     Raises
     ------
     InputError
-        If it is not one YAML document, holds a key twice, aliases, or is nested too deep.
+        If it is not one YAML document, gives a key twice, holds aliases, tags or numbers that are
+        not decimal, or is nested deeper than `MAX_DEPTH`.
     """
     try:
-        events = list(yaml.parse(content, Loader=yaml.SafeLoader))
-        if any(isinstance(event, yaml.AliasEvent) for event in events):
-            raise InputError('aliases (*name) are not allowed')
+        _check_events(content)
         return yaml.load(content, Loader=_StrictLoader)
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         where = f'line {mark.line + 1}: ' if mark else ''
         problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
         raise InputError(f'{where}not valid YAML: {problem}') from None
-    except (ValueError, RecursionError) as error:
+    except (ValueError, OverflowError) as error:  # PyYAML converts unchecked, as 2026-02-30
         if isinstance(error, InputError):
             raise
         raise InputError(f'not valid YAML: {error}') from None
 
 
 def read_text(path: Path) -> str:
-    """Return a UTF-8 file's text; InputError if it is missing, unreadable, too large or not text."""
+    """Return a UTF-8 file's text; InputError if missing, unreadable, too large or not text."""
     try:
         with path.open('rb') as file:
             content = file.read(MAX_BYTES + 1)
@@ -87,10 +122,8 @@ def load(path: Path, parse: Callable[[Any], Parsed]) -> Parsed:
 
 def loads(content: str, parse: Callable[[Any], Parsed], source: str) -> Parsed:
     """Return `parse(document)` of YAML text; an InputError names `source`."""
-    try:
+    with within(source):
         return parse(parse_yaml(content))
-    except InputError as error:
-        raise InputError(f'{source}: {error}') from None
 
 
 def _folders(kind: str) -> list[Path]:
@@ -103,7 +136,7 @@ def _folders(kind: str) -> list[Path]:
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """Return name -> file of the scenarios or controllers that ship; kind 'scenario', 'controller'."""
+    """Return name -> file of what ships of a kind, 'scenario' or 'controller'."""
     found: dict[str, Path] = {}
     for folder in _folders(kind):
         for path in sorted(folder.glob('*.yaml')):
@@ -122,12 +155,16 @@ def find(kind: str, name: str) -> Path:
     if not isinstance(name, str) or not name.strip():
         raise InputError(f'`{kind}` must be a shipped name or a path; got {shown(name)}')
     if os.sep in name or name.endswith(('.yaml', '.yml')):
-        path = Path(name).expanduser()
-        if not path.is_file():
-            raise InputError(f'`{kind}` must be a file or a shipped name; there is no file {name}')
-        return path
+        path = os.path.expanduser(name)
+        if not os.path.isfile(path):  # unlike Path's, neither raises on odd names
+            raise InputError(
+                f'`{kind}` must be a file or a shipped name; there is no file {quoted(name)}'
+            )
+        return Path(path)
     known = shipped(kind)
     if name not in known:
-        raise InputError(f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
-                         f'got {shown(name)}')
+        raise InputError(
+            f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
+            f'got {shown(name)}'
+        )
     return known[name]

@@ -3,7 +3,7 @@
 """The paper's fuzzy inference system: two inputs, one output, five words, 30 parameters.
 
 Inputs are the position error e = -r and velocity error -v of an axis, each divided by a scale and
-saturated to [-1, 1]; the output in (-1, 1) is a share of the maximum force. Mamdani inference:
+saturated to [-1, 1]; the output in [-1, 1] is a share of the maximum force. Mamdani inference:
 AND min, implication min, aggregation max, centroid over equally spaced samples of [-1, 1].
 """
 
@@ -12,13 +12,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpo_core import kernels
 from rpo_core.jit import as_table
-from rpo_core.validation import InputError, choice, real, shown, whole
+from rpo_core.validation import InputError, choice, real, shown, store, whole, within
 
 WORDS = ('LN', 'SN', 'Z', 'SP', 'LP')
 """Large negative, small negative, zero, small positive, large positive."""
@@ -48,16 +49,20 @@ class MembershipFunctions:
     lp_left: float
 
     def __post_init__(self) -> None:
-        real('z_half_width', self.z_half_width, above=0.0, most=1.0)
-        real('sp_left', self.sp_left, least=0.0, most=1.0)
-        real('sp_centre', self.sp_centre, above=0.0, most=1.0)
-        real('sp_right', self.sp_right, above=0.0, most=1.0)
-        if real('lp_left', self.lp_left, least=0.0, most=1.0) == 1.0:
-            raise InputError('`lp_left` must be below 1, where LP peaks; got 1.0')
+        store(
+            self,
+            z_half_width=real('z_half_width', self.z_half_width, above=0.0, most=1.0),
+            sp_left=real('sp_left', self.sp_left, least=0.0, most=1.0),
+            sp_centre=real('sp_centre', self.sp_centre, above=0.0, most=1.0),
+            sp_right=real('sp_right', self.sp_right, above=0.0, most=1.0),
+            lp_left=real('lp_left', self.lp_left, least=0.0, below=1.0),
+        )
         feet = (self.sp_left, self.sp_centre, self.sp_right)
         if not (feet[0] <= feet[1] <= feet[2] and feet[0] < feet[2]):
-            raise InputError('`sp_left`, `sp_centre`, `sp_right` must ascend, the feet apart; '
-                             f'got {", ".join(map(repr, feet))}')
+            raise InputError(
+                '`sp_left`, `sp_centre`, `sp_right` must ascend, the feet apart; '
+                f'got {", ".join(map(repr, feet))}'
+            )
 
     def grades(self, x: ArrayLike) -> NDArray[np.float64]:
         """Return the memberships (..., 5) of x (...) in [-1, 1], in the order of `WORDS`."""
@@ -73,12 +78,13 @@ class RuleTable:
     words: tuple[tuple[str, ...], ...]
 
     def __post_init__(self) -> None:
-        rows = self.words
+        rows = tuple(tuple(row) for row in self.words)
         if len(rows) != 5 or any(len(row) != 5 for row in rows):
             raise InputError(f'`rules` must be 5 rows of 5 words; got {shown(rows)}')
-        for name, row in zip(WORDS, rows):
-            for column, word in zip(WORDS, row):
+        for name, row in zip(WORDS, rows, strict=True):
+            for column, word in zip(WORDS, row, strict=True):
                 choice(f'rules.{name}[{column}]', word, WORDS)
+        store(self, words=rows)
 
     @cached_property
     def codes(self) -> NDArray[np.int64]:
@@ -87,8 +93,11 @@ class RuleTable:
 
     @classmethod
     def from_codes(cls, codes: ArrayLike) -> RuleTable:
-        """Return the table of (5, 5) ints 0..4."""
-        return cls(tuple(tuple(WORDS[int(code)] for code in row) for row in np.asarray(codes)))
+        """Return the table of (5, 5) ints 0..4 = LN..LP."""
+        table = np.asarray(codes)
+        if table.shape != (5, 5) or not np.isin(table, range(5)).all():
+            raise InputError(f'`codes` must be (5, 5) whole numbers 0..4; got {shown(codes)}')
+        return cls(tuple(tuple(WORDS[int(code)] for code in row) for row in table))
 
     @property
     def is_transpose_symmetric(self) -> bool:
@@ -106,6 +115,13 @@ class RuleTable:
         return all(bool((np.diff(self.codes, axis=axis) >= 0).all()) for axis in (0, 1))
 
 
+def odd_samples(name: str, value: Any) -> int:
+    """Return an odd number of output samples, so that 0 is one of them; raises InputError."""
+    if whole(name, value, least=3, most=100_001) % 2 == 0:
+        raise InputError(f'`{name}` must be odd, so that 0 is a sample; got {value}')
+    return int(value)
+
+
 @dataclass(frozen=True)
 class FuzzySystem:
     """A complete fuzzy inference system, normalised.
@@ -120,8 +136,7 @@ class FuzzySystem:
     samples: int = DEFAULT_SAMPLES
 
     def __post_init__(self) -> None:
-        if whole('samples', self.samples, least=3, most=100_001) % 2 == 0:
-            raise InputError(f'`samples` must be odd, so that 0 is one; got {self.samples}')
+        odd_samples('samples', self.samples)
 
     @cached_property
     def tables(self) -> kernels.FisTables:
@@ -130,8 +145,8 @@ class FuzzySystem:
         samples = np.arange(1, half + 1) / half
         grades = self.force.grades(samples)
         return kernels.FisTables(
-            position=tuple(map(float, astuple(self.position))),
-            velocity=tuple(map(float, astuple(self.velocity))),
+            position=astuple(self.position),
+            velocity=astuple(self.velocity),
             rules=as_table(self.rules.codes.ravel(), np.int64),
             samples=as_table(samples),
             z=as_table(grades[:, kernels.Z]),
@@ -140,12 +155,14 @@ class FuzzySystem:
         )
 
     def output(self, position_error: float, velocity_error: float) -> float:
-        """Return the normalised force of two normalised errors, saturated to [-1, 1]."""
-        return float(kernels.infer(
-            kernels.saturate(float(position_error), 1.0),
-            kernels.saturate(float(velocity_error), 1.0),
-            self.tables,
-        ))
+        """Return the force in [-1, 1] of two finite errors, which are saturated to [-1, 1]."""
+        return float(
+            kernels.infer(
+                kernels.saturate(float(position_error), 1.0),
+                kernels.saturate(float(velocity_error), 1.0),
+                self.tables,
+            )
+        )
 
     def to_vector(self) -> NDArray[np.float64]:
         """Return p (30,) of the paper; rules as 1..5.
@@ -157,22 +174,28 @@ class FuzzySystem:
         """
         if not self.rules.is_transpose_symmetric:
             raise InputError('`rules` must be transpose-symmetric to be a 30-vector; they are not')
-        functions = [value for part in (self.position, self.velocity, self.force)
-                     for value in astuple(part)]
+        functions = [
+            value for part in (self.position, self.velocity, self.force) for value in astuple(part)
+        ]
         rules = [float(self.rules.codes[index] + 1) for index in _LOWER_TRIANGLE]
         return np.array([*functions, *rules])
 
     @classmethod
-    def from_vector(cls, p: Sequence[float] | NDArray[np.float64],
-                    samples: int = DEFAULT_SAMPLES) -> FuzzySystem:
+    def from_vector(
+        cls, p: Sequence[float] | NDArray[np.float64], samples: int = DEFAULT_SAMPLES
+    ) -> FuzzySystem:
         """Return the system of p (30,); rules must be whole numbers 1..5."""
         if len(p) != PARAMETERS:
             raise InputError(f'`p` must have {PARAMETERS} elements; got {len(p)}')
         values = [float(value) for value in p]
         codes = np.empty((5, 5), dtype=np.int64)
-        for number, ((row, column), value) in enumerate(zip(_LOWER_TRIANGLE, values[15:]), 16):
+        rules = zip(_LOWER_TRIANGLE, values[15:], strict=True)
+        for number, ((row, column), value) in enumerate(rules, 16):
             if value not in (1.0, 2.0, 3.0, 4.0, 5.0):
                 raise InputError(f'`p{number}` must be 1, 2, 3, 4 or 5; got {value!r}')
             codes[row, column] = codes[column, row] = int(value) - 1
-        parts = [MembershipFunctions(*values[first:first + 5]) for first in (0, 5, 10)]
-        return cls(*parts, rules=RuleTable.from_codes(codes), samples=samples)
+        parts = {}
+        for name, first in (('position', 0), ('velocity', 5), ('force', 10)):
+            with within(f'p{first + 1}-p{first + 5} ({name})'):
+                parts[name] = MembershipFunctions(*values[first : first + 5])
+        return cls(**parts, rules=RuleTable.from_codes(codes), samples=samples)

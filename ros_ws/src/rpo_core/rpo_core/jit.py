@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
@@ -45,11 +45,12 @@ def kernel(function: Kernel) -> Kernel:
     import numba
 
     # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
-    return numba.njit(cache=True, error_model='numpy', fastmath=False)(function)
+    compiled: Any = numba.njit(cache=True, error_model='numpy', fastmath=False)(function)
+    return cast(Kernel, compiled)
 
 
 def as_table(values: Any, dtype: Any = np.float64) -> Any:
-    """Return a read-only table in the container kernels read fastest.
+    """Return a table in the container kernels read fastest.
 
     A C-ordered array when compiled; nested Python lists of floats (or ints) when interpreted, where
     indexing an array costs a hundred nanoseconds an element.

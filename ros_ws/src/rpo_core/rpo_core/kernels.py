@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop, written once: membership, inference, centroid, CW step, closed loop.
 
-Plain functions of floats, interpreted or compiled (`rpo_core.jit`) with the same bits: only + - * /
-and comparisons, in the order written. Tables come from `rpo_core.fuzzy` and `rpo_core.cw`.
+Plain functions of floats, interpreted or compiled (`rpo_core.jit`) with the same bits: only
++ - * / and comparisons, in the order written. Tables come from `rpo_core.fuzzy` and `rpo_core.cw`.
 
-The output of an odd rule table is odd bit for bit: memberships are evaluated on |x| and mirrored, and
-the centroid is summed in mirrored pairs of samples.
+The output of an odd rule table is odd bit for bit: memberships are evaluated on |x| and mirrored,
+and the centroid is summed in mirrored pairs of samples.
 """
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core.jit import kernel
 
@@ -21,11 +24,21 @@ LN, SN, Z, SP, LP = range(5)
 LANES = 8
 """Partial sums of the centroid: pair i goes to sum i mod 8, which is the shape of SIMD hardware."""
 
+MAX_ANGLE_RAD = 1e6
+"""Largest angle that `sin_cos` reduces to full precision."""
+
+Five = tuple[float, float, float, float, float]
+"""One float for each word, LN..LP; or the five numbers of a variable's membership functions."""
+
+Vector = tuple[float, float, float]
+State = tuple[float, float, float, float, float, float]
+"""x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+
 
 class FisTables(NamedTuple):
     """A fuzzy inference system as the kernels read it.
 
-    position, velocity : 5 floats, membership functions (Z half-width; SP left, centre, right; LP left)
+    position, velocity : 5 floats, Z half-width; SP left foot, centre, right foot; LP left foot
     rules : 25 ints, consequent word of each rule, row = velocity word, column = position word
     samples : (H,) float, positive half of the output samples, H = (N - 1) / 2
     z, sp, lp : (H,) float, output membership of those samples
@@ -41,7 +54,11 @@ class FisTables(NamedTuple):
 
 
 class CwStep(NamedTuple):
-    """Coefficients of one exact CW step under a constant force (`rpo_core.cw.discretise`)."""
+    """Coefficients of one exact CW step under a constant force (`rpo_core.cw.discretise`).
+
+    `yvx` is what a velocity vx [m/s] adds to y [m], `vyfx` what a force fx [N] adds to vy [m/s];
+    SI units. Coefficients that are 0, and yy, which is 1, are left out.
+    """
 
     xx: float
     xvx: float
@@ -72,7 +89,7 @@ class CwStep(NamedTuple):
 
 
 @kernel
-def saturate(value, limit):  # type: ignore[no-untyped-def]
+def saturate(value: float, limit: float) -> float:
     """Clamp to [-limit, limit]."""
     if value > limit:
         return limit
@@ -82,7 +99,7 @@ def saturate(value, limit):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def triangle(x, left, centre, right):  # type: ignore[no-untyped-def]
+def triangle(x: float, left: float, centre: float, right: float) -> float:
     """Triangular membership; a vertical edge (left = centre) is allowed."""
     if x < centre:
         return (x - left) / (centre - left) if x > left else 0.0
@@ -92,7 +109,7 @@ def triangle(x, left, centre, right):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def memberships(x, functions):  # type: ignore[no-untyped-def]
+def memberships(x: float, functions: Five) -> Five:
     """Grades (LN, SN, Z, SP, LP) of x in [-1, 1]; the negative side mirrors the positive."""
     size = abs(x)
     zero = triangle(size, -functions[0], 0.0, functions[0])
@@ -104,7 +121,7 @@ def memberships(x, functions):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def fire_rules(position_grades, velocity_grades, rules):  # type: ignore[no-untyped-def]
+def fire_rules(position_grades: Five, velocity_grades: Five, rules: Any) -> Five:
     """Strength of each consequent word: max over its rules of min(position, velocity) grade."""
     ln = sn = zero = sp = lp = 0.0
     for row in range(5):
@@ -131,8 +148,8 @@ def fire_rules(position_grades, velocity_grades, rules):  # type: ignore[no-unty
 
 
 @kernel
-def centroid(strengths, fis):  # type: ignore[no-untyped-def]
-    """Centroid of max over words of min(strength, output membership); 0 if no rule fires.
+def centroid(strengths: Five, fis: FisTables) -> float:
+    """Centroid of max over words of min(strength, output membership); 0 if that is empty.
 
     Sample y_i and its mirror -y_i are taken together: their moments are y_i (mu(y_i) - mu(-y_i)).
     """
@@ -163,15 +180,22 @@ def centroid(strengths, fis):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def infer(position_error, velocity_error, fis):  # type: ignore[no-untyped-def]
-    """Mamdani inference: two normalised errors in [-1, 1] to an output in (-1, 1)."""
+def infer(position_error: float, velocity_error: float, fis: FisTables) -> float:
+    """Mamdani inference: two normalised errors in [-1, 1] to an output in [-1, 1]."""
     position_grades = memberships(position_error, fis.position)
     velocity_grades = memberships(velocity_error, fis.velocity)
     return centroid(fire_rules(position_grades, velocity_grades, fis.rules), fis)
 
 
 @kernel
-def axis_force(r, v, position_scale, velocity_scale, force_scale, fis):  # type: ignore[no-untyped-def]
+def axis_force(
+    r: float,
+    v: float,
+    position_scale: float,
+    velocity_scale: float,
+    force_scale: float,
+    fis: FisTables,
+) -> float:
     """Commanded force [N] of one axis from its position [m] and velocity [m/s]."""
     position_error = saturate(-r / position_scale, 1.0)
     velocity_error = saturate(-v / velocity_scale, 1.0)
@@ -179,7 +203,7 @@ def axis_force(r, v, position_scale, velocity_scale, force_scale, fis):  # type:
 
 
 @kernel
-def cw_step(state, force, c):  # type: ignore[no-untyped-def]
+def cw_step(state: State, force: Vector, c: CwStep) -> State:
     """State (x, y, z, vx, vy, vz) one step later under a constant force (fx, fy, fz) [N]."""
     x, y, z, vx, vy, vz = state
     fx, fy, fz = force
@@ -194,7 +218,13 @@ def cw_step(state, force, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plant_step(state, command, disturbance, limit, c):  # type: ignore[no-untyped-def]
+def plant_step(
+    state: State,
+    command: Vector,
+    disturbance: Vector,
+    limit: float,
+    c: CwStep,
+) -> State:
     """One step of the plant: the thrusters saturate the command at `limit` [N] per axis."""
     total = (
         saturate(command[0], limit) + disturbance[0],
@@ -205,8 +235,17 @@ def plant_step(state, command, disturbance, limit, c):  # type: ignore[no-untype
 
 
 @kernel
-def closed_loop(start, scales, fis, disturbance, limit, c, states, forces):  # type: ignore[no-untyped-def]
-    """Fly: fill states (N+1, 6) and commanded forces (N+1, 3) from a start and disturbances (N+1, 3).
+def closed_loop(
+    start: State,
+    scales: Vector,
+    fis: FisTables,
+    disturbance: Any,
+    limit: float,
+    c: CwStep,
+    states: NDArray[np.float64],
+    forces: NDArray[np.float64],
+) -> None:
+    """Fly N ticks: fill states (N+1, 6) and commanded forces (N+1, 3), given disturbances (N+1, 3).
 
     The force of the last state is computed, as the nodes answer it, but not flown.
     """
@@ -235,8 +274,8 @@ _HALF_PI_C = 2.0222662487959506e-21
 
 
 @kernel
-def sin_cos(angle):  # type: ignore[no-untyped-def]
-    """Sine and cosine [rad], |angle| < 1e6, from + - * only.
+def sin_cos(angle: float) -> tuple[float, float]:
+    """Sine and cosine of an angle [rad] below `MAX_ANGLE_RAD`, from + - * only.
 
     The C library's differ in the last bit between versions and processors; these do not.
     Taylor series on [-pi/4, pi/4], truncated below 5e-18.
@@ -245,10 +284,12 @@ def sin_cos(angle):  # type: ignore[no-untyped-def]
     quarter = int(turns + 0.5) if turns >= 0.0 else int(turns - 0.5)
     r = ((angle - quarter * _HALF_PI_A) - quarter * _HALF_PI_B) - quarter * _HALF_PI_C
     q = r * r
+    # fmt: off
     sine = r - r * q * (1 / 6 - q * (1 / 120 - q * (1 / 5040 - q * (1 / 362880 - q * (
         1 / 39916800 - q * (1 / 6227020800 - q * (1 / 1307674368000 - q / 355687428096000)))))))
     cosine = 1.0 - q * (1 / 2 - q * (1 / 24 - q * (1 / 720 - q * (1 / 40320 - q * (
         1 / 3628800 - q * (1 / 479001600 - q * (1 / 87178291200 - q / 20922789888000)))))))
+    # fmt: on
     side = quarter % 4
     if side == 0:
         return sine, cosine

@@ -16,9 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import cw, files
-from rpo_core.disturbance import NONE, Disturbance, Harmonic, paper
-from rpo_core.kernels import CwStep
-from rpo_core.validation import InputError, choice, mapping, real, shown, text, vector3
+from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, Harmonic, paper
+from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State
+from rpo_core.validation import (
+    InputError,
+    choice,
+    mapping,
+    real,
+    shown,
+    store,
+    text,
+    vector3,
+    within,
+)
 
 SCHEMA = 'rpo/scenario/1'
 SET_SCHEMA = 'rpo/scenario_set/1'
@@ -28,12 +38,15 @@ NANOSECONDS = 1_000_000_000
 DISTURBANCES = ('none', 'paper_offset', 'paper_phase')
 """Presets of the field `disturbance`."""
 
-MAX_TICKS = 100_000_000
+MAX_TICKS = 10_000_000
 MAX_POSITION_M = 100_000.0
 MAX_VELOCITY_M_S = 1_000.0
+MAX_SET_POSITIONS = 100
+"""Positions per axis of a set: a million starts."""
 
-_COMMON = ('schema', 'name', 'description', 'orbit_radius_m', 'mass_kg', 'max_force_n', 'dt_s',
-           'duration_s', 'initial_velocity_m_s', 'epoch', 'disturbance')
+_STAMP_END_NS = 2**31 * NANOSECONDS  # the seconds of a ROS stamp are an int32
+
+_FIELDS = ('orbit_radius_m', 'mass_kg', 'max_force_n', 'dt_s', 'duration_s', 'initial_velocity_m_s')
 
 
 @dataclass(frozen=True)
@@ -57,23 +70,57 @@ class Scenario:
     description: str = field(default='', compare=False)
 
     def __post_init__(self) -> None:
-        real('orbit_radius_m', self.orbit_radius_m, 'm', least=6.4e6, most=1e9)
-        real('mass_kg', self.mass_kg, 'kg', above=0.0)
-        real('max_force_n', self.max_force_n, 'N', above=0.0)
-        real('dt_s', self.dt_s, 's', least=1e-6, most=1e3)
-        real('duration_s', self.duration_s, 's', above=0.0)
-        vector3('initial_position_m', self.initial_position_m, 'm', bound=MAX_POSITION_M)
-        vector3('initial_velocity_m_s', self.initial_velocity_m_s, 'm/s', bound=MAX_VELOCITY_M_S)
+        store(
+            self,
+            name=text('name', self.name),
+            description=text('description', self.description, empty=True),
+            orbit_radius_m=real('orbit_radius_m', self.orbit_radius_m, 'm', least=6.4e6, most=1e9),
+            mass_kg=real('mass_kg', self.mass_kg, 'kg', least=1e-3, most=1e9),
+            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=MAX_FORCE_N),
+            dt_s=real('dt_s', self.dt_s, 's', least=1e-6, most=1e3),
+            duration_s=real('duration_s', self.duration_s, 's', above=0.0, most=1e9),
+            initial_position_m=vector3(
+                'initial_position_m', self.initial_position_m, 'm', bound=MAX_POSITION_M
+            ),
+            initial_velocity_m_s=vector3(
+                'initial_velocity_m_s', self.initial_velocity_m_s, 'm/s', bound=MAX_VELOCITY_M_S
+            ),
+        )
+        self._check_ticks()
+        self._check_angles()
+
+    def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
-            raise InputError('`dt_s` must be a whole number of nanoseconds, the tick of a stamp; '
-                             f'got {self.dt_s!r}')
+            raise InputError(
+                '`dt_s` must be a whole number of nanoseconds, the tick of a stamp; '
+                f'got {self.dt_s!r}'
+            )
         duration_ns = round(self.duration_s * NANOSECONDS)
         if duration_ns % self.dt_ns != 0 or duration_ns < self.dt_ns:
-            raise InputError(f'`duration_s` must be a multiple of `dt_s` = {self.dt_s!r} s; '
-                             f'got {self.duration_s!r}')
+            raise InputError(
+                f'`duration_s` must be a multiple of `dt_s` = {self.dt_s!r} s; '
+                f'got {self.duration_s!r}'
+            )
         if self.ticks > MAX_TICKS:
-            raise InputError(f'`duration_s` must be at most {MAX_TICKS} ticks of `dt_s`; '
-                             f'got {self.ticks}')
+            raise InputError(
+                f'`duration_s` must be at most {MAX_TICKS} ticks of `dt_s`; got {self.ticks}'
+            )
+        if not 0 < self.epoch_ns <= self.stamp_ns(self.ticks) < _STAMP_END_NS:
+            raise InputError(
+                '`epoch` and the end of the flight must lie between 1970 and '
+                '2038-01-19, the range of a ROS stamp; got '
+                f'{self.epoch_ns / NANOSECONDS!r} s since 1970, and '
+                f'`duration_s` = {self.duration_s!r}'
+            )
+
+    def _check_angles(self) -> None:
+        for i, term in enumerate(self.disturbance.harmonics):
+            angle = abs(term.angular_rate_rad_s) * self.duration_s + abs(term.phase_rad)
+            if angle >= MAX_ANGLE_RAD:
+                raise InputError(
+                    f'`disturbance.harmonics[{i}]` must turn less than '
+                    f'{MAX_ANGLE_RAD:g} rad in the flight; got {angle!r}'
+                )
 
     @property
     def dt_ns(self) -> int:
@@ -91,7 +138,7 @@ class Scenario:
         return cw.mean_motion(self.orbit_radius_m)
 
     @property
-    def start(self) -> tuple[float, ...]:
+    def start(self) -> State:
         """Initial state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
         return (*self.initial_position_m, *self.initial_velocity_m_s)
 
@@ -127,11 +174,22 @@ class ScenarioSet:
     axis_positions_m: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if not self.axis_positions_m:
-            raise InputError('`initial_position_axis_m` must hold at least one position; got none')
-        for i, position in enumerate(self.axis_positions_m):
-            real(f'initial_position_axis_m[{i}]', position, 'm', least=-MAX_POSITION_M,
-                 most=MAX_POSITION_M)
+        field_name = 'initial_position_axis_m'
+        positions = self.axis_positions_m
+        if not isinstance(positions, (list, tuple)) or not 0 < len(positions) <= MAX_SET_POSITIONS:
+            raise InputError(
+                f'`{field_name}` must be a list of 1 to {MAX_SET_POSITIONS} positions '
+                f'in m; got {shown(positions)}'
+            )
+        store(
+            self,
+            axis_positions_m=tuple(
+                real(
+                    f'{field_name}[{i}]', position, 'm', least=-MAX_POSITION_M, most=MAX_POSITION_M
+                )
+                for i, position in enumerate(positions)
+            ),
+        )
 
     @property
     def name(self) -> str:
@@ -145,9 +203,10 @@ class ScenarioSet:
 
     def scenarios(self) -> list[Scenario]:
         """Return every member, named <set>_<index>."""
-        return [replace(self.base, name=f'{self.name}_{index}',
-                        initial_position_m=tuple(map(float, start)))
-                for index, start in enumerate(self.initial_positions_m)]
+        return [
+            replace(self.base, name=f'{self.name}_{index}', initial_position_m=(x, y, z))
+            for index, (x, y, z) in enumerate(self.initial_positions_m.tolist())
+        ]
 
 
 def parse(document: Any) -> Scenario | ScenarioSet:
@@ -155,45 +214,30 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     schema = document.get('schema') if isinstance(document, Mapping) else None
     is_set = schema == SET_SCHEMA
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
-    data = mapping('', document, [*(name for name in _COMMON if name != 'description'), start],
-                   ['description'])
+    data = mapping(
+        '', document, ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance'], ['description']
+    )
     if schema not in (SCHEMA, SET_SCHEMA):
         raise InputError(f'`schema` must be {SCHEMA} or {SET_SCHEMA}; got {shown(schema)}')
-    radius = real('orbit_radius_m', data['orbit_radius_m'], 'm', least=6.4e6, most=1e9)
-    position = ((0.0, 0.0, 0.0) if is_set else
-                vector3('initial_position_m', data[start], 'm', bound=MAX_POSITION_M))
     base = Scenario(
-        name=text('name', data['name']),
-        description=text('description', data.get('description', ''), empty=True),
-        orbit_radius_m=radius,
-        mass_kg=real('mass_kg', data['mass_kg'], 'kg', above=0.0),
-        max_force_n=real('max_force_n', data['max_force_n'], 'N', above=0.0),
-        dt_s=real('dt_s', data['dt_s'], 's', least=1e-6, most=1e3),
-        duration_s=real('duration_s', data['duration_s'], 's', above=0.0),
-        initial_position_m=position,
-        initial_velocity_m_s=vector3('initial_velocity_m_s', data['initial_velocity_m_s'], 'm/s',
-                                     bound=MAX_VELOCITY_M_S),
+        name=data['name'],
+        description=data.get('description', ''),
+        initial_position_m=(0.0, 0.0, 0.0) if is_set else data[start],
         epoch_ns=_epoch_ns(data['epoch']),
-        disturbance=_disturbance(data['disturbance'], cw.mean_motion(radius)),
+        **{name: data[name] for name in _FIELDS},
     )
-    if not is_set:
-        return base
-    positions = data[start]
-    if not isinstance(positions, list):
-        raise InputError(f'`{start}` must be a list of positions in m; got {shown(positions)}')
-    return ScenarioSet(base, tuple(real(f'{start}[{i}]', value, 'm')
-                                   for i, value in enumerate(positions)))
+    base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
+    return ScenarioSet(base, data[start]) if is_set else base
 
 
 def _epoch_ns(value: Any) -> int:
-    if isinstance(value, datetime.datetime):
-        moment = value.replace(tzinfo=value.tzinfo or datetime.timezone.utc)
-        since = moment - datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
-        nanoseconds = (since // datetime.timedelta(microseconds=1)) * 1000
-        if 0 < nanoseconds < 2**31 * NANOSECONDS:  # the range of a ROS stamp
-            return nanoseconds
-    raise InputError('`epoch` must be a UTC date and time between 1970 and 2038 like '
-                     f'2026-01-01T00:00:00Z; got {shown(value)}')
+    if not isinstance(value, datetime.datetime):
+        raise InputError(
+            f'`epoch` must be a UTC date and time like 2026-01-01T00:00:00Z; got {shown(value)}'
+        )
+    moment = value.replace(tzinfo=value.tzinfo or datetime.timezone.utc)
+    since = moment - datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+    return (since // datetime.timedelta(microseconds=1)) * 1000
 
 
 def _disturbance(value: Any, mean_motion_rad_s: float) -> Disturbance:
@@ -202,25 +246,20 @@ def _disturbance(value: Any, mean_motion_rad_s: float) -> Disturbance:
         return NONE if preset == 'none' else paper(preset.split('_')[1], mean_motion_rad_s)
     data = mapping('disturbance', value, ['constant_n', 'harmonics'])
     if not isinstance(data['harmonics'], list):
-        raise InputError('`disturbance.harmonics` must be a list; '
-                         f'got {shown(data["harmonics"])}')
-    return Disturbance(
-        vector3('disturbance.constant_n', data['constant_n'], 'N', bound=1e6),
-        tuple(_harmonic(i, term) for i, term in enumerate(data['harmonics'])),
+        raise InputError(f'`disturbance.harmonics` must be a list; got {shown(data["harmonics"])}')
+    harmonics = tuple(
+        _harmonic(f'disturbance.harmonics[{i}]', term) for i, term in enumerate(data['harmonics'])
     )
+    with within('disturbance'):
+        return Disturbance(data['constant_n'], harmonics)
 
 
-def _harmonic(index: int, value: Any) -> Harmonic:
-    name = f'disturbance.harmonics[{index}]'
-    data = mapping(name, value, ['axis', 'function', 'amplitude_n', 'angular_rate_rad_s'],
-                   ['phase_rad'])
-    try:
-        return Harmonic(
-            data['axis'], data['function'], real('amplitude_n', data['amplitude_n'], 'N'),
-            real('angular_rate_rad_s', data['angular_rate_rad_s'], 'rad/s'),
-            real('phase_rad', data.get('phase_rad', 0.0), 'rad'))
-    except InputError as error:
-        raise InputError(f'{name}: {error}') from None
+def _harmonic(name: str, value: Any) -> Harmonic:
+    data = mapping(
+        name, value, ['axis', 'function', 'amplitude_n', 'angular_rate_rad_s'], ['phase_rad']
+    )
+    with within(name):
+        return Harmonic(**data)
 
 
 def load(name: str | Path) -> Scenario | ScenarioSet:

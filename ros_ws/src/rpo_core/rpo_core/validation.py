@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -20,47 +21,84 @@ def shown(value: Any, limit: int = 60) -> str:
     return text if len(text) <= limit else f'{text[: limit - 3]}...'
 
 
-def _is_real(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+def quoted(name: str) -> str:
+    """Return a name from a file as an error quotes it: in backticks, if short and printable."""
+    return f'`{name}`' if name.isprintable() and len(name) <= 80 else shown(name)
 
 
-def real(name: str, value: Any, unit: str = '', *, above: float | None = None,
-         least: float | None = None, most: float | None = None) -> float:
-    """Return a finite float within (above, ...) or [least, most].
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Prefix an InputError raised inside with its place: a file, or a field of one."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f'{place}: {error}') from None
+
+
+def store(instance: Any, **checked: Any) -> None:
+    """Set checked values of a frozen dataclass from its `__post_init__`."""
+    for name, value in checked.items():
+        object.__setattr__(instance, name, value)
+
+
+def real(
+    name: str,
+    value: Any,
+    unit: str = '',
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    most: float | None = None,
+    below: float | None = None,
+) -> float:
+    """Return a finite float within (above, below) and [least, most].
 
     Raises
     ------
     InputError
         If `value` is not a number, not finite or out of range.
     """
-    bounds = [f'{sign} {bound:g}' for sign, bound in (('>', above), ('>=', least), ('<=', most))
-              if bound is not None]
-    expected = ' '.join(['a finite number', ' and '.join(bounds), unit]).replace('  ', ' ').strip()
-    if not _is_real(value):
-        hint = '; YAML wants a point in the mantissa (1.0e-3)' if _looks_real(value) else ''
-        raise InputError(f'`{name}` must be {expected}; got {shown(value)}{hint}')
-    number = float(value) if abs(value) < 1e300 else math.inf
-    inside = ((above is None or number > above) and (least is None or number >= least)
-              and (most is None or number <= most))
+    bounds = [
+        f'{sign} {bound:g}'
+        for sign, bound in (('>', above), ('>=', least), ('<=', most), ('<', below))
+        if bound is not None
+    ]
+    expected = ' '.join(filter(None, ['a finite number', ' and '.join(bounds), unit]))
+    if not isinstance(value, (int, float)) or isinstance(value, bool):
+        raise InputError(f'`{name}` must be {expected}; got {shown(value)}{_number_hint(value)}')
+    number = float(value) if abs(value) < 1e300 else math.inf  # float() of a huge int raises
+    inside = (
+        (above is None or number > above)
+        and (least is None or number >= least)
+        and (most is None or number <= most)
+        and (below is None or number < below)
+    )
     if not (math.isfinite(number) and inside):
         raise InputError(f'`{name}` must be {expected}; got {shown(value)}')
     return number
 
 
-def _looks_real(value: Any) -> bool:
-    if not isinstance(value, str):
-        return False
+def _number_hint(value: Any) -> str:
+    """Return why a text that looks like a number is none to YAML, '' if it does not look so."""
     try:
-        float(value)
+        number = float(value) if isinstance(value, str) else math.nan
     except ValueError:
-        return False
-    return True
+        return ''
+    if not math.isfinite(number):
+        return ''
+    if 'e' in value.lower():
+        return '; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3'
+    return '; without the quotes it is a number'
 
 
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """Return an int within [least, most]; raises InputError."""
-    inside = (isinstance(value, int) and not isinstance(value, bool) and value >= least
-              and (most is None or value <= most))
+    inside = (
+        isinstance(value, int)
+        and not isinstance(value, bool)
+        and value >= least
+        and (most is None or value <= most)
+    )
     if not inside:
         upper = '' if most is None else f' and <= {most}'
         raise InputError(f'`{name}` must be a whole number >= {least}{upper}; got {shown(value)}')
@@ -69,20 +107,25 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
 
 def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, float, float]:
     """Return three finite floats, each within `bound` of zero; raises InputError."""
-    if hasattr(value, 'tolist'):
+    if hasattr(value, 'tolist'):  # a NumPy array
         value = value.tolist()
     if isinstance(value, (str, bytes)) or not isinstance(value, Sequence) or len(value) != 3:
-        raise InputError(f'`{name}` must be a list of 3 numbers [x, y, z] in {unit}; '
-                         f'got {shown(value)}')
-    x, y, z = (real(f'{name}[{i}]', component, unit, least=-bound, most=bound)
-               for i, component in enumerate(value))
+        raise InputError(
+            f'`{name}` must be a list of 3 numbers [x, y, z] in {unit}; got {shown(value)}'
+        )
+    x, y, z = (
+        real(f'{name}[{i}]', component, unit, least=-bound, most=bound)
+        for i, component in enumerate(value)
+    )
     return x, y, z
 
 
 def text(name: str, value: Any, *, empty: bool = False) -> str:
-    """Return a string, not blank unless `empty`; raises InputError."""
+    """Return a printable string, not blank unless `empty`; raises InputError."""
     if not isinstance(value, str) or not (empty or value.strip()):
         raise InputError(f'`{name}` must be a text; got {shown(value)}')
+    if not all(c.isprintable() or c in '\n\t' for c in value):
+        raise InputError(f'`{name}` must be printable; got {shown(value)}')
     return value
 
 
@@ -94,8 +137,9 @@ def choice(name: str, value: Any, known: Iterable[str]) -> str:
     return value
 
 
-def mapping(name: str, value: Any, required: Iterable[str],
-            optional: Iterable[str] = ()) -> Mapping[str, Any]:
+def mapping(
+    name: str, value: Any, required: Iterable[str], optional: Iterable[str] = ()
+) -> Mapping[str, Any]:
     """Return `value` if it is a mapping with all `required` keys and no unknown ones.
 
     Raises
@@ -104,7 +148,7 @@ def mapping(name: str, value: Any, required: Iterable[str],
         Naming the first missing or unknown key, with the nearest known one.
     """
     required, known = list(required), [*required, *optional]
-    label = f'`{name}`' if name else 'the file'
+    label = f'`{name}`' if name else 'the document'
     prefix = f'{name}.' if name else ''
     if not isinstance(value, Mapping):
         raise InputError(f'{label} must be a mapping with {", ".join(known)}; got {shown(value)}')
@@ -112,7 +156,7 @@ def mapping(name: str, value: Any, required: Iterable[str],
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
             hint = f'; did you mean `{near[0]}`?' if near else f'; known: {", ".join(known)}'
-            raise InputError(f'`{prefix}{key}` is not a known field{hint}')
+            raise InputError(f'{quoted(f"{prefix}{key}")} is not a known field{hint}')
     for key in required:
         if key not in value:
             raise InputError(f'`{prefix}{key}` is missing')
