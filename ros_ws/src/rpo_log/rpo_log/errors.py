@@ -7,6 +7,8 @@ from __future__ import annotations
 from enum import Enum, IntEnum
 from pathlib import Path
 
+from rpo_core.validation import InputError
+
 
 class ExitCode(IntEnum):
     """Exit codes of the commands that read logs."""
@@ -40,7 +42,7 @@ class Kind(str, Enum):
     BAD_MESSAGE = 'bad message'
 
 
-class LogError(ValueError):
+class LogError(InputError):
     """A log that cannot be written or read: one sentence, and what kind of fault it is.
 
     kind : Kind

@@ -78,7 +78,7 @@ class McapFile:
     Nothing in it depends on the wall clock or the machine. The compression level is zstd's own, 3.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, profile: str = PROFILE, library: str = LIBRARY) -> None:
         try:
             self._sink = _Sink(path)
         except FileExistsError:
@@ -90,7 +90,7 @@ class McapFile:
         self.path = path
         self._writer = Writer(self._sink, chunk_size=_UNLIMITED,  # type: ignore[arg-type]
                               compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._writer.start(profile=PROFILE, library=LIBRARY)
+        self._writer.start(profile=profile, library=library)
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
         self._syncing: Future[None] | None = None
 

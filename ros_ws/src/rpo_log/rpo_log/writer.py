@@ -19,19 +19,7 @@ from rpo_log import cdr, rosbag2, topics
 from rpo_log.bag_file import BagFileWriter, bag_topics
 from rpo_log.errors import LogError
 from rpo_log.orderer import TickOrderer
-from rpo_log.run import (
-    CONTROLLER,
-    METADATA_FILE,
-    PARAMETERS,
-    SCENARIO,
-    RunSummary,
-    TimeBase,
-    cannot_write,
-    prepare_folder,
-)
-
-__all__ = ['CONTROLLER', 'PARAMETERS', 'SCENARIO', 'RunLogWriter', 'RunSummary', 'TimeBase',
-           'prepare_folder']
+from rpo_log.run import METADATA_FILE, RunSummary, TimeBase, cannot_write, prepare_folder
 
 SYNC_INTERVAL_S = 1.0
 
@@ -127,6 +115,11 @@ class RunLogWriter:
                 self._fail(error)
             self._file.close()
         return self.summary
+
+    @property
+    def next_tick(self) -> int:
+        """The first tick that is not complete yet, or not yet given up."""
+        return self._orderer.next_tick
 
     @property
     def summary(self) -> RunSummary:
