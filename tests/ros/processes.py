@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Real nodes as real processes: start by `ros2 run`, signal, wait with a deadline, read what they said."""
+"""Real nodes as real processes: `ros2 run`, signals, waiting with a deadline, what they said."""
 
 from __future__ import annotations
 
@@ -72,7 +72,14 @@ class Flight:
     def node(self, package: str, executable: str, *args: str, **parameters: object) -> RunningNode:
         """Start a node; keyword arguments are ROS parameters."""
         ros = [part for key, value in parameters.items() for part in ('-p', f'{key}:={value}')]
-        command = ['ros2', 'run', package, executable, *args, *(['--ros-args', *ros] if ros else [])]
+        command = [
+            'ros2',
+            'run',
+            package,
+            executable,
+            *args,
+            *(['--ros-args', *ros] if ros else []),
+        ]
         log = self.folder / f'{len(self.nodes)}_{executable}.txt'
         self.nodes.append(RunningNode(command, self.env, log))
         return self.nodes[-1]

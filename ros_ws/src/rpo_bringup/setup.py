@@ -20,7 +20,7 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='The running system: final_approach flies plant, controller, disturbance and recorder in one process.',
+    description='The running system: final_approach flies all nodes in one process.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={

@@ -17,7 +17,7 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='What every node shares: QoS profiles, message conversions, parameter tables, clean start and stop.',
+    description='What nodes share: QoS, conversions, parameter tables, start and stop.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
 )

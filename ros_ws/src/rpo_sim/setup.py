@@ -17,7 +17,7 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='Nodes of the simulated world: the Clohessy-Wiltshire plant and the disturbance injector.',
+    description='Nodes of the simulated world: CW plant and disturbance injector.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={

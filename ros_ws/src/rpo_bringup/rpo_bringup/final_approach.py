@@ -18,6 +18,7 @@ from rpo_core.controller import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log import report
+from rpo_log.reader import read_flight
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
@@ -82,7 +83,6 @@ def _both_done(nodes: Sequence[FlightNode]) -> bool:
 
 
 def _report(folder: Path, wall_s: float) -> None:
-    from rpo_log.reader import read_flight
     flight = read_flight(folder)
     name = flight.scenario.name
     print(f'flew {flight.scenario.duration_s:g} s in {wall_s:.2f} s: {folder}')

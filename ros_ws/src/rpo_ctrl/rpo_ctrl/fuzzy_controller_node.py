@@ -19,7 +19,7 @@ from rpo_ros.running import FlightNode, run_node
 
 PARAMETERS = (
     Row('controller', controller.DEFAULT_CONTROLLER,
-        'shipped controller, or path of a controller file'),
+        'shipped controller, or path of a controller file', example='path/to/mine.yaml'),
 )  # fmt: skip
 
 
@@ -62,7 +62,7 @@ class FuzzyControllerNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_ctrl fuzzy_controller`."""
-    return run_node(FuzzyControllerNode)
+    return run_node('ros2 run rpo_ctrl fuzzy_controller', FuzzyControllerNode, __doc__, PARAMETERS)
 
 
 if __name__ == '__main__':

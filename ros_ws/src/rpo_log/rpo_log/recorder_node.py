@@ -34,7 +34,8 @@ from rpo_ros.running import FlightNode, run_node
 EXIT_INCOMPLETE = 1
 
 PARAMETERS = (
-    Row('output', '', 'run folder; empty: runs/recording-<date>-<time>', wall=True),
+    Row('output', '', 'run folder; empty: runs/recording-<date>-<time>', wall=True,
+        example='runs/second'),
     Row('overwrite', False, 'replace the run in an existing folder', wall=True),
     Row('split_s', 0.0, 'begin a new file after so much simulated time; 0: one file', 's'),
     Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
@@ -122,7 +123,9 @@ class RecorderNode(FlightNode):
             try:
                 found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
             except (InputError, KeyError) as error:
-                self.get_logger().error(f'the manifest of the plant has no usable scenario: {error}')
+                self.get_logger().error(
+                    f'the manifest of the plant has no usable scenario: {error}'
+                )
                 return
             if isinstance(found, scenario.Scenario):
                 self._scenario = found
@@ -155,10 +158,12 @@ class RecorderNode(FlightNode):
             self.exit_code = EXIT_INCOMPLETE
 
     def _begin(self) -> None:
-        """Open the log as soon as it is known what flies, and who flies it or that they do not say."""
+        """Open the log once it is known what flies, and who flies it or that they do not say."""
         if self._scenario is None:
             return
-        roles = ['controller'] if self._scenario.disturbance.is_zero else ['controller', 'disturbance']
+        roles = (
+            ['controller'] if self._scenario.disturbance.is_zero else ['controller', 'disturbance']
+        )
         silent = [role for role in roles if role not in self._manifests]
         if silent and len(self._early) <= _ENOUGH_EARLY:
             return
@@ -182,8 +187,9 @@ class RecorderNode(FlightNode):
     def _attachments(self) -> dict[str, bytes]:
         """Return what the nodes run with: their files, and a file of all their parameters."""
         found: dict[str, bytes] = {}
-        parameters: dict[str, dict[str, Any]] = {'recorder': {
-            row.name: self.values[row.name] for row in PARAMETERS if not row.wall}}
+        parameters: dict[str, dict[str, Any]] = {
+            'recorder': {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
+        }
         for manifest in self._manifests.values():
             values = _values(manifest)
             for key, value in values.items():
@@ -191,7 +197,9 @@ class RecorderNode(FlightNode):
                     found[key.removeprefix(_FILE)] = value.encode()
             parameters[manifest.name] = {
                 key.removeprefix(_PARAMETER): yaml.safe_load(value)
-                for key, value in values.items() if key.startswith(_PARAMETER)}
+                for key, value in values.items()
+                if key.startswith(_PARAMETER)
+            }
         found[run_log.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
         return found
 
@@ -232,7 +240,7 @@ def _values(status: DiagnosticStatus) -> dict[str, str]:
 
 def main() -> int:
     """Entry point of `ros2 run rpo_log recorder`."""
-    return run_node(RecorderNode)
+    return run_node('ros2 run rpo_log recorder', RecorderNode, __doc__, PARAMETERS)
 
 
 if __name__ == '__main__':

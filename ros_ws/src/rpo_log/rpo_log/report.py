@@ -30,17 +30,35 @@ def rows(flight: Flight) -> list[Row]:
     """Return the table: the paper's claims that apply, the conditions of training, the energy."""
     figures = metrics.assess(flight)
     speed, slew, arrival = figures.conditions
-    table = [(f'paper: {claim.statement}', f'{claim.flown:.4g} {claim.unit}',
-              f'<= {claim.paper:.4g} {claim.unit}', _verdict(claim.holds))
-             for claim in metrics.claims(flight)]
+    table = [
+        (
+            f'paper: {claim.statement}',
+            f'{claim.flown:.4g} {claim.unit}',
+            f'<= {claim.paper:.4g} {claim.unit}',
+            _verdict(claim.holds),
+        )
+        for claim in metrics.claims(flight)
+    ]
     return [
         *table,
-        ('mean speed, last 30 s', f'{figures.arrival_speed_m_s:.4g} m/s',
-         f'<= {metrics.MAX_ARRIVAL_SPEED_M_S:g} m/s', _verdict(speed)),
-        ('largest |df/dt|', f'{figures.slew_n_s:.4g} N/s', f'<= {metrics.MAX_SLEW_N_S:g} N/s',
-         _verdict(slew)),
-        ('mean distance, last 30 s', f'{figures.arrival_distance_m:.4g} m',
-         f'<= {metrics.MAX_ARRIVAL_DISTANCE_M:g} m', _verdict(arrival)),
+        (
+            'mean speed, last 30 s',
+            f'{figures.arrival_speed_m_s:.4g} m/s',
+            f'<= {metrics.MAX_ARRIVAL_SPEED_M_S:g} m/s',
+            _verdict(speed),
+        ),
+        (
+            'largest |df/dt|',
+            f'{figures.slew_n_s:.4g} N/s',
+            f'<= {metrics.MAX_SLEW_N_S:g} N/s',
+            _verdict(slew),
+        ),
+        (
+            'mean distance, last 30 s',
+            f'{figures.arrival_distance_m:.4g} m',
+            f'<= {metrics.MAX_ARRIVAL_DISTANCE_M:g} m',
+            _verdict(arrival),
+        ),
         ('energy J', f'{figures.energy_n2s:.4g} N^2 s', '', ''),
     ]
 
@@ -61,7 +79,7 @@ def print_table(flight: Flight, title: str) -> None:
     from rich.table import Table
 
     table = Table(title=title, title_justify='left')
-    for name, side in zip(header, ('left', 'right', 'right', 'left')):
+    for name, side in zip(header, ('left', 'right', 'right', 'left'), strict=True):
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows(flight):
         style = {'holds': 'green', 'MISSED': 'bold red'}.get(row[3], '')
@@ -89,8 +107,13 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     level = metrics.disturbance_level_n(flight)
     if level > 0.0:
         for sign in (-1.0, 1.0):
-            panels[2].axhline(sign * level, color='0.35', linestyle='--', linewidth=1.0,
-                              label='level of the disturbance' if sign > 0 else None)
+            panels[2].axhline(
+                sign * level,
+                color='0.35',
+                linestyle='--',
+                linewidth=1.0,
+                label='level of the disturbance' if sign > 0 else None,
+            )
     panels[2].legend(loc='upper right', fontsize='small')
     panels[0].legend(loc='upper right', fontsize='small')
     panels[2].set_xlabel('time [s]')
@@ -102,7 +125,7 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
 
 
 def _panel(axes: Any, times: np.ndarray, values: np.ndarray, label: str) -> None:
-    for name, colour, column in zip(AXIS_NAMES, AXIS_COLOURS, values.T):
+    for name, colour, column in zip(AXIS_NAMES, AXIS_COLOURS, values.T, strict=True):
         axes.plot(times, column, color=colour, linewidth=1.4, label=name)
     axes.axhline(0.0, color='0.8', linewidth=0.8, zorder=0)
     axes.set_ylabel(label)

@@ -1,7 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Between ROS messages and the core's floats. Every float field gets a float: rclpy publishes garbage
-for an int in a float64 field, silently."""
+"""Between ROS messages and the core's floats.
+
+Every float field gets a float: rclpy publishes garbage for an int in a float64 field, silently.
+"""
 
 from __future__ import annotations
 
@@ -80,14 +82,17 @@ def fault_of(message: Odometry | WrenchStamped, values: Iterable[float]) -> str:
     return '' if all(math.isfinite(value) for value in values) else 'not_finite'
 
 
-def to_status(level: bytes, name: str, message: str,
-              values: Iterable[tuple[str, object]]) -> DiagnosticStatus:
+def to_status(
+    level: bytes, name: str, message: str, values: Iterable[tuple[str, object]]
+) -> DiagnosticStatus:
     """Return a DiagnosticStatus; values become texts (floats by repr, so that they round-trip)."""
     return DiagnosticStatus(
         level=level,
         name=name,
         message=message,
         hardware_id='none',
-        values=[KeyValue(key=key, value=value if isinstance(value, str) else repr(value))
-                for key, value in values],
+        values=[
+            KeyValue(key=key, value=value if isinstance(value, str) else repr(value))
+            for key, value in values
+        ],
     )

@@ -29,6 +29,7 @@ class Row:
     least, most : range of a number, both included
     choices : the texts allowed; empty: any
     wall : concerns wall time or transport only, so it does not change the flight
+    example : a value to show in `--help`; the table's first row needs one
     """
 
     name: str
@@ -39,6 +40,7 @@ class Row:
     most: float = _LARGEST
     choices: tuple[str, ...] = ()
     wall: bool = False
+    example: str = ''
 
     def descriptor(self) -> ParameterDescriptor:
         """Return what `ros2 param describe` shows; nothing may change in flight."""
@@ -46,23 +48,43 @@ class Row:
         descriptor = ParameterDescriptor(name=self.name, description=text, read_only=True)
         if isinstance(self.default, float):
             descriptor.floating_point_range = [
-                FloatingPointRange(from_value=self.least, to_value=self.most, step=0.0)]
+                FloatingPointRange(from_value=self.least, to_value=self.most, step=0.0)
+            ]
         if self.choices:
             descriptor.additional_constraints = f'one of {", ".join(self.choices)}'
         return descriptor
+
+    def summary(self) -> str:
+        """Return default, unit and choices in words."""
+        if isinstance(self.default, bool):
+            default = str(self.default).lower()
+        else:
+            default = f'{self.default} {self.unit}'.strip() or 'empty'
+        return f'default {default}' + (f'; {" or ".join(self.choices)}' if self.choices else '')
 
     def check(self, value: Any) -> bool | float | str:
         """Return the value of the right type; raises InputError."""
         if isinstance(self.default, bool):
             if not isinstance(value, bool):
-                raise InputError(f'`{self.name}` must be true or false; '
-                                 f'got {validation.shown(value)}')
+                raise InputError(
+                    f'`{self.name}` must be true or false; got {validation.shown(value)}'
+                )
             return value
         if isinstance(self.default, float):
             return validation.real(self.name, value, self.unit, least=self.least, most=self.most)
         if self.choices:
             return validation.choice(self.name, value, self.choices)
         return validation.text(self.name, value, empty=self.default == '')
+
+
+def usage(command: str, about: str, rows: Sequence[Row]) -> str:
+    """Return the text of `--help`: what a node does, its parameters, an example."""
+    lines = [f'usage: {command} [--ros-args -p NAME:=VALUE ...]', '', about, '', 'parameters:']
+    for row in rows:
+        lines += [f'  {row.name}', f'      {row.description} ({row.summary()})']
+    first = rows[0]
+    lines += ['', 'example:', f'  {command} --ros-args -p {first.name}:={first.example}']
+    return '\n'.join(lines)
 
 
 def declare(node: Node, rows: Sequence[Row]) -> dict[str, Any]:

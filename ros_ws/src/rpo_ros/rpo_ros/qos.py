@@ -20,8 +20,8 @@ def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
 
 
 LOCKSTEP = _reliable(64, QoSDurabilityPolicy.VOLATILE)
-"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a recorder
-that is some ticks behind. Not transient local: a late joiner must not be given another run's forces."""
+"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a
+recorder some ticks behind. Not transient local: a late joiner must not get another run's forces."""
 
 RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
 """The recorder's queue for states and forces: some seconds at full speed."""

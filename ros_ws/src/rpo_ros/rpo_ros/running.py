@@ -16,8 +16,10 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from rpo_core.validation import InputError
+from rpo_ros.parameters import Row, usage
 
 EXIT_BAD_INPUT = 2
 
@@ -33,8 +35,12 @@ class FlightNode(Node):
     """
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(name, parameter_overrides=[
-            Parameter(key, value=value) for key, value in (overrides or {}).items()])
+        super().__init__(
+            name,
+            parameter_overrides=[
+                Parameter(key, value=value) for key, value in (overrides or {}).items()
+            ],
+        )
         self.done = False
         self.exit_code = 0
 
@@ -55,7 +61,7 @@ class _StopSignal:
 
 
 def new_executor() -> Executor:
-    """Return the events executor where rclpy has it (three times the tick rate), else the stock one."""
+    """Return the events executor where rclpy has it (three times faster), else the stock one."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -79,8 +85,11 @@ def spin(nodes: Sequence[FlightNode], until: Callable[[], bool]) -> str:
     return stop.name
 
 
-def run(make: Callable[[], Sequence[FlightNode]], args: Sequence[str] | None = None,
-        until: Callable[[Sequence[Any]], bool] | None = None) -> int:
+def run(
+    make: Callable[[], Sequence[FlightNode]],
+    args: Sequence[str] | None = None,
+    until: Callable[[Sequence[Any]], bool] | None = None,
+) -> int:
     """Make nodes, run them to their end and return the exit code of the process.
 
     until : tells from the nodes when to end; by default when the first is done
@@ -103,6 +112,23 @@ def run(make: Callable[[], Sequence[FlightNode]], args: Sequence[str] | None = N
         rclpy.try_shutdown()
 
 
-def run_node(make: Callable[[], FlightNode], args: Sequence[str] | None = None) -> int:
-    """Run one node; the `main` of every node."""
-    return run(lambda: [make()], args)
+def run_node(
+    command: str, make: Callable[[], FlightNode], about: str | None, rows: Sequence[Row]
+) -> int:
+    """Run one node from the command line; the `main` of every node.
+
+    command : as people type it, for `--help`
+    about : what the node does, in a sentence
+    """
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        print(usage(command, about or '', rows))
+        return 0
+    stray = remove_ros_args(sys.argv)[1:]
+    if stray:
+        print(
+            f'unknown argument {stray[0]!r}; parameters come as --ros-args -p NAME:=VALUE, see '
+            f'`{command} --help`',
+            file=sys.stderr,
+        )
+        return EXIT_BAD_INPUT
+    return run(lambda: [make()])

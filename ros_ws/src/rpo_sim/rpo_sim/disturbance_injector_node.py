@@ -18,7 +18,8 @@ from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node
 
 PARAMETERS = (
-    Row('scenario', 'paper_test', 'shipped scenario, or path of a scenario file'),
+    Row('scenario', 'paper_test', 'shipped scenario, or path of a scenario file',
+        example='paper_test_phase'),
 )  # fmt: skip
 
 
@@ -55,7 +56,9 @@ class DisturbanceInjectorNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_sim disturbance_injector`."""
-    return run_node(DisturbanceInjectorNode)
+    return run_node(
+        'ros2 run rpo_sim disturbance_injector', DisturbanceInjectorNode, __doc__, PARAMETERS
+    )
 
 
 if __name__ == '__main__':

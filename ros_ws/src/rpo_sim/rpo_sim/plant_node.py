@@ -27,10 +27,11 @@ from rpo_sim.lockstep import ACCEPTED, LockstepPlant
 EXIT_ABORTED = 3
 
 PARAMETERS = (
-    Row('scenario', 'approach', 'shipped scenario, or path of a scenario file'),
-    Row('on_peer_timeout', 'abort', 'when a peer stops answering: end the run, or fly on without it',
+    Row('scenario', 'approach', 'shipped scenario, or path of a scenario file',
+        example='paper_test'),
+    Row('on_peer_timeout', 'abort', 'when a peer stops answering: end the run or fly on without it',
         choices=('abort', 'coast')),
-    Row('real_time_factor', 0.0, 'simulated seconds per second; 0: as fast as it goes', '1',
+    Row('real_time_factor', 0.0, 'simulated seconds per second; 0: as fast as it goes',
         most=1e6, wall=True),
     Row('resend_after_s', 0.25, 'wall time without an answer before a state is sent again', 's',
         least=1e-3, wall=True),
@@ -38,8 +39,8 @@ PARAMETERS = (
         least=1e-2, wall=True),
     Row('start_timeout_s', 0.0, 'wall time to wait for peers before tick 0; 0: for ever', 's',
         wall=True),
-    Row('wait_for_recorder', False, 'insist on a recorder before tick 0 (one in sight is waited for '
-        'anyway)', wall=True),
+    Row('wait_for_recorder', False, 'insist on a recorder before tick 0; one in sight is waited '
+        'for anyway', wall=True),
     Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
 
@@ -151,12 +152,14 @@ class PlantNode(FlightNode):
                 self._send()
 
     def _wait(self, now: float) -> None:
-        """Send state 0 until it is answered and the recorder, if any, is ready: all are connected."""
+        """Send state 0 until it is answered and a recorder is ready: then all are connected."""
         absent = [topic for topic in self.plant.expected if not self.count_publishers(topic)]
         if not absent:
             self._send()
         recorder = self.values['wait_for_recorder'] or self.count_publishers(names.RECORDER_STATUS)
-        awaited = self.plant.missing + ['the recorder'] * bool(recorder and self._recorder != 'ready')
+        awaited = self.plant.missing + ['the recorder'] * bool(
+            recorder and self._recorder != 'ready'
+        )
         if not awaited:
             self.phase = 'running'
             self._progress = now
@@ -215,7 +218,7 @@ class PlantNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_sim plant`."""
-    return run_node(PlantNode)
+    return run_node('ros2 run rpo_sim plant', PlantNode, __doc__, PARAMETERS)
 
 
 if __name__ == '__main__':
