@@ -8,9 +8,9 @@
 SHELL := bash
 .DEFAULT_GOAL := help
 
-BOOTSTRAP_PYTHON := $(or $(PYTHON),$(shell command -v python3 python3.12 python3.13 python3.11 python3.10 | head -n 1))
-SETUP = @$(if $(BOOTSTRAP_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is no python3 on the PATH: install it first.' >&2; exit 1;) \
-	$(BOOTSTRAP_PYTHON) ros_ws/underlay/bootstrap.py $(if $(PYTHON),--python $(PYTHON))
+ANY_PYTHON := $(or $(firstword $(shell command -v python3 python3.12 python3.13 python3.11 python3.10)),$(PYTHON))
+SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is no python3 on the PATH: install it first.' >&2; exit 1;) \
+	$(ANY_PYTHON) ros_ws/underlay/bootstrap.py $(if $(PYTHON),--python '$(PYTHON)')
 # One shell line of its own: the environment that `source ros_ws/env.bash` gives an interactive shell.
 ENV = @source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests

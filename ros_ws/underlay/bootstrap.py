@@ -51,9 +51,11 @@ def underlay_environment(ros_prefix: str) -> Dict[str, str]:
     return host.ros_environment(ros_prefix, environ) if ros_prefix else environ
 
 
-def choose(asked: Optional[str], ros_prefix: str) -> Interpreter:
-    """Return the interpreter for a new environment."""
+def choose(asked: Optional[str], ros_prefix: str, last: Optional[Identity]) -> Interpreter:
+    """Return the interpreter for a new environment; the one of the last environment if it can."""
     names: List[str] = [asked] if asked else list(host.CANDIDATES)
+    if last is not None and not asked:
+        names.insert(0, last.python)
     if ros_prefix and not asked:
         names.append('/usr/bin/python3')  # behind a pyenv or conda that comes first on the PATH
     found = [python for python in map(host.probe, names) if python is not None]
@@ -78,16 +80,24 @@ def ros_for(current: Optional[Identity]) -> str:
     return current.ros_prefix if os.path.isfile(f'{current.ros_prefix}/setup.bash') else ''
 
 
-def environment_fits(venv: Environment, asked: Optional[str], ros_prefix: str) -> bool:
-    """Whether the environment there is sound and the one that is asked for."""
+def reason_to_rebuild(venv: Environment, asked: Optional[str], ros_prefix: str) -> Optional[str]:
+    """Return why the environment cannot stay as it is, or None if it can."""
     have = venv.identity
-    if have is None or (have.root, have.ros_prefix) != (str(ROOT), ros_prefix):
-        return False
+    if have is None:
+        return 'it is not complete' if venv.path.exists() else 'there is none yet'
+    if have.root != str(ROOT):
+        return f'it was made in {have.root}'
+    if have.ros_prefix != ros_prefix:
+        return f'it stands on {have.ros_prefix or "the ROS 2 wheels"}'
+    if venv.record.get('installing'):
+        return 'an installation into it was interrupted'
+    if not venv.runs():
+        return f'its interpreter {have.python} has gone or changed'
     if asked:
         python = host.probe(asked)
         if python is None or python.path != have.python:
-            return False
-    return venv.is_sound()
+            return f'it is made with {have.python}'
+    return None
 
 
 def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
@@ -101,8 +111,9 @@ def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
     venv.check_layers(layers)
     workspace = Workspace(ROOT / 'ros_ws')
     ros_prefix = ros_for(venv.identity)
-    if not environment_fits(venv, asked, ros_prefix):
-        venv.create(choose(asked, ros_prefix), ros_prefix)
+    reason = reason_to_rebuild(venv, asked, ros_prefix)
+    if reason:
+        venv.create(choose(asked, ros_prefix, venv.identity), ros_prefix, reason)
         workspace.wipe()  # built executables name their interpreter
     missing = venv.missing(layers)
     if missing:

@@ -90,13 +90,11 @@ class Environment:
         """What a finished environment is bound to."""
         return Identity(**self.record['identity']) if self.record else None
 
-    def is_sound(self) -> bool:
-        """Whether the environment is whole and its interpreter still runs."""
-        if self.identity is None or self.record.get('installing'):
-            return False
+    def runs(self) -> bool:
+        """Whether the interpreter runs and is still of the recorded version."""
         version = 'import sys; print("%d.%d" % sys.version_info[:2])'
         answer = run_python(str(self.python), version, flags=['-S', '-E'])
-        return answer is not None and answer.strip() == self.identity.version
+        return self.identity is not None and (answer or '').strip() == self.identity.version
 
     def layers_for(self, wanted: Sequence[str]) -> List[str]:
         """Return the layers `wanted` stands on and itself, in the order of installation."""
@@ -118,11 +116,11 @@ class Environment:
     def _lock(self, layer: str) -> bytes:
         return (self.requirements / f'{layer}.txt').read_bytes()
 
-    def create(self, python: Interpreter, ros_prefix: str) -> None:
+    def create(self, python: Interpreter, ros_prefix: str, reason: str) -> None:
         """Build an empty environment on `python`, in place of any other."""
         version = '.'.join(map(str, python.version))
         ground = f'ROS 2 in {ros_prefix}' if ros_prefix else 'ROS 2 wheels'
-        say(f'making .venv: Python {version} ({python.path}), {ground}')
+        say(f'making .venv ({reason}): Python {version} ({python.path}), {ground}')
         shutil.rmtree(str(self.path), ignore_errors=True)
         command = [python.path, '-m', 'venv', str(self.path)]
         command += ['--system-site-packages'] if ros_prefix else []
@@ -176,28 +174,30 @@ class Environment:
         command += ['--no-input', '--disable-pip-version-check', '--progress-bar', 'off']
         env = {k: v for k, v in os.environ.items() if k not in _PIP_REDIRECTIONS}
         env.pop('PYTHONPATH', None)
-        installing = False
         lines: List[str] = []
-        with subprocess.Popen(
+        progress = _Progress(total)
+        process = subprocess.Popen(
             [*command, *arguments],
             env=env,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
             universal_newlines=True,
-        ) as process:
-            assert process.stdout is not None
-            progress = _Progress(total)
+        )
+        assert process.stdout is not None
+        try:
             for line in process.stdout:
                 lines.append(line)
                 progress.show(line)
-                installing = installing or line.startswith('Installing collected packages')
+        finally:  # an interrupt reaches pip too; it ends by itself
+            output = ''.join([*lines, *process.stdout])
+            code = process.wait()
             progress.end()
-        self._log.write_text(''.join(lines))
-        if process.returncode != 0:
-            # Before pip starts to install it has changed nothing.
-            self.write(installing=installing)
-            raise SetupError(pip_failure(''.join(lines), str(self._log)))
+            self._log.write_text(output)
+            if code != 0:  # up to that line pip has changed nothing
+                self.write(installing='\nInstalling collected packages' in output)
+        if code != 0:
+            raise SetupError(pip_failure(output, str(self._log)))
 
 
 class _Progress:

@@ -182,7 +182,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     requirements.mkdir(parents=True)
     for name in ('ros', 'fly', 'test', 'versions'):
         (requirements / f'{name}.txt').write_text(LOCK)
-    layers.Environment(root).create(host.probe(sys.executable), '')
+    layers.Environment(root).create(host.probe(sys.executable), '', 'a test')
     return root
 
 
@@ -210,29 +210,29 @@ class TestLayers:
         copy.write(identity={**copy.record['identity'], 'root': str(tmp_path)})
         return copy
 
-    def test_what_counts_as_whole(self, venv, tmp_path):
-        again = layers.Environment(tmp_path)
-        assert again.is_sound()
-        again.write(installing=True)
-        assert not layers.Environment(tmp_path).is_sound()
-        again.write(installing=False)
-        assert layers.Environment(tmp_path).is_sound()
-        # The base interpreter goes.
+    def test_what_is_built_anew_and_why(self, venv, monkeypatch):
+        def reason(asked=None, ros_prefix=''):
+            return bootstrap.reason_to_rebuild(layers.Environment(venv.root), asked, ros_prefix)
+
+        monkeypatch.setattr(bootstrap, 'ROOT', venv.root)
+        assert reason() is None
+        assert reason(asked=sys.executable) is None
+        assert 'is made with' in reason(asked='/no/such/python')
+        assert 'stands on the ROS 2 wheels' in reason(ros_prefix='/opt/ros/jazzy')
+        venv.write(installing=True)
+        assert 'interrupted' in reason()
+        venv.write(installing=False)
+        assert reason() is None
+        monkeypatch.setattr(bootstrap, 'ROOT', venv.root / 'moved')
+        assert f'made in {venv.root}' in reason()
+        monkeypatch.setattr(bootstrap, 'ROOT', venv.root)
         venv.python.unlink()
         venv.python.symlink_to('/no/such/python')
-        assert not layers.Environment(tmp_path).is_sound()
-        # The record is cut short.
+        assert 'has gone' in reason()
         (venv.path / 'rpo_setup.json').write_text('{"identity": {"root"')
-        assert not layers.Environment(tmp_path).is_sound()
-
-    def test_another_place_or_ground_is_another_environment(self, venv, monkeypatch):
-        monkeypatch.setattr(bootstrap, 'ROOT', venv.root)
-        assert bootstrap.environment_fits(venv, None, '')
-        assert bootstrap.environment_fits(venv, sys.executable, '')
-        assert not bootstrap.environment_fits(venv, '/no/such/python', '')
-        assert not bootstrap.environment_fits(venv, None, '/opt/ros/jazzy')
-        monkeypatch.setattr(bootstrap, 'ROOT', venv.root / 'moved')
-        assert not bootstrap.environment_fits(venv, None, '')
+        assert 'not complete' in reason()
+        shutil.rmtree(venv.path)
+        assert 'none yet' in reason()
 
     def test_a_changed_lock_is_missing_again(self, venv):
         assert venv.missing(['test']) == ['ros', 'fly', 'test']
@@ -255,7 +255,7 @@ class TestLayers:
     def test_pip_that_changed_nothing_leaves_the_environment_whole(self, venv):
         with pytest.raises(SetupError):
             venv.pip('--no-index', 'no-such-package==1.0')
-        assert layers.Environment(venv.root).is_sound()
+        assert layers.Environment(venv.root).record['installing'] is False
 
     @pytest.mark.parametrize(
         ('output', 'word'),
