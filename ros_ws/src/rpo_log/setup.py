@@ -17,7 +17,7 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='Runs as evidence: MCAP writing, reading and verifying without ROS; the recorder node.',
+    description='Runs as evidence: MCAP writing, reading, verifying; the recorder node.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={

@@ -20,9 +20,16 @@ MEDIA_TYPE = 'application/yaml'
 
 def bag_topics(recorded: Sequence[Topic], counts: Sequence[int]) -> list[rosbag2.BagTopic]:
     """Return the topics of a log as rosbag2 describes them."""
-    return [rosbag2.BagTopic(topic.name, topic.type, schemas.definition(topic.type).type_hash,
-                             [topic.qos.to_document()], count)
-            for topic, count in zip(recorded, counts, strict=True)]
+    return [
+        rosbag2.BagTopic(
+            topic.name,
+            topic.type,
+            schemas.definition(topic.type).type_hash,
+            [topic.qos.to_document()],
+            count,
+        )
+        for topic, count in zip(recorded, counts, strict=True)
+    ]
 
 
 class BagFileWriter:
@@ -31,8 +38,14 @@ class BagFileWriter:
     ticks_before : ticks of this run in the files before
     """
 
-    def __init__(self, path: Path, base: TimeBase, recorded: Sequence[Topic],
-                 attachments: Mapping[str, bytes], ticks_before: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        base: TimeBase,
+        recorded: Sequence[Topic],
+        attachments: Mapping[str, bytes],
+        ticks_before: int,
+    ) -> None:
         self._file = McapFile(path)
         self.base = base
         self.topics = recorded
@@ -60,8 +73,9 @@ class BagFileWriter:
     @property
     def entry(self) -> rosbag2.BagFile:
         """What rosbag2 says of this file now."""
-        return rosbag2.BagFile(self._file.path.name, self._first_ns, self._last_ns,
-                               sum(self.counts))
+        return rosbag2.BagFile(
+            self._file.path.name, self._first_ns, self._last_ns, sum(self.counts)
+        )
 
     def add_tick(self, tick: int, messages: Sequence[bytes | None]) -> None:
         """Add the messages of one tick, in the order of topics; None where one lacks."""
@@ -99,10 +113,14 @@ class BagFileWriter:
         definition = schemas.definition(topic.type)
         if topic.type not in self._schemas:
             self._schemas[topic.type] = self._file.add_schema(topic.type, definition.text.encode())
-        return self._file.add_channel(topic.name, self._schemas[topic.type], {
-            'offered_qos_profiles': rosbag2.qos_text([topic.qos]),
-            'topic_type_hash': definition.type_hash,
-        })
+        return self._file.add_channel(
+            topic.name,
+            self._schemas[topic.type],
+            {
+                'offered_qos_profiles': rosbag2.qos_text([topic.qos]),
+                'topic_type_hash': definition.type_hash,
+            },
+        )
 
     def _add(self, index: int, tick: int, data: bytes) -> None:
         stamp = self.base.stamp_ns(tick)
@@ -125,4 +143,5 @@ class BagFileWriter:
 
     def _rosbag2_record(self) -> dict[str, str]:
         return rosbag2.record_values(
-            rosbag2.metadata(bag_topics(self.topics, self.counts), [self.entry]))
+            rosbag2.metadata(bag_topics(self.topics, self.counts), [self.entry])
+        )

@@ -114,8 +114,9 @@ def encode_wrench(stamp_ns: int, frame_id: str, force_n: Sequence[float]) -> byt
     return bytes(buffer) + _WRENCH.pack(*force_n, 0.0, 0.0, 0.0)
 
 
-def encode_odometry(stamp_ns: int, frame_id: str, child_frame_id: str,
-                    state: Sequence[float]) -> bytes:
+def encode_odometry(
+    stamp_ns: int, frame_id: str, child_frame_id: str, state: Sequence[float]
+) -> bytes:
     """Return the CDR of an Odometry with identity attitude, no rotation, zero covariances.
 
     state : (6,) position [m] and velocity [m/s] in the axes of frame_id
@@ -127,8 +128,13 @@ def encode_odometry(stamp_ns: int, frame_id: str, child_frame_id: str,
     return bytes(buffer) + _ODOMETRY.pack(*state[:3], *_IDENTITY_POSE, *state[3:], *_NO_ROTATION)
 
 
-def encode_status(level: int, name: str, message: str, hardware_id: str,
-                  values: Mapping[str, str] | Iterable[tuple[str, str]]) -> bytes:
+def encode_status(
+    level: int,
+    name: str,
+    message: str,
+    hardware_id: str,
+    values: Mapping[str, str] | Iterable[tuple[str, str]],
+) -> bytes:
     """Return the CDR of a DiagnosticStatus."""
     pairs = list(values.items() if isinstance(values, Mapping) else values)
     buffer = bytearray(HEADER + bytes([level]))
@@ -148,8 +154,10 @@ class _Cursor:
 
     def __init__(self, data: bytes) -> None:
         if data[:2] != HEADER[:2]:
-            raise CdrError('must begin with the header of little-endian CDR, 00 01; '
-                           f'got {data[:4].hex(" ") or "no bytes"}')
+            raise CdrError(
+                'must begin with the header of little-endian CDR, 00 01; '
+                f'got {data[:4].hex(" ") or "no bytes"}'
+            )
         self.data = data
         self.at = 4
 
@@ -173,7 +181,7 @@ class _Cursor:
     def string(self) -> str:
         length = self.integer()
         start, self.at = self.at, self.at + length
-        raw = self.data[start:self.at]
+        raw = self.data[start : self.at]
         if len(raw) < length or not raw.endswith(b'\x00'):
             raise CdrError(f'must hold a string of {length} bytes at {start}, the last one 0')
         try:
@@ -255,7 +263,7 @@ def canonical(type_name: str, data: bytes) -> bytes:
     if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
         return data[:4] + encode_status(*decode_status(data))[4:]
     strings, floats = _STAMPED[type_name]
-    texts, numbers = data[12:-8 * floats], data[-8 * floats:]
+    texts, numbers = data[12 : -8 * floats], data[-8 * floats :]
     if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:
         raise CdrError(f'must be the CDR of {type_name}; got {len(data)} bytes')
     cleared = _cleared(texts, strings)

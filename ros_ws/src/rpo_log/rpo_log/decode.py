@@ -30,7 +30,7 @@ _WIDTHS = {topics.STATE: 6, topics.FORCE: 3, topics.DISTURBANCE: 3}
 class Odd(NamedTuple):
     """A message with something else in it than its stamp and its state or force.
 
-    Another frame than at the beginning, an attitude, a torque, a covariance.
+    Another frame, an attitude, a torque, a covariance.
     """
 
     tick: int
@@ -67,8 +67,9 @@ class Message(NamedTuple):
     data: bytes
 
 
-def split_message(record: Record, channels: Mapping[int, Topic], base: TimeBase,
-                  path: Path) -> Message | None:
+def split_message(
+    record: Record, channels: Mapping[int, Topic], base: TimeBase, path: Path
+) -> Message | None:
     """Return a message record, checked; None if its channel is not of the run. Raises LogError."""
     content = record.content
     if len(content) < RECORD_HEAD - 9:
@@ -86,9 +87,12 @@ def split_message(record: Record, channels: Mapping[int, Topic], base: TimeBase,
     for what, time in (('stamp', stamp), ('log time', times[0]), ('publish time', times[1])):
         if time != base.stamp_ns(tick) or tick > base.last_tick:
             raise LogError(
-                Kind.BAD_STAMP, path, f'tick {tick} of {topic.name} must have the {what} '
+                Kind.BAD_STAMP,
+                path,
+                f'tick {tick} of {topic.name} must have the {what} '
                 f'{base.stamp_ns(min(tick, base.last_tick))} ns and be at most {base.last_tick}; '
-                f'got {time} ns')
+                f'got {time} ns',
+            )
     return Message(topic, tick, data)
 
 
@@ -105,19 +109,12 @@ def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
     return cdr.decode_wrench(data).floats[:3]
 
 
-def plain(topic: Topic, stamp_ns: int, frames: Sequence[str], values: Sequence[float]) -> bytes:
+def plain(topic: Topic, stamp_ns: int, values: Sequence[float]) -> bytes:
     """Return the message that holds nothing but a stamp and a state or force."""
+    frames = topics.FRAMES[topic.role]
     if topic.role == topics.STATE:
         return cdr.encode_odometry(stamp_ns, frames[0], frames[1], values)
     return cdr.encode_wrench(stamp_ns, frames[0], values)
-
-
-def frames_of(topic: Topic, data: bytes) -> tuple[str, ...]:
-    """Return the frame ids of a message; raises CdrError."""
-    if topic.role == topics.STATE:
-        odometry = cdr.decode_odometry(data)
-        return odometry.frame_id, odometry.child_frame_id
-    return (cdr.decode_wrench(data).frame_id,)
 
 
 @dataclass
@@ -127,7 +124,6 @@ class SlowDecoder:
     path: Path
     base: TimeBase
     recorded: Sequence[Topic]
-    frames: dict[str, tuple[str, ...]] = field(default_factory=dict)
     newest: int = -1
     _rows: dict[int, dict[str, tuple[float, ...]]] = field(default_factory=dict)
     _statuses: list[tuple[int, cdr.Status]] = field(default_factory=list)
@@ -140,8 +136,11 @@ class SlowDecoder:
         """Take one message; raises LogError."""
         topic, tick, data = message
         if tick < self.newest:
-            raise LogError(Kind.TIME_BACKWARDS, self.path, f'runs backwards: tick {tick} of '
-                           f'{topic.name} comes after tick {self.newest}')
+            raise LogError(
+                Kind.TIME_BACKWARDS,
+                self.path,
+                f'runs backwards: tick {tick} of {topic.name} comes after tick {self.newest}',
+            )
         self.newest = tick
         try:
             if topic.role == topics.STATUS:
@@ -152,8 +151,7 @@ class SlowDecoder:
             raise bad_message(self.path, topic, tick, error) from None
         row = self._rows.setdefault(tick, {})
         if topic.role in row:
-            raise LogError(Kind.DUPLICATE_TICK, self.path,
-                           f'has tick {tick} of {topic.name} twice')
+            raise LogError(Kind.DUPLICATE_TICK, self.path, f'has tick {tick} of {topic.name} twice')
         row[topic.role] = values
 
     def _values(self, message: Message) -> tuple[float, ...]:
@@ -162,8 +160,7 @@ class SlowDecoder:
             cdr.decode_clock(data)
             return ()
         values = values_of(topic, data)
-        frames = self.frames.setdefault(topic.role, frames_of(topic, data))
-        if data != plain(topic, self.base.stamp_ns(tick), frames, values):
+        if data != plain(topic, self.base.stamp_ns(tick), values):
             self._odd.append(Odd(tick, topic, data))
         return values
 
@@ -174,15 +171,25 @@ class SlowDecoder:
             kept[self.newest] = self._rows.pop(self.newest)
         ticks = np.array(list(self._rows), dtype=np.int64)
         arrays = {role: np.full((len(ticks), width), np.nan) for role, width in _WIDTHS.items()}
-        present = {topic.role: np.zeros(len(ticks), dtype=bool) for topic in self.recorded
-                   if topic.role != topics.STATUS}
+        present = {
+            topic.role: np.zeros(len(ticks), dtype=bool)
+            for topic in self.recorded
+            if topic.role != topics.STATUS
+        }
         for index, row in enumerate(self._rows.values()):
             for role, values in row.items():
                 present[role][index] = True
                 if values:
                     arrays[role][index] = values
-        block = Block(ticks, arrays[topics.STATE], arrays[topics.FORCE],
-                      arrays[topics.DISTURBANCE], present, tuple(self._statuses), tuple(self._odd))
+        block = Block(
+            ticks,
+            arrays[topics.STATE],
+            arrays[topics.FORCE],
+            arrays[topics.DISTURBANCE],
+            present,
+            tuple(self._statuses),
+            tuple(self._odd),
+        )
         self._rows, self._statuses, self._odd = kept, [], []
         return block
 
@@ -192,8 +199,7 @@ class SlowDecoder:
         last = tuple(message for message in messages if message.tick == tick)
         if not last or any(message.topic.role == topics.STATUS for message in last):
             return None
-        found = Pattern(last, dict(self.frames), {topic: number for number, topic in
-                                                  channels.items()})
+        found = Pattern(last, {topic: number for number, topic in channels.items()})
         return found if found.fits else None
 
 
@@ -206,7 +212,6 @@ class Pattern:
     """
 
     messages: tuple[Message, ...]
-    frames: Mapping[str, tuple[str, ...]]
     channels: Mapping[Topic, int]
 
     @property
@@ -219,10 +224,18 @@ class Pattern:
         """Records of the tick, without values."""
         parts = []
         for topic, _, data in self.messages:
-            content = (bytes(data) if topic.role == topics.CLOCK else
-                       plain(topic, 0, self.frames[topic.role], (0.0,) * _WIDTHS[topic.role]))
-            parts.append(bytes([Opcode.MESSAGE]) + (22 + len(content)).to_bytes(8, 'little')
-                         + self.channels[topic].to_bytes(2, 'little') + bytes(20) + content)
+            content = (
+                bytes(data)
+                if topic.role == topics.CLOCK
+                else plain(topic, 0, (0.0,) * _WIDTHS[topic.role])
+            )
+            parts.append(
+                bytes([Opcode.MESSAGE])
+                + (22 + len(content)).to_bytes(8, 'little')
+                + self.channels[topic].to_bytes(2, 'little')
+                + bytes(20)
+                + content
+            )
         return np.frombuffer(b''.join(parts), dtype=np.uint8)
 
     @property
@@ -253,10 +266,10 @@ class Pattern:
         """Runs of bytes that are the same in every tick."""
         free = np.zeros(self.stride, dtype=bool)
         for (topic, at), message in zip(self._offsets, self.messages, strict=True):
-            free[at + 11:at + RECORD_HEAD] = True  # sequence and times
-            free[at + RECORD_HEAD + cdr.STAMP_AT:at + RECORD_HEAD + cdr.STAMP_AT + 8] = True
+            free[at + 11 : at + RECORD_HEAD] = True  # sequence and times
+            free[at + RECORD_HEAD + cdr.STAMP_AT : at + RECORD_HEAD + cdr.STAMP_AT + 8] = True
             for offset, count in self._values_at(topic, message.data):
-                free[at + RECORD_HEAD + offset:at + RECORD_HEAD + offset + 8 * count] = True
+                free[at + RECORD_HEAD + offset : at + RECORD_HEAD + offset + 8 * count] = True
         edges = np.flatnonzero(np.diff(np.concatenate(([True], free, [True]))))
         return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -273,20 +286,25 @@ class Pattern:
         for (topic, at), message in zip(self._offsets, self.messages, strict=True):
             times = self._column(rows, at + 15, '<u8', 2).astype(np.int64)
             stamp = self._column(rows, at + RECORD_HEAD + cdr.STAMP_AT, '<u4', 2).astype(np.int64)
-            same = (self._column(rows, at + 11, '<u4', 1)[:, 0] == ticks) \
-                & (times == stamps[:, None]).all(axis=1) & (stamp @ [_NS, 1] == stamps)
+            same = (
+                (self._column(rows, at + 11, '<u4', 1)[:, 0] == ticks)
+                & (times == stamps[:, None]).all(axis=1)
+                & (stamp @ [_NS, 1] == stamps)
+            )
             if not same.all():
                 return None
-            found = [self._column(rows, at + RECORD_HEAD + offset, '<f8', count)
-                     for offset, count in self._values_at(topic, message.data)]
+            found = [
+                self._column(rows, at + RECORD_HEAD + offset, '<f8', count)
+                for offset, count in self._values_at(topic, message.data)
+            ]
             if found:
                 arrays[topic.role] = np.concatenate(found, axis=1)
         present = {topic.role: np.ones(len(ticks), dtype=bool) for topic, _ in self._offsets}
-        return Block(ticks, arrays[topics.STATE], arrays[topics.FORCE],
-                     arrays[topics.DISTURBANCE], present)
+        return Block(
+            ticks, arrays[topics.STATE], arrays[topics.FORCE], arrays[topics.DISTURBANCE], present
+        )
 
     @staticmethod
     def _column(rows: NDArray[np.uint8], at: int, kind: str, count: int) -> NDArray[np.generic]:
         width = np.dtype(kind).itemsize * count
-        return np.ascontiguousarray(rows[:, at:at + width]).view(kind)
-
+        return np.ascontiguousarray(rows[:, at : at + width]).view(kind)

@@ -82,14 +82,20 @@ class McapFile:
         try:
             self._sink = _Sink(path)
         except FileExistsError:
-            raise LogError(Kind.EXISTS, path,
-                           'exists already; a log is never overwritten') from None
+            raise LogError(
+                Kind.EXISTS, path, 'exists already; a log is never overwritten'
+            ) from None
         except OSError as error:
-            raise LogError(Kind.CANNOT_WRITE, path,
-                           f'cannot be created: {error.strerror}') from None
+            raise LogError(
+                Kind.CANNOT_WRITE, path, f'cannot be created: {error.strerror}'
+            ) from None
         self.path = path
-        self._writer = Writer(self._sink, chunk_size=_UNLIMITED,  # type: ignore[arg-type]
-                              compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._writer = Writer(
+            self._sink,
+            chunk_size=_UNLIMITED,  # type: ignore[arg-type]
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
+        )
         self._writer.start(profile=profile, library=library)
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
         self._syncing: Future[None] | None = None
@@ -103,8 +109,9 @@ class McapFile:
         """Return the id of a new schema."""
         return self._writer.register_schema(name, encoding, text)
 
-    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str],
-                    encoding: str = 'cdr') -> int:
+    def add_channel(
+        self, topic: str, schema_id: int, metadata: Mapping[str, str], encoding: str = 'cdr'
+    ) -> int:
         """Return the id of a new channel."""
         return self._writer.register_channel(topic, encoding, schema_id, dict(metadata))
 

@@ -147,8 +147,11 @@ class TickOrderer:
         return all(self._silent[i] or self._newest[i] >= self.next_tick + REORDER for i in lacking)
 
     def _lacking(self, entry: _Tick | None) -> list[int]:
-        return [index for index in range(self.width) if index != self.event
-                and (entry is None or entry.messages[index] is None)]
+        return [
+            index
+            for index in range(self.width)
+            if index != self.event and (entry is None or entry.messages[index] is None)
+        ]
 
     def _let_go(self, owed: bool = True) -> None:
         """Release the next tick; one of which nothing came is counted and passed over."""

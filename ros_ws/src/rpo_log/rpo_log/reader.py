@@ -22,6 +22,7 @@ from rpo_log.decode import Odd
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.run import CONTROLLER, SCENARIO, TimeBase
 from rpo_log.stream import RunReader
+from rpo_log.tally import Tally
 from rpo_log.topics import Topic
 
 _Parsed = TypeVar('_Parsed')
@@ -42,6 +43,7 @@ class RunLog:
     missing : per topic, number of ticks without a message, up to the last tick of the log
     odd : messages that hold more than a stamp and a state or force
     damage : where the file ends early; empty if it was closed in order
+    gaps : why the log does not show a whole flight; empty if it does
     """
 
     path: Path
@@ -56,11 +58,12 @@ class RunLog:
     missing: Mapping[str, int]
     odd: tuple[Odd, ...]
     damage: str
+    gaps: tuple[str, ...]
 
     @property
     def complete(self) -> bool:
-        """Whether the files were closed in order and no message lacks up to the last tick."""
-        return not self.damage and not self.missing
+        """Whether the log shows a whole flight: every message of every tick, closed in order."""
+        return not self.gaps
 
     @property
     def dt_s(self) -> float:
@@ -89,14 +92,11 @@ class RunLog:
 
     def sentence(self) -> str:
         """Return one line that says whether the log is whole, and what to do if it is not."""
-        last = int(self.ticks[-1])
-        said = f'{self.path}: ticks {int(self.ticks[0])} to {last} of {self.base.last_tick}'
-        if self.damage:
-            said += (f'; cut short after {last * self.dt_s:g} s ({self.damage}); `rpo repair` '
-                     'makes a whole file of what is there')
-        for name, count in self.missing.items():
-            said += f'; {count} messages of {name} are missing'
-        return said
+        said = (
+            f'{self.path}: ticks {int(self.ticks[0])} to {int(self.ticks[-1])} of '
+            f'{self.base.last_tick}, {self.times_s[-1]:g} s'
+        )
+        return '; '.join([said, *self.gaps])
 
 
 def read_run(path: str | Path) -> RunLog:
@@ -106,38 +106,47 @@ def read_run(path: str | Path) -> RunLog:
     long logs in bounded memory.
     """
     reader = RunReader(path)
-    blocks = list(reader.blocks())
-    present = {topic: sum(int(b.present[topic.role].sum()) for b in blocks
-                          if topic.role in b.present)
-               for topic in reader.topics if topic.role != topics.STATUS}
+    tally, blocks = Tally(reader), []
+    for block in reader.blocks():
+        tally.add(block)
+        blocks.append(block)
     ticks = np.concatenate([b.ticks for b in blocks])
     if not len(ticks):
         raise LogError(Kind.EMPTY, reader.path, 'holds no tick, only statuses')
-    span = int(ticks[-1] - ticks[0]) + 1
     has_disturbance = topics.DISTURBANCE in (topic.role for topic in reader.topics)
     return RunLog(
-        path=reader.path, base=reader.base, topics=reader.topics, attachments=reader.attachments,
+        path=reader.path,
+        base=reader.base,
+        topics=reader.topics,
+        attachments=reader.attachments,
         ticks=ticks,
         states=np.concatenate([b.states for b in blocks]),
         forces_n=np.concatenate([b.forces_n for b in blocks]),
-        disturbances_n=np.concatenate([b.disturbances_n for b in blocks]) if has_disturbance
+        disturbances_n=np.concatenate([b.disturbances_n for b in blocks])
+        if has_disturbance
         else None,
         statuses=tuple(status for b in blocks for status in b.statuses),
-        missing={topic.name: span - count for topic, count in present.items() if count < span},
+        missing=tally.missing,
         odd=tuple(odd for b in blocks for odd in b.odd),
-        damage=reader.damage)
+        damage=reader.damage,
+        gaps=tally.gaps(reader.damage),
+    )
 
 
 def scenario_of(log: RunLog | RunReader) -> Scenario:
     """Return the scenario that a log carries; LogError if it lacks, or is not that of the log."""
     flown = _parsed(log, SCENARIO, scenario.parse)
     if not isinstance(flown, Scenario):
-        raise LogError(Kind.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it '
-                       'is a set')
+        raise LogError(
+            Kind.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
+        )
     base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
     if base != log.base:
-        raise LogError(Kind.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must have the ticks of the '
-                       f'log, {log.base}; it has {base}')
+        raise LogError(
+            Kind.BAD_ATTACHMENT,
+            log.path,
+            f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}',
+        )
     return flown
 
 
@@ -159,8 +168,11 @@ def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed])
 def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes:
     """Return the bytes of an attached file; raises LogError."""
     if name not in attachments:
-        raise LogError(Kind.MISSING_ATTACHMENT, path, f'must carry {name}; it carries '
-                       f'{", ".join(attachments) or "no file"}')
+        raise LogError(
+            Kind.MISSING_ATTACHMENT,
+            path,
+            f'must carry {name}; it carries {", ".join(attachments) or "no file"}',
+        )
     return attachments[name]
 
 
@@ -173,9 +185,16 @@ def read_flight(path: str | Path) -> Flight:
     log = read_run(path)
     flown = scenario_of(log)
     count = len(log.ticks)
-    if not log.complete or count != flown.ticks + 1:
-        raise LogError(Kind.TRUNCATED, path, f'must hold every tick from 0 to {flown.ticks}; it '
-                       f'holds {log.sentence().partition(": ")[2]}')
+    if not log.complete:
+        raise LogError(
+            Kind.TRUNCATED,
+            path,
+            f'must hold a whole flight, ticks 0 to {flown.ticks}, but {"; ".join(log.gaps)}',
+        )
     disturbances = log.disturbances_n
-    return Flight(flown, log.states, log.forces_n,
-                  np.zeros((count, 3)) if disturbances is None else disturbances)
+    return Flight(
+        flown,
+        log.states,
+        log.forces_n,
+        np.zeros((count, 3)) if disturbances is None else disturbances,
+    )

@@ -54,8 +54,10 @@ class FileRepair:
 
     def bag_topics(self) -> list[rosbag2.BagTopic]:
         """Return the topics with the messages kept."""
-        return [rosbag2.BagTopic(t.name, t.type, t.type_hash, t.qos, self.counts[t.name])
-                for t in self.topics.values()]
+        return [
+            rosbag2.BagTopic(t.name, t.type, t.type_hash, t.qos, self.counts[t.name])
+            for t in self.topics.values()
+        ]
 
     def bag_file(self) -> rosbag2.BagFile:
         """Return the file as rosbag2 describes it."""
@@ -66,8 +68,10 @@ class FileRepair:
         if not self.damage:
             return f'{self.path}: whole, {self.messages} messages'
         lost = f', {self.lost_chunks} chunks lost' if self.lost_chunks else ''
-        return (f'{self.path}: repaired, {self.messages} messages in {self.chunks} chunks kept'
-                f'{lost} ({self.damage})')
+        return (
+            f'{self.path}: repaired, {self.messages} messages in {self.chunks} chunks kept'
+            f'{lost} ({self.damage})'
+        )
 
 
 @dataclass(frozen=True)
@@ -167,16 +171,24 @@ def _bag_topic(channel: Channel, schema: Schema) -> rosbag2.BagTopic:
         qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '[]'))
     except yaml.YAMLError:
         qos = []
-    return rosbag2.BagTopic(channel.topic, schema.name, channel.metadata.get('topic_type_hash', ''),
-                            qos if isinstance(qos, list) else [])
+    return rosbag2.BagTopic(
+        channel.topic,
+        schema.name,
+        channel.metadata.get('topic_type_hash', ''),
+        qos if isinstance(qos, list) else [],
+    )
 
 
 def rebuild(path: Path, target: Path) -> FileRepair:
     """Write the sound part of a file as a whole one; raises LogError if there is nothing sound."""
     found = examine(path)
     if not found.messages:
-        raise LogError(Kind.EMPTY, path, 'cannot be repaired: no whole chunk is in it'
-                       + (f' ({found.damage})' if found.damage else ''))
+        raise LogError(
+            Kind.EMPTY,
+            path,
+            'cannot be repaired: no whole chunk is in it'
+            + (f' ({found.damage})' if found.damage else ''),
+        )
     if target.exists():
         raise LogError(Kind.EXISTS, target, 'exists already; a log is never overwritten')
     draft = target.with_name(target.name + '.part')
@@ -208,8 +220,9 @@ def _write(source: _Source, found: FileRepair, draft: Path) -> None:
         _write_messages(source, file)
         name = draft.name.removesuffix('.part')
         entry = rosbag2.BagFile(name, found.first_ns, found.last_ns, found.messages)
-        file.add_metadata(rosbag2.RECORD, rosbag2.record_values(
-            rosbag2.metadata(found.bag_topics(), [entry])))
+        file.add_metadata(
+            rosbag2.RECORD, rosbag2.record_values(rosbag2.metadata(found.bag_topics(), [entry]))
+        )
         file.finish()
     finally:
         file.close()
@@ -224,18 +237,19 @@ def _write_messages(source: _Source, file: McapFile) -> None:
             continue
         if schema.id not in schemas:
             schemas[schema.id] = file.add_schema(schema.name, schema.data, schema.encoding)
-        channels[number] = file.add_channel(channel.topic, schemas[schema.id], channel.metadata,
-                                            channel.message_encoding)
+        channels[number] = file.add_channel(
+            channel.topic, schemas[schema.id], channel.metadata, channel.message_encoding
+        )
     for messages in source.chunks():
         for message in messages:
             if message.channel_id in channels:
-                file.add_message(channels[message.channel_id], message.log_time, message.sequence,
-                                 message.data)
+                file.add_message(
+                    channels[message.channel_id], message.log_time, message.sequence, message.data
+                )
         file.close_chunk()
 
 
-def repair(path: str | Path, output: str | Path | None = None, *,
-           in_place: bool = False) -> Repair:
+def repair(path: str | Path, output: str | Path | None = None, *, in_place: bool = False) -> Repair:
     """Make a whole log of the damaged one at a run folder or .mcap file; raises LogError.
 
     output : folder or file of the result; by default beside the damaged one, <name>-repaired
@@ -312,8 +326,9 @@ def _write_metadata(folder: Path, files: list[FileRepair]) -> None:
     topics: dict[str, rosbag2.BagTopic] = {}
     for topic in (topic for found in files for topic in found.bag_topics()):
         before = topics[topic.name].messages if topic.name in topics else 0
-        topics[topic.name] = rosbag2.BagTopic(topic.name, topic.type, topic.type_hash, topic.qos,
-                                              before + topic.messages)
+        topics[topic.name] = rosbag2.BagTopic(
+            topic.name, topic.type, topic.type_hash, topic.qos, before + topic.messages
+        )
     document = rosbag2.metadata(topics.values(), [found.bag_file() for found in files])
     draft = folder / (METADATA_FILE + '.part')
     try:

@@ -51,8 +51,11 @@ class TimeBase:
 
     def to_record(self) -> dict[str, str]:
         """Return the values of the MCAP metadata record."""
-        return {'epoch_ns': str(self.epoch_ns), 'dt_ns': str(self.dt_ns),
-                'last_tick': str(self.last_tick)}
+        return {
+            'epoch_ns': str(self.epoch_ns),
+            'dt_ns': str(self.dt_ns),
+            'last_tick': str(self.last_tick),
+        }
 
     @classmethod
     def from_record(cls, values: Mapping[str, str], path: Path) -> TimeBase:
@@ -62,8 +65,12 @@ class TimeBase:
         except (KeyError, ValueError):
             base = cls(0, 0, 0)
         if base.dt_ns <= 0 or base.last_tick < 0 or base.epoch_ns < 0:
-            raise LogError(Kind.NOT_A_RUN, path, f'its record {RUN_RECORD} must hold epoch_ns, '
-                           f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}')
+            raise LogError(
+                Kind.NOT_A_RUN,
+                path,
+                f'its record {RUN_RECORD} must hold epoch_ns, '
+                f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}',
+            )
         return base
 
 
@@ -97,14 +104,17 @@ class RunSummary:
 
     def sentence(self) -> str:
         """Return one line for people."""
-        faults = [f'{count} missing on {name}, the first at tick {first}'
-                  for name, (count, first) in self.missing.items()]
+        faults = [
+            f'{count} missing on {name}, the first at tick {first}'
+            for name, (count, first) in self.missing.items()
+        ]
         faults += [f'{count} contradicting on {name}' for name, count in self.conflicts.items()]
         faults += [f'{count} too late on {name}' for name, count in self.late.items()]
         if self.failure:
             faults.append(f'the log failed ({self.failure}), {self.lost} lost')
-        return (f'{sum(self.messages.values())} messages logged; '
-                + ('; '.join(faults) if faults else 'none lacks'))
+        return f'{sum(self.messages.values())} messages logged; ' + (
+            '; '.join(faults) if faults else 'none lacks'
+        )
 
 
 def log_files(folder: Path) -> list[Path]:
@@ -121,12 +131,19 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = log_files(folder)
-        taken += [folder / name for name in (METADATA_FILE, HEALTH_FILE, INFO_FILE)
-                  if (folder / name).exists()]
+        taken += [
+            folder / name
+            for name in (METADATA_FILE, HEALTH_FILE, INFO_FILE)
+            if (folder / name).exists()
+        ]
         if taken and not overwrite:
-            raise LogError(Kind.EXISTS, folder, 'holds a log already '
-                           f'({", ".join(path.name for path in taken)}); name another folder, or '
-                           'ask for it to be overwritten')
+            raise LogError(
+                Kind.EXISTS,
+                folder,
+                'holds a log already '
+                f'({", ".join(path.name for path in taken)}); name another folder, or '
+                'ask for it to be overwritten',
+            )
         for path in taken:
             path.unlink()
     except OSError as error:

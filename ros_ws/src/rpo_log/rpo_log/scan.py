@@ -57,8 +57,9 @@ class Scan:
             with open(self.path, 'rb') as stream:
                 yield from self._records(stream)
         except OSError as error:
-            raise LogError(Kind.NOT_FOUND, self.path,
-                           f'cannot be read: {error.strerror or error}') from None
+            raise LogError(
+                Kind.NOT_FOUND, self.path, f'cannot be read: {error.strerror or error}'
+            ) from None
 
     def _records(self, stream: BinaryIO) -> Iterator[Record]:
         magic = stream.read(len(MAGIC))
@@ -77,8 +78,9 @@ class Scan:
                 self._check(content, crc, 'data section', offset)
                 crc = 0
             elif opcode == Opcode.FOOTER:
-                self._check(content, zlib.crc32(content[:-4], zlib.crc32(head, crc)), 'summary',
-                            offset)
+                self._check(
+                    content, zlib.crc32(content[:-4], zlib.crc32(head, crc)), 'summary', offset
+                )
                 self.damage = '' if stream.read(len(MAGIC)) == MAGIC else 'the last 8 bytes lack'
                 return
             else:
@@ -91,8 +93,12 @@ class Scan:
         """Compare a checksum with the last 4 bytes of a record; 0 means that there is none."""
         stored = int.from_bytes(content[-4:], 'little')
         if len(content) < 4 or stored not in (0, actual):
-            raise LogError(Kind.CORRUPT, self.path, f'is corrupt: the checksum of its {part}, '
-                           f'which ends at byte {offset}, does not fit')
+            raise LogError(
+                Kind.CORRUPT,
+                self.path,
+                f'is corrupt: the checksum of its {part}, '
+                f'which ends at byte {offset}, does not fit',
+            )
 
 
 def parse(path: Path, record: Record, reader: Callable[[ReadDataStream], _Parsed]) -> _Parsed:
@@ -118,11 +124,11 @@ def chunk_records(path: Path, chunk: Record) -> bytes:
     try:
         _, _, size, crc, name_length = _CHUNK.unpack_from(content)
         start = _CHUNK.size + name_length + 8
-        compression = bytes(content[_CHUNK.size:start - 8])
+        compression = bytes(content[_CHUNK.size : start - 8])
     except struct.error:
         raise corrupt(path, chunk, 'its fields do not fit its length') from None
     data = content[start:]
-    if size > MAX_CHUNK_BYTES or len(data) != int.from_bytes(content[start - 8:start], 'little'):
+    if size > MAX_CHUNK_BYTES or len(data) != int.from_bytes(content[start - 8 : start], 'little'):
         raise corrupt(path, chunk, 'its lengths do not fit')
     try:
         records = _decompress(compression, data, size)
@@ -157,5 +163,5 @@ def inner_records(path: Path, chunk: Record, records: bytes) -> Iterator[Record]
         end = offset + _RECORD.size + length
         if end > size:
             raise corrupt(path, chunk, 'its last record is cut short')
-        yield Record(opcode, offset, records[offset + _RECORD.size:end])
+        yield Record(opcode, offset, records[offset + _RECORD.size : end])
         offset = end

@@ -18,9 +18,7 @@ from rpo_log.errors import Kind, LogError
 SEPARATOR = '=' * 80
 """Line between the definitions of a `ros2msg` schema."""
 
-_PRIMITIVES = frozenset([
-    'bool', 'byte', 'char', 'float32', 'float64', 'int8', 'uint8', 'int16', 'uint16', 'int32',
-    'uint32', 'int64', 'uint64', 'string', 'wstring'])
+_PRIMITIVE = re.compile(r'bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)')
 _FIELD = re.compile(r'^([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*')
 
 
@@ -50,15 +48,18 @@ def _find(package: str, name: str, suffix: str) -> Path:
         if path.is_file():
             return path
     raise LogError(
-        Kind.NO_DEFINITIONS, f'{package}/msg/{name}', f'no {name}.{suffix} under share/{package}'
-        f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment sourced?')
+        Kind.NO_DEFINITIONS,
+        f'{package}/msg/{name}',
+        f'no {name}.{suffix} under share/{package}'
+        f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment sourced?',
+    )
 
 
 def _dependencies(package: str, text: str) -> Iterator[tuple[str, str]]:
     """Yield (package, name) of each type that the fields of a definition use."""
     for line in text.splitlines():
         match = _FIELD.match(line.split('#', 1)[0].strip())
-        if match is None or match[1] in _PRIMITIVES:
+        if match is None or _PRIMITIVE.fullmatch(match[1]):
             continue
         *owner, name = match[1].split('/')
         yield (owner[0] if owner else package), name

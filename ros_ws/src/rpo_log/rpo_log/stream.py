@@ -45,8 +45,12 @@ class RunReader:
         self._pattern: Pattern | None = None
         damage = self._read_head()
         if not self._bases:
-            raise LogError(Kind.NOT_A_RUN, self.files[0], f'has no record {RUN_RECORD}: it is not '
-                           'the log of a run' + (f' ({damage})' if damage else ''))
+            raise LogError(
+                Kind.NOT_A_RUN,
+                self.files[0],
+                f'has no record {RUN_RECORD}: it is not '
+                'the log of a run' + (f' ({damage})' if damage else ''),
+            )
         if damage is not None:
             raise self._empty(damage)
         self.base = self._bases[0]
@@ -66,8 +70,9 @@ class RunReader:
             raise self._empty(self.damage)
 
     def _empty(self, damage: str) -> LogError:
-        return LogError(Kind.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage
-                                                                     else ''))
+        return LogError(
+            Kind.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
+        )
 
     def _complete_topics(self) -> tuple[Topic, ...]:
         recorded = topics.resolve([t.name for t in self._channels.values()], str(self.files[0]))
@@ -75,8 +80,9 @@ class RunReader:
         for role in topics.REQUIRED:
             if role not in roles:
                 there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
-                raise LogError(Kind.MISSING_TOPIC, self.files[0],
-                               f'has no topic {role}; it has {there}')
+                raise LogError(
+                    Kind.MISSING_TOPIC, self.files[0], f'has no topic {role}; it has {there}'
+                )
         return recorded
 
     def _read_head(self) -> str | None:
@@ -98,8 +104,11 @@ class RunReader:
             library = parse(path, record, Header.read).library
             name, _, version = library.partition('/')
             if name == 'rpo_log' and version.isdigit() and int(version) > LOG_FORMAT:
-                raise LogError(Kind.NEWER, path, f'is of log format {version}; this version reads '
-                               f'formats up to {LOG_FORMAT}')
+                raise LogError(
+                    Kind.NEWER,
+                    path,
+                    f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
+                )
         elif record.opcode == Opcode.METADATA:
             metadata = parse(path, record, Metadata.read)
             if metadata.name == RUN_RECORD:
@@ -119,8 +128,11 @@ class RunReader:
     def _take_base(self, path: Path, base: TimeBase) -> None:
         self._bases.append(base)
         if base != self._bases[0]:
-            raise LogError(Kind.NOT_A_RUN, path, f'must be of the same run as '
-                           f'{self.files[0].name}, {self._bases[0]}; got {base}')
+            raise LogError(
+                Kind.NOT_A_RUN,
+                path,
+                f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
+            )
 
     def _take_channel(self, path: Path, channel: Channel) -> None:
         role = topics.role_of(channel.topic)
@@ -129,8 +141,11 @@ class RunReader:
         found = self._schemas.get(channel.schema_id, 'no type')
         if found != topics.TYPES[role] or channel.message_encoding != 'cdr':
             raise LogError(
-                Kind.WRONG_TYPE, path, f'{channel.topic} must be {topics.TYPES[role]} in cdr; got '
-                f'{found} in {channel.message_encoding or "no encoding"}')
+                Kind.WRONG_TYPE,
+                path,
+                f'{channel.topic} must be {topics.TYPES[role]} in cdr; got '
+                f'{found} in {channel.message_encoding or "no encoding"}',
+            )
         self._channels[channel.id] = Topic(channel.topic, role)
 
     def _blocks_of(self, path: Path, decoder: SlowDecoder) -> Iterator[Block]:
@@ -158,8 +173,9 @@ class RunReader:
         if scan.damage:
             self.damage = f'{path.name}: {scan.damage}'
 
-    def _alike(self, path: Path, decoder: SlowDecoder,
-               chunks: list[tuple[Record, bytes]]) -> Iterator[Block]:
+    def _alike(
+        self, path: Path, decoder: SlowDecoder, chunks: list[tuple[Record, bytes]]
+    ) -> Iterator[Block]:
         """Yield the ticks of chunks that look alike; what only looks so goes one by one."""
         if not chunks or self._pattern is None:
             return
@@ -203,6 +219,10 @@ def files_of(path: Path) -> list[Path]:
         raise LogError(Kind.NOT_FOUND, path, f'holds no run.mcap; it holds {there}')
     for number, file in enumerate(files):
         if len(files) > 1 and file.name != f'run_{number}.mcap':
-            raise LogError(Kind.NOT_FOUND, path, f'must hold run_{number}.mcap too; it holds '
-                           f'{", ".join(found.name for found in files)}')
+            raise LogError(
+                Kind.NOT_FOUND,
+                path,
+                f'must hold run_{number}.mcap too; it holds '
+                f'{", ".join(found.name for found in files)}',
+            )
     return files

@@ -41,12 +41,19 @@ class HealthLogWriter:
         self._file = McapFile(path)
         topic = rosbag2.BagTopic(name, HEALTH_TYPE, definition.type_hash, [Qos().to_document()])
         try:
-            self._file.add_metadata(rosbag2.RECORD, rosbag2.record_values(
-                rosbag2.metadata([topic], [rosbag2.BagFile(HEALTH_FILE)])))
+            self._file.add_metadata(
+                rosbag2.RECORD,
+                rosbag2.record_values(rosbag2.metadata([topic], [rosbag2.BagFile(HEALTH_FILE)])),
+            )
             schema = self._file.add_schema(HEALTH_TYPE, definition.text.encode())
-            self._channel = self._file.add_channel(name, schema, {
-                'offered_qos_profiles': rosbag2.qos_text([Qos()]),
-                'topic_type_hash': definition.type_hash})
+            self._channel = self._file.add_channel(
+                name,
+                schema,
+                {
+                    'offered_qos_profiles': rosbag2.qos_text([Qos()]),
+                    'topic_type_hash': definition.type_hash,
+                },
+            )
             self._file.close_chunk()
         except OSError as error:
             raise cannot_write(path, error) from None

@@ -69,6 +69,14 @@ QOS = {
 """Quality of service of each role."""
 
 
+FRAMES = {
+    STATE: ('target_lvlh', 'chaser'),
+    FORCE: ('target_lvlh',),
+    DISTURBANCE: ('target_lvlh',),
+}
+"""Frame ids of each role: that of the header, and the child frame of the state."""
+
+
 @dataclass(frozen=True)
 class Topic:
     """One recorded topic: full name, and the role that its last path component gives it."""
@@ -99,10 +107,18 @@ def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
     for name in names:
         role = role_of(name)
         if role is None:
-            raise LogError(Kind.WRONG_TYPE, path, f'topic {name} has no role in a run; the last '
-                           f'part of a name must be one of {", ".join(ORDER)}')
+            raise LogError(
+                Kind.WRONG_TYPE,
+                path,
+                f'topic {name} has no role in a run; the last '
+                f'part of a name must be one of {", ".join(ORDER)}',
+            )
         if role in found:
-            raise LogError(Kind.WRONG_TYPE, path, f'topics {found[role].name} and {name} have '
-                           f'the same role, {role}; one run is recorded in one log')
+            raise LogError(
+                Kind.WRONG_TYPE,
+                path,
+                f'topics {found[role].name} and {name} have '
+                f'the same role, {role}; one run is recorded in one log',
+            )
         found[role] = Topic(name, role)
     return tuple(found[role] for role in ORDER if role in found)

@@ -41,9 +41,17 @@ class RunLogWriter:
     flight: `failure` says why, `summary` counts what is lost.
     """
 
-    def __init__(self, folder: str | Path, base: TimeBase, names: Iterable[str],
-                 attachments: Mapping[str, bytes], *, split_s: float = 0.0, split_bytes: int = 0,
-                 overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        folder: str | Path,
+        base: TimeBase,
+        names: Iterable[str],
+        attachments: Mapping[str, bytes],
+        *,
+        split_s: float = 0.0,
+        split_bytes: int = 0,
+        overwrite: bool = False,
+    ) -> None:
         self.folder = Path(folder)
         self.base = base
         self.topics = topics.resolve(names, str(folder))
@@ -124,41 +132,45 @@ class RunLogWriter:
     @property
     def summary(self) -> RunSummary:
         """What the log holds now."""
-        counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts,
-                          strict=True))
+        counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts, strict=True))
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
         return RunSummary(
             files=tuple(file.entry.path for file in self._files()),
             messages=dict(zip(counts, logged, strict=True)),
-            missing={name: (c.missing, c.first_missing or 0) for name, c in counts.items()
-                     if c.missing},
+            missing={
+                name: (c.missing, c.first_missing or 0) for name, c in counts.items() if c.missing
+            },
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
             late={name: c.late for name, c in counts.items() if c.late},
             foreign=self._foreign,
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
-            failure=self.failure)
+            failure=self.failure,
+        )
 
     def _files(self) -> list[BagFileWriter]:
         return [*self._finished, self._file]
 
     def _logged(self) -> list[int]:
-        return [sum(column) for column in zip(*(file.counts for file in self._files()),
-                                              strict=True)]
+        return [
+            sum(column) for column in zip(*(file.counts for file in self._files()), strict=True)
+        ]
 
     def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
         name = f'run_{number}.mcap' if split else 'run.mcap'
         self._file_tick = ticks_before
-        return BagFileWriter(self.folder / name, self.base, self.topics, self._attachments,
-                             ticks_before)
+        return BagFileWriter(
+            self.folder / name, self.base, self.topics, self._attachments, ticks_before
+        )
 
     def _write_tick(self, tick: int, messages: Sequence[bytes | None]) -> None:
         file = self._file
         if tick > file.newest_tick and (
-                0 < self._split_ticks <= file.ticks - self._file_tick
-                or 0 < self._split_bytes <= file.size):
+            0 < self._split_ticks <= file.ticks - self._file_tick
+            or 0 < self._split_bytes <= file.size
+        ):
             file.finish()
             file.close()
             following = self._begin_file(len(self._finished) + 1, file.ticks)
@@ -175,8 +187,9 @@ class RunLogWriter:
 
     def _write_metadata_yaml(self) -> None:
         """Write the file whole or not at all."""
-        document = rosbag2.metadata(bag_topics(self.topics, self._logged()),
-                                    [file.entry for file in self._files()])
+        document = rosbag2.metadata(
+            bag_topics(self.topics, self._logged()), [file.entry for file in self._files()]
+        )
         path = self.folder / METADATA_FILE
         draft = path.with_suffix('.part')
         with open(draft, 'w', encoding='utf-8') as stream:

@@ -1,0 +1,362 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Proof that a flight happened as logged: all of it computed anew and compared, bit for bit.
+
+From the scenario and the controller that the log carries:
+
+- start: the first state is the scenario's;
+- control law: every force follows from the recorded state;
+- disturbance: every disturbance follows from the scenario;
+- dynamics: every state follows from the state, the force and the disturbance before it;
+- whole run: the flight is flown again from its start, without looking at the log;
+- the rest: attitude, torque, covariances, frames, and the figures in run_status.
+
+The first difference ends it. Logs of any length are verified in bounded memory.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import kernels
+from rpo_core.jit import as_table, kernel
+from rpo_log import cdr, topics
+from rpo_log.decode import Block, Odd, plain, values_of
+from rpo_log.errors import ExitCode, Kind, LogError
+from rpo_log.reader import controller_of, scenario_of
+from rpo_log.stream import RunReader
+from rpo_log.tally import Tally
+from rpo_log.topics import Topic
+
+FIGURE_TOLERANCE = 1e-9
+"""Relative, for the figures in run_status: sums and norms, written as text, flown by nobody."""
+
+START, LAW, DISTURBANCE, DYNAMICS, WHOLE, REST = (
+    'start',
+    'control law',
+    'disturbance',
+    'dynamics',
+    'whole run',
+    'rest',
+)
+
+_STATE_FIELDS = tuple(cdr.ODOMETRY_FIELDS[cdr.POSITION] + cdr.ODOMETRY_FIELDS[cdr.VELOCITY])
+_FORCE_FIELDS = cdr.WRENCH_FIELDS[:3]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first thing in a log that is not as computed."""
+
+    tick: int
+    topic: str
+    field: str
+    logged: float | str
+    computed: float | str
+    check: str
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        return (
+            f'tick {self.tick}, {self.topic}, {self.field}: logged {self.logged!r}, computed '
+            f'{self.computed!r} ({self.check})'
+        )
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of `verify`.
+
+    ticks : ticks in the log
+    difference : the first one; None if all that is there is as computed
+    gaps : why the log does not show a whole flight; empty if it does
+    """
+
+    path: Path
+    ticks: int
+    difference: Difference | None
+    gaps: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """OK, DIFFERENT, or INCOMPLETE."""
+        if self.difference is not None:
+            return ExitCode.DIFFERENT
+        return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        if self.difference is not None:
+            return f'{self.path}: NOT as computed: {self.difference.sentence()}'
+        if self.gaps:
+            return f'{self.path}: as computed as far as it goes, but {"; ".join(self.gaps)}'
+        return f'{self.path}: verified, {self.ticks} ticks bit for bit'
+
+
+@kernel
+def _recompute(states, forces, disturbances, scales, fis, limit, step, laws, following):  # type: ignore[no-untyped-def]
+    """Fill the force (n, 3) of each state and the state (n, 6) that follows each tick."""
+    position_scale, velocity_scale, force_scale = scales
+    for i in range(len(states)):
+        s = states[i]
+        f = forces[i]
+        d = disturbances[i]
+        for axis in range(3):
+            laws[i, axis] = kernels.axis_force(
+                s[axis], s[axis + 3], position_scale, velocity_scale, force_scale, fis
+            )
+        new = kernels.plant_step(
+            (s[0], s[1], s[2], s[3], s[4], s[5]),
+            (f[0], f[1], f[2]),
+            (d[0], d[1], d[2]),
+            limit,
+            step,
+        )
+        for j in range(6):
+            following[i, j] = new[j]
+
+
+class _Rows:
+    """Ticks of a log beside what they should be; the last row of a block goes before the next."""
+
+    def __init__(self, block: Block, before: _Rows | None, disturbed: bool) -> None:
+        here = np.ones(len(block.ticks), dtype=bool)
+        self.ticks = block.ticks
+        self.states = block.states
+        self.forces = block.forces_n
+        self.disturbances = block.disturbances_n if disturbed else np.zeros((len(here), 3))
+        self.has_state = block.present.get(topics.STATE, ~here)
+        self.has_force = block.present.get(topics.FORCE, ~here)
+        self.has_disturbance = block.present.get(topics.DISTURBANCE, ~here) if disturbed else here
+        if before is not None:
+            for name, rows in vars(self).items():
+                setattr(self, name, np.concatenate([getattr(before, name)[-1:], rows]))
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """Rows that have all their messages."""
+        return self.has_state & self.has_force & self.has_disturbance
+
+
+class _Verifier:
+    """Computes the blocks of a log anew; keeps what one hands to the next."""
+
+    def __init__(self, reader: RunReader) -> None:
+        self.scenario = scenario_of(reader)
+        self.controller = controller_of(reader)
+        self.topics = {topic.role: topic for topic in reader.topics}
+        self.disturbed = topics.DISTURBANCE in self.topics
+        if not self.disturbed and not self.scenario.disturbance.is_zero:
+            raise LogError(
+                Kind.MISSING_TOPIC,
+                reader.path,
+                f'has no topic {topics.DISTURBANCE}, but its scenario has a disturbance',
+            )
+        self.limit = float(self.scenario.max_force_n)
+        self.rows: _Rows | None = None
+        self.flown: Any = tuple(map(float, self.scenario.start))  # the next state, without the log
+        self.unbroken_to = 0  # the next tick, as long as no message lacks
+        self.spent = np.zeros((1, 2))  # before each of the rows: energy [N^2 s], saturated ticks
+
+    def first_difference(self, block: Block) -> Difference | None:
+        """Return the first difference in a block, None if there is none."""
+        found: list[Difference | None] = [self._odd(odd) for odd in block.odd]
+        if len(block.ticks):
+            self.rows = rows = _Rows(block, self.rows, self.disturbed)
+            self._account(rows)
+            found += [*self._compare(rows), *self._fly(rows)]
+        found += [self._status(tick, status) for tick, status in block.statuses]
+        order = {name: index for index, name in enumerate(topics.ORDER)}
+        return min(
+            (d for d in found if d is not None),
+            default=None,
+            key=lambda d: (d.tick, order[topics.role_of(d.topic) or topics.STATUS]),
+        )
+
+    def _compare(self, rows: _Rows) -> Iterator[Difference | None]:
+        """Compare each message with those that it follows from."""
+        laws, following = np.empty_like(rows.forces), np.empty_like(rows.states)
+        times = np.array([self.scenario.time_s(int(tick)) for tick in rows.ticks])
+        disturbances = self.scenario.disturbance.over(times)
+        _recompute(
+            as_table(rows.states),
+            as_table(rows.forces),
+            as_table(rows.disturbances),
+            self.controller.scales,
+            self.controller.system.tables,
+            self.limit,
+            self.scenario.step,
+            laws,
+            following,
+        )
+        start = np.array([tuple(map(float, self.scenario.start))])
+        if rows.ticks[0] == 0:
+            yield self._first(
+                START, topics.STATE, rows.ticks[:1], rows.states[:1], start, rows.has_state[:1]
+            )
+        follows = rows.whole[:-1] & rows.has_state[1:] & (np.diff(rows.ticks) == 1)
+        yield self._first(
+            DYNAMICS, topics.STATE, rows.ticks[1:], rows.states[1:], following[:-1], follows
+        )
+        yield self._first(
+            LAW, topics.FORCE, rows.ticks, rows.forces, laws, rows.has_state & rows.has_force
+        )
+        yield self._first(
+            DISTURBANCE,
+            topics.DISTURBANCE,
+            rows.ticks,
+            rows.disturbances,
+            disturbances,
+            rows.has_disturbance,
+        )
+
+    def _fly(self, rows: _Rows) -> Iterator[Difference | None]:
+        """Fly from the start, without the log, as far as no message lacks."""
+        new = rows.ticks >= self.unbroken_to
+        ticks, whole = rows.ticks[new], rows.whole[new]
+        count = int(np.cumprod(whole & (ticks == self.unbroken_to + np.arange(len(ticks)))).sum())
+        if not count:
+            return
+        times = [self.scenario.time_s(self.unbroken_to + k) for k in range(count + 1)]
+        disturbances = self.scenario.disturbance.over(np.array(times))
+        states, forces = np.empty((count + 1, 6)), np.empty((count + 1, 3))
+        kernels.closed_loop(
+            self.flown,
+            self.controller.scales,
+            self.controller.system.tables,
+            as_table(disturbances),
+            self.limit,
+            self.scenario.step,
+            states,
+            forces,
+        )
+        everywhere = np.ones(count, dtype=bool)
+        for role, logged, flown in (
+            (topics.STATE, rows.states, states),
+            (topics.FORCE, rows.forces, forces),
+        ):
+            yield self._first(
+                WHOLE, role, ticks[:count], logged[new][:count], flown[:-1], everywhere
+            )
+        self.flown = tuple(states[-1].tolist())
+        self.unbroken_to += count
+
+    def _account(self, rows: _Rows) -> None:
+        """Sum up what the thrusters gave before each row; NaN from where a force lacks."""
+        applied = np.clip(rows.forces, -self.limit, self.limit)
+        saturated = np.where(rows.has_force, (applied != rows.forces).any(axis=1), np.nan)
+        each = np.column_stack([(applied**2).sum(axis=1) * self.scenario.dt_s, saturated])
+        # a block begins with the last row of the one before, so its first sum is known
+        self.spent = np.cumsum(np.concatenate([self.spent[-1:], each[:-1]]), axis=0)
+
+    def _first(
+        self,
+        check: str,
+        role: str,
+        ticks: NDArray[np.int64],
+        logged: NDArray[np.float64],
+        computed: NDArray[np.float64],
+        where: NDArray[np.bool_],
+    ) -> Difference | None:
+        """Return the first of `where` whose bits differ."""
+        logged, computed = np.ascontiguousarray(logged), np.ascontiguousarray(computed)
+        unequal = (logged.view(np.uint64) != computed.view(np.uint64)) & where[:, None]
+        if not unequal.any():
+            return None
+        row, column = divmod(int(unequal.argmax()), unequal.shape[1])
+        fields = _STATE_FIELDS if role == topics.STATE else _FORCE_FIELDS
+        return Difference(
+            int(ticks[row]),
+            self.topics[role].name,
+            fields[column],
+            float(logged[row, column]),
+            float(computed[row, column]),
+            check,
+        )
+
+    def _odd(self, odd: Odd) -> Difference:
+        """Name what a message holds beside its stamp and its values."""
+        expected = plain(
+            odd.topic, self.scenario.stamp_ns(odd.tick), values_of(odd.topic, odd.data)
+        )
+        pairs = zip(_items(odd.topic, odd.data), _items(odd.topic, expected), strict=True)
+        for (field, logged), (_, computed) in pairs:
+            if _bits(logged) != _bits(computed):
+                return Difference(odd.tick, odd.topic.name, field, logged, computed, REST)
+        return Difference(
+            odd.tick,
+            odd.topic.name,
+            'bytes between its fields',
+            odd.data.hex(),
+            expected.hex(),
+            REST,
+        )
+
+    def _status(self, tick: int, status: cdr.Status) -> Difference | None:
+        """Compare the figures of a run_status with the flight."""
+        name = self.topics[topics.STATUS].name
+        values = dict(status.values)
+        for field, computed in self._figures(tick).items():
+            logged = values.get(field, repr(computed))
+            if not _same_figure(logged, computed):
+                return Difference(tick, name, field, logged, repr(computed), REST)
+        return None
+
+    def _figures(self, tick: int) -> dict[str, float]:
+        figures: dict[str, float] = {'tick': tick, 'time_s': self.scenario.time_s(tick)}
+        if self.rows is not None and tick in self.rows.ticks:
+            row = int(np.searchsorted(self.rows.ticks, tick))
+            if not np.isnan(self.spent[row]).any():
+                figures['energy_n2s'], figures['saturated_ticks'] = self.spent[row].tolist()
+            if self.rows.has_state[row]:
+                state = self.rows.states[row].tolist()
+                figures['distance_m'] = math.hypot(*state[:3])
+                figures['speed_m_s'] = math.hypot(*state[3:])
+        return figures
+
+
+def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
+    """Return the fields of a message, by name, in their order."""
+    if topic.role == topics.STATE:
+        odometry = cdr.decode_odometry(data)
+        return [
+            ('header.frame_id', odometry.frame_id),
+            ('child_frame_id', odometry.child_frame_id),
+            *zip(cdr.ODOMETRY_FIELDS, odometry.floats, strict=True),
+        ]
+    wrench = cdr.decode_wrench(data)
+    return [
+        ('header.frame_id', wrench.frame_id),
+        *zip(cdr.WRENCH_FIELDS, wrench.floats, strict=True),
+    ]
+
+
+def _bits(value: float | str) -> bytes:
+    return value.encode() if isinstance(value, str) else struct.pack('<d', value)
+
+
+def _same_figure(logged: str, computed: float) -> bool:
+    try:
+        return math.isclose(float(logged), computed, rel_tol=FIGURE_TOLERANCE)
+    except ValueError:
+        return False
+
+
+def verify(path: str | Path) -> Verification:
+    """Compute the flight of a run folder or .mcap file anew and compare; raises LogError."""
+    reader = RunReader(path)
+    verifier, tally = _Verifier(reader), Tally(reader)
+    for block in reader.blocks():
+        tally.add(block)
+        difference = verifier.first_difference(block)
+        if difference is not None:
+            return Verification(reader.path, tally.last + 1, difference, ())
+    return Verification(reader.path, tally.last + 1, None, tally.gaps(reader.damage))
