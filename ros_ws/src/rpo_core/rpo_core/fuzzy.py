@@ -111,7 +111,11 @@ class RuleTable:
 
     @property
     def is_monotone(self) -> bool:
-        """Whether the force never falls as an error rises."""
+        """Whether the consequent never falls from one word of an error to the next.
+
+        The inferred force may still dip a little between two peaks: a centroid of clipped triangles
+        is not monotone.
+        """
         return all(bool((np.diff(self.codes, axis=axis) >= 0).all()) for axis in (0, 1))
 
 

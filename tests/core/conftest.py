@@ -1,0 +1,41 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of the core share: shipped files, flights, and how hard hypothesis looks."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from rpo_core.closed_loop import Flight, fly
+from rpo_core.controller import FuzzyController, load_controller
+from rpo_core.scenario import Scenario, load_scenario
+
+# Derandomised: the same examples on every run, so that a failure is a change of ours.
+settings.register_profile(
+    'quick',
+    max_examples=100,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+settings.register_profile('smoke', settings.get_profile('quick'), max_examples=5)
+settings.load_profile(os.environ.get('RPO_HYPOTHESIS_PROFILE', 'quick'))
+
+
+@pytest.fixture(scope='session')
+def handmade() -> FuzzyController:
+    return load_controller('handmade')
+
+
+@pytest.fixture(scope='session')
+def paper_test() -> Scenario:
+    return load_scenario('paper_test')
+
+
+@pytest.fixture(scope='session')
+def paper_flight(paper_test: Scenario, handmade: FuzzyController) -> Flight:
+    return fly(paper_test, handmade)
