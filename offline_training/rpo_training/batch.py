@@ -22,6 +22,7 @@ import numpy as np
 
 from rpo_core.jit import COMPILED
 from rpo_core.kernels import LANES, cw_step, memberships, saturate
+from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
@@ -35,9 +36,10 @@ TERMS = 7
 # Rows of the scratch.
 R, V, FORCE, FLOWN, ENERGY, SLEW, LATE_R, LATE_V, LATE_F = (row * STRIDE for row in range(9))
 E_R, E_V, MOMENT, AREA, OUTPUT, SUM_R, SUM_V = (row * STRIDE for row in range(9, 16))
-GRADES = 16 * STRIDE  # 5 rows of position, 5 of velocity grades
-STRENGTHS = 26 * STRIDE  # 5 rows
-ROWS = 31
+OUTSIDE = 16 * STRIDE
+GRADES = 17 * STRIDE  # 5 rows of position, 5 of velocity grades
+STRENGTHS = 27 * STRIDE  # 5 rows
+ROWS = 32
 
 
 def compiled(function: Kernel) -> Kernel:
@@ -49,7 +51,7 @@ def compiled(function: Kernel) -> Kernel:
     return numba.njit(cache=True, error_model='numpy', fastmath=False, nogil=True)(function)
 
 
-FIGURES = 7
+FIGURES = 8
 """Columns of what `combine` fills."""
 
 
@@ -305,6 +307,10 @@ def assess(block, law, limit, c, times, w, norms):  # type: ignore[no-untyped-de
                 size = abs(saturate(w[FORCE + s], limit))
                 w[LATE_F + s] = size if size > w[LATE_F + s] else w[LATE_F + s]
         step(w, block, tick, limit, c)
+        if tick < times.ticks:
+            for s in range(n):
+                if abs(w[R + s]) > MAX_ARRIVAL_DISTANCE_M:
+                    w[OUTSIDE + s] = tick + 1.0
         if times.ticks - times.tail <= tick < times.ticks:
             _keep_norms(
                 w,
@@ -349,7 +355,8 @@ def combine(p, q, dt, times, w, norms, figures):  # type: ignore[no-untyped-def]
     Columns: energy [N^2 s], mean speed [m/s], slew [N/s], mean distance [m], as
     `rpo_core.metrics.Figures` names them, summed over ticks per axis, then x + y + z; and, over the
     late window, the largest |position| of an axis [m], the norm of the axes' largest speeds [m/s]
-    and the largest |force| of an axis [N].
+    and the largest |force| of an axis [N]; last, the time [s] after which every axis stays within
+    the arrival distance, as far as the judged flight goes.
     """
     for j in range(q):
         z = 2 * p + j
@@ -368,6 +375,7 @@ def combine(p, q, dt, times, w, norms, figures):  # type: ignore[no-untyped-def]
                 + w[LATE_V + z] * w[LATE_V + z]
             )
             row[6] = max(w[LATE_F + i], w[LATE_F + y], w[LATE_F + z])
+            row[7] = max(w[OUTSIDE + i], w[OUTSIDE + y], w[OUTSIDE + z]) * dt
 
 
 @compiled

@@ -27,7 +27,7 @@ from rpo_training.genes import Ints, Population
 
 Floats = NDArray[np.float64]
 
-ENERGY, SPEED, SLEW, DISTANCE, LATE_POSITION, LATE_SPEED, LATE_FORCE = range(batch.FIGURES)
+ENERGY, SPEED, SLEW, DISTANCE, LATE_POSITION, LATE_SPEED, LATE_FORCE, ARRIVAL = range(batch.FIGURES)
 """Columns of what `Simulator.fly` returns, see `rpo_training.batch.combine`."""
 
 
@@ -161,7 +161,7 @@ class Simulator:
         self._pool.shutdown(cancel_futures=True)
 
     def fly(self, population: Population) -> list[Floats]:
-        """Return the figures (members, starts, 7) of each case."""
+        """Return the figures (members, starts, 8) of each case."""
         n = len(population.scales)
         outcomes = [np.empty((n, len(case.starts), batch.FIGURES)) for case in self.cases]
         odd = (population.rules[:, ::-1] == 4 - population.rules).all(axis=1)

@@ -29,6 +29,7 @@ from rpo_core.metrics import (
 from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real
 from rpo_training.evaluation import (
+    ARRIVAL,
     DISTANCE,
     ENERGY,
     LATE_FORCE,
@@ -100,11 +101,13 @@ class Scores(NamedTuple):
     fitness : (n,) what is minimised [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
     failures : (n, 3) starts that miss each of `CONDITIONS`
+    arrival : (n,) mean time [s] after which every axis stays within 0.5 m
     """
 
     fitness: Floats
     energy: Floats
     failures: NDArray[np.int64]
+    arrival: Floats
 
     @property
     def penalty_free(self) -> NDArray[np.bool_]:
@@ -124,8 +127,12 @@ def mean(values: Floats) -> Floats:
 
 
 def excess(values: Floats, limits: float | Floats) -> Floats:
-    """Return how far values lie beyond their limits, in [0, 1): 1 - limit / value."""
-    return 1.0 - limits / np.maximum(values, limits)
+    """Return how far values lie beyond their limits, in [0, 1): 1 - (limit / value)^(1/4).
+
+    The fourth root still tells 100 times the limit from 200; it is two square roots, which every
+    processor rounds alike.
+    """
+    return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
 
 
 class Fitness:
@@ -160,7 +167,7 @@ class Fitness:
             fitness = fitness + settings.limit_cycle * self._cycling(training)
         if settings.disturbance:
             fitness = fitness + settings.disturbance * self._disturbed(outcomes[-1])
-        return Scores(fitness, energy, failures(training))
+        return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL]))
 
     def _penalties(self, figures: Floats) -> Floats:
         """Return the penalty (n, starts) of figures (n, starts, 4)."""

@@ -30,8 +30,8 @@ FUNCTIONS = 15
 _FREE = [(row, column) for column in range(5) for row in range(column, 5)]
 _ODD = [(row, column) for row, column in _FREE if row + column < 4]
 _DECIMALS = 4
-_SMALLEST = 0.01  # of a half-width, a centre; and of 1 - LP's left foot
-_LEAN = 0.99  # share of the centre that SP's left foot can reach
+_SMALLEST = 0.01  # half-width, centre
+_LEAN = 0.99  # share of its bound that a left foot can reach
 
 
 class Population(NamedTuple):
@@ -79,23 +79,30 @@ class GeneSpace:
     rules : one of `RULES`
     position_scale_m, velocity_scale_m_s : (least, most); equal bounds fix the scale, without a gene
     force_scale_n : fixed
+    complete : whether neighbouring input functions must overlap, so that some rule fires everywhere
+        and the force has no jumps; the paper does not ask for it
     """
 
     rules: str = 'free'
     position_scale_m: tuple[float, float] = (100.0, 100.0)
     velocity_scale_m_s: tuple[float, float] = (1.0, 1.0)
     force_scale_n: float = 0.5
+    complete: bool = False
 
     def __post_init__(self) -> None:
-        choice('rules', self.rules, RULES)
-        real('force_scale_n', self.force_scale_n, 'N', above=0.0)
+        choice('genes.rules', self.rules, RULES)
+        if not isinstance(self.complete, bool):
+            raise InputError(f'`genes.complete` must be true or false; got {self.complete!r}')
+        real('genes.force_scale_n', self.force_scale_n, 'N', above=0.0)
         for name, bounds in (
             ('position_scale_m', self.position_scale_m),
             ('velocity_scale_m_s', self.velocity_scale_m_s),
         ):
-            least, most = (real(name, bound, above=0.0) for bound in bounds)
+            if len(bounds) != 2:
+                raise InputError(f'`genes.{name}` must be [least, most]; got {list(bounds)}')
+            least, most = (real(f'genes.{name}', bound, above=0.0) for bound in bounds)
             if least > most:
-                raise InputError(f'`{name}` must be [least, most]; got [{least!r}, {most!r}]')
+                raise InputError(f'`genes.{name}` must be [least, most]; got {list(bounds)}')
 
     @property
     def _scales(self) -> list[tuple[float, float]]:
@@ -122,7 +129,7 @@ class GeneSpace:
                 scales[:, column] = np.round(scales[:, column], _DECIMALS)
                 used += 1
         scales[:, 2] = self.force_scale_n
-        functions = _decode_functions(genes[:, used : used + FUNCTIONS])
+        functions = _decode_functions(genes[:, used : used + FUNCTIONS], self.complete)
         return Population(scales, functions, self._decode_rules(genes[:, used + FUNCTIONS :]))
 
     def _decode_rules(self, genes: Floats) -> Ints:
@@ -155,7 +162,7 @@ class GeneSpace:
         for value, (least, most) in zip(controller.scales, self._scales, strict=False):
             if least < most:
                 genes.append((value - least) / (most - least))
-        genes += _encode_functions(np.array(_functions(controller.system)))
+        genes += _encode_functions(np.array(_functions(controller.system)), self.complete)
         words = 3 if self.rules == 'odd-monotone' else 5
         codes = controller.system.rules.codes
         genes += [(codes[cell] + 0.5) / words for cell in (_FREE if self.rules == 'free' else _ODD)]
@@ -169,28 +176,36 @@ class GeneSpace:
         return chromosome
 
 
-def _decode_functions(genes: Floats) -> Floats:
+def _decode_functions(genes: Floats, complete: bool) -> Floats:
     functions = np.empty_like(genes)
     for first in (0, 5, 10):
+        overlap = complete and first < 10
         zero, left, centre, right, large = genes[:, first : first + 5].T
+        width = np.round(_SMALLEST + (1.0 - _SMALLEST) * zero, _DECIMALS)
         peak = np.round(_SMALLEST + (1.0 - _SMALLEST) * centre, _DECIMALS)
-        functions[:, first] = np.round(_SMALLEST + (1.0 - _SMALLEST) * zero, _DECIMALS)
-        functions[:, first + 1] = np.round(_LEAN * peak * left, _DECIMALS)
+        edge = np.round(peak + (1.0 - peak) * right, _DECIMALS)
+        inner = np.minimum(peak, width) if overlap else peak
+        outer = edge if overlap else 1.0
+        functions[:, first] = width
+        functions[:, first + 1] = np.round(_LEAN * inner * left, _DECIMALS)
         functions[:, first + 2] = peak
-        functions[:, first + 3] = np.round(peak + (1.0 - peak) * right, _DECIMALS)
-        functions[:, first + 4] = np.round((1.0 - _SMALLEST) * large, _DECIMALS)
+        functions[:, first + 3] = edge
+        functions[:, first + 4] = np.round(_LEAN * outer * large, _DECIMALS)
     return functions
 
 
-def _encode_functions(functions: Floats) -> list[float]:
+def _encode_functions(functions: Floats, complete: bool) -> list[float]:
     genes: list[float] = []
     for first in (0, 5, 10):
+        overlap = complete and first < 10
         zero, left, centre, right, large = functions[first : first + 5].tolist()
+        inner = min(centre, zero) if overlap else centre
+        outer = right if overlap else 1.0
         genes += [
             (zero - _SMALLEST) / (1.0 - _SMALLEST),
-            left / (_LEAN * centre),
+            left / (_LEAN * inner),
             (centre - _SMALLEST) / (1.0 - _SMALLEST),
             (right - centre) / (1.0 - centre) if centre < 1.0 else 0.0,
-            large / (1.0 - _SMALLEST),
+            large / (_LEAN * outer),
         ]
     return genes

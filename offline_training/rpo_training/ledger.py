@@ -1,0 +1,142 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checkpoint of a run: every value the search was told.
+
+A search told the same values asks for the same chromosomes, so a run is resumed by telling them
+again, without flying: nothing of the inside of a search is saved. A digest of the chromosomes of
+each generation shows at once when that no longer holds, as under another version of a library.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.validation import InputError
+from rpo_training.fitness import Scores
+
+Floats = NDArray[np.float64]
+
+SCHEMA = 'rpo/checkpoint/1'
+
+LIBRARIES = ('rpo-training', 'numpy', 'numba', 'pymoo', 'cma')
+"""What the bits of a run depend on."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of `LIBRARIES`."""
+    found = {}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # run from the source tree
+            found[name] = 'source'
+    return found
+
+
+def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+    """Write a file beside `path` and rename it into place: the old one stays whole until then.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, as on a full disk; `path` is then as it was.
+    """
+    aside = path.with_name(f'.{path.name}.new')
+    try:
+        with aside.open('wb') as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
+
+
+@dataclass
+class Ledger:
+    """Generations told so far.
+
+    marks : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
+    digests : of the chromosomes of each
+    """
+
+    config: str
+    marks: list[Floats] = field(default_factory=list)
+    digests: list[str] = field(default_factory=list)
+
+    def add(self, genes: Floats, scores: Scores) -> None:
+        """Enter a generation."""
+        self.marks.append(
+            np.column_stack([scores.fitness, scores.energy, scores.failures, scores.arrival])
+        )
+        self.digests.append(digest(genes))
+
+    @property
+    def evaluations(self) -> int:
+        """Controllers flown in all."""
+        return sum(map(len, self.marks))
+
+    def save(self, path: Path) -> None:
+        """Write the checkpoint, aside and renamed."""
+        arrays = {
+            'schema': np.array(SCHEMA),
+            'config': np.array(self.config),
+            'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
+            'sizes': np.array([len(m) for m in self.marks]),
+            'marks': np.concatenate(self.marks) if self.marks else np.empty((0, 6)),
+            'digests': np.array(self.digests, dtype='U16'),
+        }
+        write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+    @classmethod
+    def load(cls, path: Path, config: str) -> Ledger:
+        """Return the ledger of a checkpoint that was written under the configuration `config`.
+
+        Raises
+        ------
+        InputError
+            If there is none, it is damaged, or of another version or configuration.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as saved:
+                data = {name: saved[name] for name in saved.files}
+            schema, written = str(data['schema']), str(data['config'])
+            bounds = np.cumsum(data['sizes'])[:-1]
+            marks = np.split(data['marks'], bounds) if len(data['sizes']) else []
+            digests = data['digests'].tolist()
+        except FileNotFoundError:
+            raise InputError(f'{path}: there is no checkpoint to resume from') from None
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(f'{path}: not a readable checkpoint: {error}') from None
+        if schema != SCHEMA:
+            raise InputError(f'{path}: its schema must be {SCHEMA}; got {schema}')
+        theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
+        if theirs != versions():
+            changed = [
+                f'{k} {theirs.get(k, "none")} (now {v})'
+                for k, v in versions().items()
+                if theirs.get(k) != v
+            ]
+            raise InputError(
+                f'{path}: was written with {", ".join(changed)}; a run resumes to the '
+                'same bits only with the versions it began with'
+            )
+        if written != config:
+            raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')
+        return cls(config, marks, digests)
+
+
+def digest(genes: Floats) -> str:
+    """Return a short digest of chromosomes."""
+    return hashlib.sha256(np.ascontiguousarray(genes).tobytes()).hexdigest()[:16]
