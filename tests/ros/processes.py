@@ -22,9 +22,12 @@ class RunningNode:
         self.log = log
         self._file = log.open('wb')
         self.process = subprocess.Popen(
-            command, env=dict(env), stdout=self._file, stderr=subprocess.STDOUT,
+            command,
+            env=dict(env),
+            stdout=self._file,
+            stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        )
 
     @property
     def output(self) -> str:

@@ -18,6 +18,7 @@ from rpo_core.controller import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log import report
+from rpo_log.errors import LogError
 from rpo_log.reader import read_flight
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
@@ -69,16 +70,17 @@ def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
     }
     nodes: list[FlightNode] = [
         PlantNode(plant),
-        RecorderNode({'output': str(folder), 'overwrite': options.overwrite}),
         FuzzyControllerNode({'controller': options.controller}),
     ]
     if not flown.disturbance.is_zero:
         nodes.append(DisturbanceInjectorNode({'scenario': options.scenario}))
+    # Last, because it makes the run folder: nothing is left behind when another node refuses.
+    nodes.append(RecorderNode({'output': str(folder), 'overwrite': options.overwrite}))
     return nodes
 
 
 def _both_done(nodes: Sequence[FlightNode]) -> bool:
-    plant, recorder = nodes[0], nodes[1]
+    plant, recorder = nodes[0], nodes[-1]
     return plant.done and recorder.done
 
 
@@ -97,11 +99,18 @@ def main() -> int:
     now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
     folder = Path(options.output or f'runs/{Path(options.scenario).stem}-{now}')
     begun = time.monotonic()
-    code = run(lambda: _nodes(options, folder), sys.argv, _both_done)
-    if code == 0 and not options.no_report:
+    nodes: list[FlightNode] = []
+
+    def make() -> list[FlightNode]:
+        nodes.extend(_nodes(options, folder))
+        return nodes
+
+    code = run(make, sys.argv, _both_done)
+    flown = code == 0 and nodes[0].phase == 'finished'
+    if flown and not options.no_report:
         try:
             _report(folder, time.monotonic() - begun)
-        except InputError as error:
+        except (InputError, LogError) as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT
     return code

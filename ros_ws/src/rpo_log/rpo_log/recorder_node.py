@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock as SteadyClock
@@ -24,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from rpo_core import files, scenario
 from rpo_core.validation import InputError
 from rpo_log import run as run_log
+from rpo_log import surroundings
 from rpo_log.errors import LogError
 from rpo_log.writer import RunLogWriter
 from rpo_ros import health, names, qos
@@ -52,6 +53,7 @@ _TYPES = {
 _FILE, _PARAMETER = 'file.', 'parameter.'
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY = 100_000
+NEVER = 1 << 62
 _ENOUGH_EARLY = 400
 """So many messages without a manifest of the controller: it is not one of ours, and has none."""
 _LOOK_S = 0.02
@@ -75,10 +77,13 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready = False
+        self._interrupted = False
+        self._health_log: surroundings.HealthLogWriter | None = None
+        self._begun = time.time()
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
         except LogError as error:
-            raise InputError(str(error)) from None
+            raise InputError(f'{error} (parameter `overwrite`)') from None
         self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
         self._say('waiting')
         self._subscribe()
@@ -92,6 +97,9 @@ class RecorderNode(FlightNode):
             self.create_subscription(kind, topic, on_raw, qos.RECORDING, raw=True)
         self.create_subscription(
             DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED, raw=True
+        )
+        self.create_subscription(
+            DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
         self.create_subscription(
             DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_FROM_MANY
@@ -115,6 +123,10 @@ class RecorderNode(FlightNode):
         self._on_raw(self.resolve_topic_name(names.RUN_STATUS), data)
         if phase != 'running':
             self._end = (phase, int(values['tick']), time.monotonic())
+
+    def _on_diagnostics(self, data: bytes) -> None:
+        if self._health_log is not None:
+            self._health_log.write(time.time_ns(), data)
 
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         values = _values(manifest)
@@ -154,7 +166,7 @@ class RecorderNode(FlightNode):
                 self._finish()
         elif self._ready and not self.count_publishers(names.RELATIVE_STATE):
             self.get_logger().error('the plant is gone')
-            self._end = ('aborted', -1, time.monotonic())
+            self._end = ('aborted', NEVER, time.monotonic())
             self.exit_code = EXIT_INCOMPLETE
 
     def _begin(self) -> None:
@@ -179,6 +191,7 @@ class RecorderNode(FlightNode):
             self.get_logger().error(str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
+        self._health_log = surroundings.HealthLogWriter(self.folder)
         for name, data in self._early:
             self._on_raw(name, data)
         self._early.clear()
@@ -207,6 +220,7 @@ class RecorderNode(FlightNode):
         if self.log is None or self.done:
             return
         summary = self.log.close()
+        self._write_surroundings(summary)
         said = f'{summary.sentence()}: {self.folder}'
         if summary.whole:
             self.get_logger().info(said)
@@ -215,6 +229,24 @@ class RecorderNode(FlightNode):
             self.get_logger().error(said)
         self._say('closed')
         self.done = True
+
+    def _write_surroundings(self, summary: run_log.RunSummary) -> None:
+        """Write what depends on the wall clock and the machine, apart from the run's log."""
+        if self._health_log is not None:
+            self._health_log.close()
+        phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
+        facts = {
+            'recorded_from': _utc(self._begun),
+            'recorded_to': _utc(time.time()),
+            'run': {'end': phase, 'last_tick': None if tick == NEVER else tick},
+            'messages': dict(summary.messages),
+            'resent_and_dropped': dict(summary.duplicates),
+            'faults': None if summary.whole else summary.sentence(),
+        }
+        try:
+            surroundings.write_run_info(self.folder, facts)
+        except LogError as error:
+            self.get_logger().error(str(error))
 
     def _say(self, message: str) -> None:
         self._status.publish(to_status(health.OK, self.get_name(), message, []))
@@ -227,15 +259,26 @@ class RecorderNode(FlightNode):
         values = {'messages': sum(summary.messages.values()), 'lost': summary.lost}
         return level, summary.failure or 'recording', values
 
-    def close(self, reason: str) -> None:
-        """Close the log; an interruption is the user's wish, not a fault."""
+    def interrupt(self, reason: str) -> None:
+        """Wait a moment for the plant's last words; an interruption is no fault of the log."""
+        self._interrupted = True
+        self.done = self.done or self.log is None
+        if self._end is None:
+            self._end = ('interrupted', NEVER, time.monotonic())
+
+    def close(self) -> None:
+        """Close the log."""
         self._finish()
-        if reason:
+        if self._interrupted:
             self.exit_code = 0
 
 
 def _values(status: DiagnosticStatus) -> dict[str, str]:
     return {pair.key: pair.value for pair in status.values}
+
+
+def _utc(moment_s: float) -> str:
+    return datetime.datetime.fromtimestamp(moment_s, datetime.timezone.utc).isoformat()
 
 
 def main() -> int:

@@ -22,74 +22,82 @@ AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')
 
 PICTURE = 'time_histories.png'
 
+CLOSE_UP_S = metrics.CLAIM_WINDOW_S
+"""The picture shows the last part of a flight a second time, close up."""
+
+PAPER = "the paper's claims"
+EXAMPLE = "the paper's training example (another start)"
+TRAINING = 'conditions of training'
+
 Row = tuple[str, str, str, str]
 """Figure, flown, limit, verdict."""
 
 
-def rows(flight: Flight) -> list[Row]:
-    """Return the table: the paper's claims that apply, the conditions of training, the energy."""
+def rows(flight: Flight) -> dict[str, list[Row]]:
+    """Return the table by sections: the paper's claims that apply, the conditions of training."""
     figures = metrics.assess(flight)
-    speed, slew, arrival = figures.conditions
-    table = [
-        (
-            f'paper: {claim.statement}',
-            f'{claim.flown:.4g} {claim.unit}',
-            f'<= {claim.paper:.4g} {claim.unit}',
-            _verdict(claim.holds),
-        )
-        for claim in metrics.claims(flight)
-    ]
-    return [
-        *table,
-        (
-            'mean speed, last 30 s',
-            f'{figures.arrival_speed_m_s:.4g} m/s',
-            f'<= {metrics.MAX_ARRIVAL_SPEED_M_S:g} m/s',
-            _verdict(speed),
-        ),
-        (
-            'largest |df/dt|',
-            f'{figures.slew_n_s:.4g} N/s',
-            f'<= {metrics.MAX_SLEW_N_S:g} N/s',
-            _verdict(slew),
-        ),
+    met = figures.conditions
+    limits = [
+        ('mean speed, last 30 s', 'm/s', figures.arrival_speed_m_s, metrics.MAX_ARRIVAL_SPEED_M_S),
+        ('largest |df/dt|', 'N/s', figures.slew_n_s, metrics.MAX_SLEW_N_S),
         (
             'mean distance, last 30 s',
-            f'{figures.arrival_distance_m:.4g} m',
-            f'<= {metrics.MAX_ARRIVAL_DISTANCE_M:g} m',
-            _verdict(arrival),
+            'm',
+            figures.arrival_distance_m,
+            metrics.MAX_ARRIVAL_DISTANCE_M,
         ),
-        ('energy J', f'{figures.energy_n2s:.4g} N^2 s', '', ''),
     ]
+    disturbed = not flight.scenario.disturbance.is_zero
+    return {
+        PAPER if disturbed else EXAMPLE: [
+            _row(
+                claim.statement,
+                claim.unit,
+                claim.flown,
+                claim.paper,
+                claim.holds if disturbed else None,
+            )
+            for claim in metrics.claims(flight)
+        ],
+        TRAINING: [
+            *(_row(*limit, holds) for limit, holds in zip(limits, met, strict=True)),
+            ('energy J', f'{figures.energy_n2s:.4g} N²s', '', ''),
+        ],
+    }
 
 
-def _verdict(holds: bool) -> str:
-    return 'holds' if holds else 'MISSED'
+def _row(name: str, unit: str, flown: float, limit: float, holds: bool | None) -> Row:
+    verdict = {True: 'holds', False: 'MISSED', None: ''}[holds]
+    return name, f'{flown:.3g} {unit}', f'≤ {limit:.3g} {unit}', verdict
 
 
 def print_table(flight: Flight, title: str) -> None:
     """Print the figures as a table; in plain text where rich is not installed."""
-    header = ('figure', 'flown', 'limit', 'verdict')
+    sections = rows(flight)
     if importlib.util.find_spec('rich') is None:
         print(title)
-        for row in (header, *rows(flight)):
-            print(f'  {row[0]:<38}{row[1]:>18}{row[2]:>18}  {row[3]}')
+        for section, lines in sections.items():
+            print(f' {section}')
+            for name, flown, limit, verdict in lines:
+                print(f'  {name:<34}{flown:>16}{limit:>16}  {verdict}')
         return
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify='left')
-    for name, side in zip(header, ('left', 'right', 'right', 'left'), strict=True):
-        table.add_column(name, justify=side)  # type: ignore[arg-type]
-    for row in rows(flight):
-        style = {'holds': 'green', 'MISSED': 'bold red'}.get(row[3], '')
-        table.add_row(*row[:3], f'[{style}]{row[3]}[/]' if style else row[3])
-    Console().print(table)
+    table = Table('figure', 'flown', 'limit', 'verdict', title=title, title_justify='left')
+    for section, lines in sections.items():
+        table.add_row(f'[bold]{section}[/]')
+        for name, flown, limit, verdict in lines:
+            style = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, 'none')
+            table.add_row(f'  {name}', flown, limit, f'[{style}]{verdict}[/]')
+        table.add_section()
+    Console(highlight=False).print(table)
 
 
 def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     """Write the time histories of position, velocity and force, as in the paper's test figure.
 
+    The right column is the last part close up, with the limits that the paper claims.
     Returns the picture's path, or None where matplotlib is not installed.
     """
     if importlib.util.find_spec('matplotlib') is None:
@@ -97,26 +105,32 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.0, 8.5), layout='constrained')
+    times, level = flight.scenario.times_s, metrics.disturbance_level_n(flight)
+    disturbed = level > 0.0
+    figure = Figure(figsize=(11.0, 8.0), layout='constrained')
     FigureCanvasAgg(figure)
-    panels = figure.subplots(3, 1, sharex=True)
-    times = flight.scenario.times_s
-    _panel(panels[0], times, flight.positions_m, 'relative position [m]')
-    _panel(panels[1], times, flight.velocities_m_s, 'relative velocity [m/s]')
-    _panel(panels[2], times[:-1], flight.applied_forces_n, 'control force [N]')
-    level = metrics.disturbance_level_n(flight)
-    if level > 0.0:
-        for sign in (-1.0, 1.0):
-            panels[2].axhline(
-                sign * level,
-                color='0.35',
-                linestyle='--',
-                linewidth=1.0,
-                label='level of the disturbance' if sign > 0 else None,
-            )
-    panels[2].legend(loc='upper right', fontsize='small')
-    panels[0].legend(loc='upper right', fontsize='small')
-    panels[2].set_xlabel('time [s]')
+    panels = figure.subplots(3, 2, sharex='col', width_ratios=(3, 2))
+    limits = [claim.paper if disturbed else None for claim in metrics.claims(flight)] + [None]
+    for (wide, close), values, label, limit, name in zip(
+        panels,
+        (flight.positions_m, flight.velocities_m_s, flight.applied_forces_n),
+        ('relative position [m]', 'relative velocity [m/s]', 'control force [N]'),
+        limits[:3],
+        ("the paper's claim", "the paper's claim", 'level of the disturbance'),
+        strict=True,
+    ):
+        last = metrics.window_ticks(flight.scenario, CLOSE_UP_S)
+        _panel(wide, times[: len(values)], values, label)
+        _panel(close, times[: len(values)][-last:], values[-last:])
+        if limit is not None:
+            _limit(close, limit, name)
+    if disturbed:
+        _limit(panels[2][0], level, 'level of the disturbance')
+    panels[0][0].legend(loc='upper right', fontsize='small')
+    panels[0][0].set_title('whole flight')
+    panels[0][1].set_title(f'last {min(CLOSE_UP_S, flight.scenario.duration_s):g} s')
+    for axes in panels[2]:
+        axes.set_xlabel('time [s]')
     figure.suptitle(title)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / PICTURE
@@ -124,10 +138,23 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     return path
 
 
-def _panel(axes: Any, times: np.ndarray, values: np.ndarray, label: str) -> None:
+def _panel(axes: Any, times: np.ndarray, values: np.ndarray, label: str = '') -> None:
     for name, colour, column in zip(AXIS_NAMES, AXIS_COLOURS, values.T, strict=True):
         axes.plot(times, column, color=colour, linewidth=1.4, label=name)
     axes.axhline(0.0, color='0.8', linewidth=0.8, zorder=0)
     axes.set_ylabel(label)
     axes.grid(color='0.92')
     axes.margins(x=0.01)
+
+
+def _limit(axes: Any, value: float, name: str) -> None:
+    for sign in (-1.0, 1.0):
+        axes.axhline(
+            sign * value,
+            color='0.3',
+            linestyle='--',
+            linewidth=1.0,
+            label=name if sign > 0 else None,
+        )
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles[-1:], labels[-1:], loc='upper right', fontsize='small')

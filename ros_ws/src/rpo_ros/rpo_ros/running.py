@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
+from itertools import takewhile
 from types import FrameType
 from typing import Any
 
@@ -16,7 +18,6 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
 
 from rpo_core.validation import InputError
 from rpo_ros.parameters import Row, usage
@@ -25,6 +26,9 @@ EXIT_BAD_INPUT = 2
 
 _POLL_S = 0.05
 """Longest wait between two looks at the stop signal."""
+
+_LAST_WORDS_S = 2.0
+"""Longest time from a signal to the end: `ros2 launch` kills after 5 s."""
 
 
 class FlightNode(Node):
@@ -44,8 +48,12 @@ class FlightNode(Node):
         self.done = False
         self.exit_code = 0
 
-    def close(self, reason: str) -> None:
-        """Finish before the node is destroyed; `reason` is '' at the node's own end."""
+    def interrupt(self, reason: str) -> None:
+        """React to a signal; a node with last words to say sets `done` when it has said them."""
+        self.done = True
+
+    def close(self) -> None:
+        """Release what the node holds, just before it is destroyed."""
 
 
 class _StopSignal:
@@ -78,8 +86,14 @@ def spin(nodes: Sequence[FlightNode], until: Callable[[], bool]) -> str:
     # spin_once in a loop: EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels.
     while not until() and not stop.name:
         executor.spin_once(timeout_sec=_POLL_S)
+    if stop.name:
+        for node in nodes:
+            node.interrupt(stop.name)
+        deadline = time.monotonic() + _LAST_WORDS_S
+        while not all(node.done for node in nodes) and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=_POLL_S)
     for node in nodes:
-        node.close(stop.name)
+        node.close()
         executor.remove_node(node)
     executor.shutdown(timeout_sec=1.0)
     return stop.name
@@ -123,7 +137,8 @@ def run_node(
     if {'-h', '--help'} & set(sys.argv[1:]):
         print(usage(command, about or '', rows))
         return 0
-    stray = remove_ros_args(sys.argv)[1:]
+    # Not remove_ros_args: rcl takes a bare `scenario:=quick` for an old form of remapping.
+    stray = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
     if stray:
         print(
             f'unknown argument {stray[0]!r}; parameters come as --ros-args -p NAME:=VALUE, see '

@@ -49,7 +49,7 @@ _SAY_S = 5.0
 _ENDED = ('finished', 'aborted')
 _LAST_WORD_S = 5.0
 """Longest wait for the recorder to close its log after the end of a run."""
-_INTERRUPTED = Duration(seconds=0.5)
+_INTERRUPTED = Duration(seconds=0, nanoseconds=200_000_000)
 
 
 class PlantNode(FlightNode):
@@ -209,9 +209,9 @@ class PlantNode(FlightNode):
         ignored = {f'ignored_{kind}': count for kind, count in sorted(plant.ignored.items())}
         return level, self.phase, {'tick': plant.tick, 'resends': self.resends, **ignored}
 
-    def close(self, reason: str) -> None:
-        """Say that the run was interrupted."""
-        if reason and self.phase not in _ENDED:
+    def interrupt(self, reason: str) -> None:
+        """Say that the run was interrupted, and let the recorder close its log."""
+        if self.phase not in _ENDED:
             self._end('aborted', f'interrupted by {reason}', health.WARN)
             self._status.wait_for_all_acked(_INTERRUPTED)
 

@@ -1,0 +1,254 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The nodes as people start, stop and abuse them."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from processes import flight
+
+from rpo_core import closed_loop
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_log.reader import read_flight, read_run
+
+NODES = {
+    'plant': ('rpo_sim', {}),
+    'disturbance_injector': ('rpo_sim', {}),
+    'fuzzy_controller': ('rpo_ctrl', {}),
+    'recorder': ('rpo_log', {}),
+}
+RUDE = str(Path(__file__).with_name('rude_controller.py'))
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with flight(ros_env, tmp_path) as started:
+        yield started
+
+
+def rewritten(name: str, folder: Path, **changes: object) -> str:
+    """Write a shipped scenario with some fields changed; return its path."""
+    import rpo_core.files
+
+    path = rpo_core.files.shipped('scenario')[name]
+    document = {**yaml.safe_load(path.read_text()), **changes}
+    target = folder / f'{name}_changed.yaml'
+    target.write_text(yaml.safe_dump(document))
+    return str(target)
+
+
+@pytest.mark.parametrize('first', ['plant', 'fuzzy_controller'])
+def test_plant_and_controller_find_each_other_and_fly_approach(ros, first):
+    nodes = {}
+    for name in sorted(('plant', 'fuzzy_controller'), key=lambda name: name != first):
+        nodes[name] = ros.node(NODES[name][0], name)
+    assert nodes['plant'].wait() == 0, nodes['plant'].output
+    nodes['plant'].says('finished at 400 s')
+    assert nodes['fuzzy_controller'].stop() == 0
+    assert not any('Traceback' in node.output for node in ros.nodes)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_every_waiting_node_cleanly(ros, number):
+    started = [
+        (ros.node('rpo_sim', 'plant'), 'waiting for'),
+        (ros.node('rpo_sim', 'disturbance_injector'), 'disturbing as'),
+        (ros.node('rpo_ctrl', 'fuzzy_controller'), 'controlling with'),
+        (ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run')), 'recording'),
+    ]
+    for node, text in started:
+        node.says(text)
+    for node, _ in started:
+        assert node.stop(number) == 0, node.output
+        assert 'Traceback' not in node.output
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
+    output = ros.folder / 'run'
+    node = ros.node(
+        'rpo_bringup',
+        'final_approach',
+        '--scenario',
+        'paper_test',
+        '--output',
+        str(output),
+        '--real-time-factor',
+        '20',
+    )
+    node.says('flying')
+    assert node.stop(number) == 0, node.output
+    assert 'Traceback' not in node.output
+    log = read_run(output)
+    expected = closed_loop.fly(load_scenario('paper_test'), load_controller('handmade'))
+    count = len(log.ticks)
+    np.testing.assert_array_equal(log.states, expected.states[:count])
+    assert dict(log.statuses[-1][1].values)['phase'] == 'aborted'
+
+
+BAD = {
+    'unknown scenario': ('plant', {'scenario': 'nope'}, ['`scenario`', 'paper_test', "'nope'"]),
+    'no such file': ('plant', {'scenario': '/no/such.yaml'}, ['/no/such.yaml']),
+    'a set of scenarios': ('plant', {'scenario': 'paper_training'}, ['set of 216']),
+    'text for a number': ('plant', {'real_time_factor': 'fast'}, ['`real_time_factor`', 'fast']),
+    'below the range': ('plant', {'resend_after_s': '-1.0'}, ['`resend_after_s`', '-1.0']),
+    'not a number': ('plant', {'peer_timeout_s': '.nan'}, ['`peer_timeout_s`', 'nan']),
+    'no such choice': ('plant', {'on_peer_timeout': 'pray'}, ['abort, coast', "'pray'"]),
+    'unknown controller': ('fuzzy_controller', {'controller': 'nope'}, ['handmade', "'nope'"]),
+    'a number for a text': ('fuzzy_controller', {'controller': '3'}, ['`controller`', '3']),
+    'injector, unknown': ('disturbance_injector', {'scenario': 'nope'}, ["'nope'"]),
+}
+
+
+@pytest.mark.parametrize('case', BAD)
+def test_bad_input_is_one_sentence_and_nothing_starts(ros, case):
+    name, parameters, said = BAD[case]
+    node = ros.node(NODES[name][0], name, **parameters)
+    assert node.wait() == 2
+    lines = [line for line in node.output.splitlines() if line.strip()]
+    assert len(lines) == 1, node.output
+    assert all(text in lines[0] for text in said), lines[0]
+
+
+def test_a_bad_controller_file_is_named_with_its_field(ros):
+    path = ros.folder / 'mine.yaml'
+    shipped = Path(__file__).parents[2] / 'ros_ws/src/rpo_ctrl/config/controllers/handmade.yaml'
+    path.write_text(
+        shipped.read_text().replace('SP: [SN, Z, SP, SP, LP]', 'SP: [SN, Z, SP, XL, LP]')
+    )
+    node = ros.node('rpo_ctrl', 'fuzzy_controller', controller=str(path))
+    assert node.wait() == 2
+    assert all(text in node.output for text in (str(path), 'rules.SP[SP]', "'XL'", 'LN, SN, Z'))
+
+
+def test_an_existing_run_is_not_overwritten(ros):
+    output = ros.folder / 'run'
+    output.mkdir()
+    (output / 'run.mcap').write_bytes(b'precious')
+    node = ros.node('rpo_log', 'recorder', output=str(output))
+    assert node.wait() == 2
+    assert (output / 'run.mcap').read_bytes() == b'precious'
+    assert 'overwrite' in node.output
+
+
+def test_arguments_that_are_not_parameters_are_refused(ros):
+    node = ros.node('rpo_sim', 'plant', 'scenario:=quick')
+    assert node.wait() == 2
+    assert '--ros-args -p' in node.output
+
+
+def test_a_misspelt_parameter_is_warned_of(ros):
+    node = ros.node('rpo_sim', 'plant', start_timeout_s=0.1, real_time_facto=3.0)
+    assert node.wait() == 3
+    assert 'did you mean `real_time_factor`?' in node.output
+
+
+def test_nobody_there_says_who_is_missing(ros):
+    node = ros.node('rpo_sim', 'plant', scenario='paper_test', start_timeout_s=0.3)
+    assert node.wait() == 3
+    assert 'no answer in time from control_force, disturbance_force' in node.output
+
+
+@pytest.mark.parametrize(('reaction', 'code'), [('abort', 3), ('coast', 0)])
+def test_a_controller_killed_in_flight(ros, reaction, code):
+    output = ros.folder / 'run'
+    scenario = rewritten('approach', ros.folder, duration_s=20.0)
+    controller = ros.node('rpo_ctrl', 'fuzzy_controller')
+    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    plant = ros.node(
+        'rpo_sim',
+        'plant',
+        scenario=scenario,
+        real_time_factor=10.0,
+        peer_timeout_s=0.5,
+        on_peer_timeout=reaction,
+        wait_for_recorder='true',
+    )
+    plant.says('flying')
+    controller.process.kill()
+    assert plant.wait() == code, plant.output
+    assert 'from control_force' in plant.output
+    recorder.wait()
+    log = read_run(output)
+    assert (
+        dict(log.statuses[-1][1].values)['phase']
+        == {'abort': 'aborted', 'coast': 'finished'}[reaction]
+    )
+
+
+def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
+    output = ros.folder / 'run'
+    ros.node('rpo_ctrl', 'fuzzy_controller')
+    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    plant = ros.node('rpo_sim', 'plant', real_time_factor=20.0, wait_for_recorder='true')
+    plant.says('flying')
+    plant.process.kill()
+    recorder.says('the plant is gone')
+    assert recorder.wait() == 1
+    expected = closed_loop.fly(load_scenario('approach'), load_controller('handmade'))
+    log = read_run(output)
+    np.testing.assert_array_equal(log.states, expected.states[: len(log.ticks)])
+
+
+def test_wrong_answers_change_nothing(ros):
+    """Not finite, in another frame, late, early, twice, not at all: the bits stay the same."""
+    output = ros.folder / 'run'
+    rude = subprocess.Popen([sys.executable, RUDE], env=ros.env)
+    try:
+        ros.node('rpo_sim', 'disturbance_injector', scenario='quick')
+        recorder = ros.node('rpo_log', 'recorder', output=str(output))
+        plant = ros.node(
+            'rpo_sim', 'plant', scenario='quick', resend_after_s=0.05, wait_for_recorder='true'
+        )
+        assert plant.wait() == 0, plant.output
+        recorder.wait()
+    finally:
+        rude.terminate()
+        rude.wait(10)
+    expected = closed_loop.fly(load_scenario('quick'), load_controller('handmade'))
+    np.testing.assert_array_equal(read_run(output).states, expected.states)
+
+
+def test_two_runs_in_two_namespaces_do_not_touch(ros):
+    runs = []
+    for name in ('alpha', 'beta'):
+        node = ros.node(
+            'rpo_bringup',
+            'final_approach',
+            '--scenario',
+            'quick',
+            '--output',
+            f'{ros.folder}/{name}',
+            '--no-report',
+            '--ros-args',
+            '-r',
+            f'__ns:=/{name}',
+            '-r',
+            f'/clock:=/{name}/clock',
+        )
+        runs.append(node)
+    assert [node.wait() for node in runs] == [0, 0], [node.output for node in runs]
+    alpha, beta = (read_flight(ros.folder / name) for name in ('alpha', 'beta'))
+    np.testing.assert_array_equal(alpha.states, beta.states)
+
+
+def test_nothing_is_lost_at_full_speed(ros):
+    output = ros.folder / 'run'
+    node = ros.node(
+        'rpo_bringup', 'final_approach', '--scenario', 'paper_test', '--output', str(output)
+    )
+    assert node.wait() == 0, node.output
+    info = yaml.safe_load((output / 'run_info.yaml').read_text())
+    ticks = load_scenario('paper_test').ticks + 1
+    assert {name: count for name, count in info['messages'].items() if name != '/run_status'} == {
+        name: ticks
+        for name in ('/clock', '/relative_state', '/control_force', '/disturbance_force')
+    }
+    assert info['faults'] is None
+    assert (output / 'report' / 'time_histories.png').stat().st_size > 10_000
