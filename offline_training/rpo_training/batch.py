@@ -30,6 +30,9 @@ STRIDE = 136
 """Lanes of a block, at most: planar loops count two, vertical loops one. 17 cache lines, an odd
 number, so that the rows do not contend for the same lines of the first-level cache."""
 
+LONGEST = 128
+"""Lanes that `infer_many` takes at a time: whole SIMD registers."""
+
 TERMS = 7
 """Samples in one partial sum of the unrolled centroid: ceil(50 / 8) at 101 samples."""
 
@@ -387,3 +390,15 @@ def _mean_norms(p, vertical, tail, w, norms):  # type: ignore[no-untyped-def]
         for i in range(p):
             w[SUM_R + i] += sqrt(norms[0, tick, i] + distance)
             w[SUM_V + i] += sqrt(norms[1, tick, i] + speed)
+
+
+@compiled
+def infer_many(errors, law, w, outputs):  # type: ignore[no-untyped-def]
+    """Fill outputs (n,) for normalised errors (2, n), position and velocity, in [-1, 1]."""
+    for first in range(0, len(outputs), LONGEST):
+        n = min(LONGEST, len(outputs) - first)
+        for s in range(n):
+            w[E_R + s], w[E_V + s] = errors[0, first + s], errors[1, first + s]
+        infer_lanes(w, n, law)
+        for s in range(n):
+            outputs[first + s] = w[OUTPUT + s]

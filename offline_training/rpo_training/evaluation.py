@@ -146,10 +146,15 @@ def case_of_flights(scenarios: Sequence[Scenario], late_s: float) -> Case:
 
 
 class Simulator:
-    """Flies populations through cases, on `workers` threads (0: one per core)."""
+    """Flies populations through cases, on `workers` threads (0: one per core).
 
-    def __init__(self, cases: Sequence[Case], workers: int = 0) -> None:
-        self.cases = tuple(cases)
+    samples : of the output range, for every controller
+    """
+
+    def __init__(
+        self, cases: Sequence[Case], workers: int = 0, samples: int = DEFAULT_SAMPLES
+    ) -> None:
+        self.cases, self.samples = tuple(cases), samples
         self.workers = workers or len(os.sched_getaffinity(0))
         self._local = threading.local()
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-batch')
@@ -178,7 +183,7 @@ class Simulator:
     def _scratch(self, tail: int) -> tuple[batch.Law, Floats, Floats, Floats]:
         local = self._local
         if not hasattr(local, 'law'):
-            local.law = batch.make_law(DEFAULT_SAMPLES)
+            local.law = batch.make_law(self.samples)
             local.rows, local.figures = (
                 batch.make_scratch(),
                 np.empty((batch.STRIDE**2, batch.FIGURES)),

@@ -49,7 +49,7 @@ Floats = NDArray[np.float64]
 CONDITIONS = ('speed', 'slew', 'arrival')
 """The paper's two, and ours."""
 
-_LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
+LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
 _COLUMNS = [SPEED, SLEW, DISTANCE]
 
 AT_LIMIT = 0.1
@@ -117,7 +117,7 @@ class Scores(NamedTuple):
 
 def failures(figures: Floats) -> NDArray[np.int64]:
     """Return the starts (..., 3) of figures (..., starts, 4) that miss each condition."""
-    return (figures[..., _COLUMNS] > _LIMITS).sum(axis=-2)
+    return (figures[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 
 def mean(values: Floats) -> Floats:
@@ -172,7 +172,7 @@ class Fitness:
     def _penalties(self, figures: Floats) -> Floats:
         """Return the penalty (n, starts) of figures (n, starts, 4)."""
         used = 3 if self.settings.arrival else 2
-        limits = _LIMITS[:used] * (1.0 - self.settings.margin)
+        limits = LIMITS[:used] * (1.0 - self.settings.margin)
         values = figures[..., _COLUMNS[:used]]
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':

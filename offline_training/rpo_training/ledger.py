@@ -58,9 +58,11 @@ def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
             file.flush()
             os.fsync(file.fileno())
         aside.replace(path)
-    except OSError as error:
+    except BaseException as error:
         aside.unlink(missing_ok=True)
-        raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
+        if isinstance(error, OSError):
+            raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
+        raise
 
 
 @dataclass

@@ -1,0 +1,161 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How good a controller is: the targets Q1-Q5, start by start beside the least energy possible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import cw
+from rpo_core.controller import FuzzyController
+from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_training import fitness
+from rpo_training.evaluation import (
+    DISTANCE,
+    ENERGY,
+    LATE_FORCE,
+    LATE_POSITION,
+    LATE_SPEED,
+    SLEW,
+    SPEED,
+    Simulator,
+    case_of_flights,
+    case_of_set,
+)
+from rpo_training.genes import population_of
+
+Floats = NDArray[np.float64]
+
+MAX_MEAN_ENERGY_N2S = 3.7
+"""Q2; the least possible under all conditions, by convex programming, is about 2.41."""
+
+
+def least_energy(scenario: Scenario, starts: Floats) -> Floats:
+    """Return the least J [N^2 s] (n,) that brings starts (n, 6) to rest at the origin in time.
+
+    Minimum of sum |f_k|^2 dt over forces held for a tick, without limits or conditions:
+    x0' (A^N)' W^-1 A^N x0 dt with W = sum A^k B B' (A^k)', by the normal equations.
+    """
+    a, b = cw.matrices(scenario.step)
+    power, gramian = np.eye(6), np.zeros((6, 6))
+    for _ in range(scenario.ticks):
+        reach = power @ b
+        gramian += reach @ reach.T
+        power = a @ power
+    drift = starts @ power.T
+    return np.einsum('ij,ij->i', drift, np.linalg.solve(gramian, drift.T).T) * scenario.dt_s
+
+
+class Mark(NamedTuple):
+    """A target beside what was reached; both as numbers, the smaller the better."""
+
+    target: str
+    what: str
+    unit: str
+    limit: float
+    reached: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the target is reached."""
+        return self.reached <= self.limit
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Figures of one controller.
+
+    starts : (n, 3) initial positions [m]; figures : (n, 8), see `rpo_training.evaluation`
+    least : (n,) least energy possible [N^2 s]
+    tests : (2, 8) figures of the paper's test, offset and phase reading
+    """
+
+    controller: FuzzyController
+    starts: Floats
+    figures: Floats
+    least: Floats
+    tests: Floats
+
+    @property
+    def mean_energy_n2s(self) -> float:
+        """Mean J over the starts."""
+        return float(fitness.mean(self.figures[:, ENERGY]))
+
+    @property
+    def binding(self) -> list[str]:
+        """The condition nearest to its limit, per start."""
+        shares = self.figures[:, [SPEED, SLEW, DISTANCE]] / fitness.LIMITS
+        return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
+
+    def marks(self) -> list[Mark]:
+        """Return the targets Q1-Q5."""
+        figures, tests, rules = self.figures, self.tests, self.controller.system.rules
+        missed = int((fitness.failures(figures[:, None, :]).sum(axis=1) > 0).sum())
+        marks = [
+            Mark('Q1', 'starts that miss a condition', '', 0, missed),
+            Mark(
+                'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
+            ),
+        ]
+        for row, (name, distance) in zip(tests, fitness.TESTS.items(), strict=True):
+            marks += [
+                Mark(
+                    'Q3',
+                    f'{name}: largest |position|, last 200 s',
+                    'm',
+                    distance,
+                    float(row[LATE_POSITION]),
+                ),
+                Mark(
+                    'Q3',
+                    f'{name}: largest speed, last 200 s',
+                    'm/s',
+                    fitness.MAX_TEST_SPEED_M_S,
+                    float(row[LATE_SPEED]),
+                ),
+            ]
+        return [
+            *marks,
+            Mark(
+                'Q4',
+                'undisturbed, 300-400 s: largest |force|',
+                'N',
+                fitness.MAX_SETTLED_FORCE_N,
+                float(figures[:, LATE_FORCE].max()),
+            ),
+            Mark(
+                'Q4',
+                'undisturbed, 300-400 s: largest speed',
+                'm/s',
+                fitness.MAX_SETTLED_SPEED_M_S,
+                float(figures[:, LATE_SPEED].max()),
+            ),
+            Mark(
+                'Q5',
+                'rules that are not odd or not monotone',
+                '',
+                0,
+                int(not rules.is_odd) + int(not rules.is_monotone),
+            ),
+        ]
+
+
+def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
+    """Fly a controller through the training set, on to 400 s, and through the paper's tests."""
+    training = load_set('paper_training')
+    cases = [
+        case_of_set(
+            training,
+            horizon_s=fitness.SETTLED_UNTIL_S,
+            late_s=fitness.SETTLED_UNTIL_S - fitness.SETTLED_FROM_S,
+        ),
+        case_of_flights([load_scenario(name) for name in fitness.TESTS], fitness.TEST_WINDOW_S),
+    ]
+    with Simulator(cases, workers, controller.system.samples) as simulator:
+        flown, tests = simulator.fly(population_of(controller))
+    least = least_energy(training.base, cases[0].starts)
+    return Assessment(controller, training.initial_positions_m, flown[0], least, tests[0])

@@ -1,0 +1,235 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Speed, measured beside the peers: the same system, the same inputs, agreement checked.
+
+Times are CPU seconds of this process, the best of a few repetitions.
+"""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.controller import load_controller
+from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
+from rpo_core.scenario import load_set
+from rpo_core.validation import InputError
+from rpo_training import batch
+from rpo_training.evaluation import Simulator, case_of_set
+from rpo_training.genes import GeneSpace, population_of
+
+Floats = NDArray[np.float64]
+
+AGREEMENT = 1e-9
+"""Largest difference of normalised outputs that counts as the same result."""
+
+POLYGON_AGREEMENT = 0.02
+"""The same for scikit-fuzzy, which takes the centroid of the polygon through the samples and added
+points where sets are cut, instead of the samples' centroid."""
+
+
+class Rate(NamedTuple):
+    """Inferences per CPU second of one implementation, and how far it is from the core's."""
+
+    name: str
+    per_second: float
+    difference: float
+
+
+def machine() -> str:
+    """Return the machine in words."""
+    model = platform.processor() or platform.machine()
+    try:
+        with open('/proc/cpuinfo') as file:
+            model = next(line.split(':')[1].strip() for line in file if 'model name' in line)
+    except (OSError, StopIteration):
+        pass
+    return f'{model}, Python {platform.python_version()}, NumPy {np.__version__}'
+
+
+def _measure(work: Callable[[], Any], count: int, repetitions: int = 3) -> float:
+    """Return items per CPU second, the best of some repetitions."""
+    best = np.inf
+    for _ in range(repetitions):
+        began = time.process_time()
+        work()
+        best = min(best, time.process_time() - began)
+    return count / best
+
+
+def inference(controller: str = 'handmade', seed: int = 1) -> list[Rate]:
+    """Return the rates of this package, of the scalar kernel and of the peers; ours first."""
+    system = load_controller(controller).system
+    errors = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 100_000))
+    expected = np.array([system.output(r, v) for r, v in errors[:, :4000].T])
+    ours = _Lanes(controller, errors)
+    rates = [
+        _rate('rpo, batch in lanes', ours.infer, expected, 100_000),
+        _rate(
+            'rpo, one at a time',
+            lambda: [system.output(r, v) for r, v in errors[:, :4000].T],
+            expected,
+            4000,
+        ),
+    ]
+    for name, make, count, agreement in (
+        ('pyfuzzylite, vectorised', _fuzzylite, 20_000, AGREEMENT),
+        ('scikit-fuzzy', _skfuzzy, 40, POLYGON_AGREEMENT),
+    ):
+        run = make(system, errors[:, :count])
+        rates.append(_rate(name, run, expected, count, agreement))
+    return rates
+
+
+def _rate(
+    name: str, run: Callable[[], Any], expected: Floats, count: int, agreement: float = AGREEMENT
+) -> Rate:
+    outputs = np.asarray(run())[: len(expected)]
+    difference = float(np.abs(outputs - expected[: len(outputs)]).max())
+    if difference > agreement:
+        raise InputError(f'{name} does not compute the same: its outputs differ by {difference}')
+    return Rate(name, _measure(run, count, 1 if count < 1000 else 5), difference)
+
+
+class _Lanes:
+    """The batch simulator's inference over any number of inputs."""
+
+    def __init__(self, controller: str, errors: Floats) -> None:
+        loaded = load_controller(controller)
+        self.law, self.rows = batch.make_law(loaded.system.samples), batch.make_scratch()
+        batch.set_law(self.law, *(field[0] for field in population_of(loaded)))
+        self.errors, self.outputs = errors, np.empty(errors.shape[1])
+
+    def infer(self) -> Floats:
+        batch.infer_many(self.errors, self.law, self.rows, self.outputs)
+        return self.outputs
+
+
+def _triangle_feet(functions: MembershipFunctions) -> dict[str, tuple[float, float, float]]:
+    f = functions
+    small, large = (f.sp_left, f.sp_centre, f.sp_right), (f.lp_left, 1.0, 2.0)
+    mirrored = [(-c, -b, -a) for a, b, c in (small, large)]
+    return dict(
+        zip(
+            WORDS,
+            (mirrored[1], mirrored[0], (-f.z_half_width, 0.0, f.z_half_width), small, large),
+            strict=True,
+        )
+    )
+
+
+def _fuzzylite(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
+    import fuzzylite as fl
+
+    def variable(kind: Any, name: str, functions: MembershipFunctions, **options: Any) -> Any:
+        terms = [fl.Triangle(word, *feet) for word, feet in _triangle_feet(functions).items()]
+        return kind(name=name, minimum=-1.0, maximum=1.0, terms=terms, **options)
+
+    # Its centroid takes the middles of equal intervals: 101 on this range are our 101 samples.
+    edge = 1.0 / (system.samples - 1)
+    output = variable(
+        fl.OutputVariable,
+        'force',
+        system.force,
+        aggregation=fl.Maximum(),
+        defuzzifier=fl.Centroid(resolution=system.samples),
+        default_value=0.0,
+    )
+    output.minimum, output.maximum = -1.0 - edge, 1.0 + edge
+    rules = [
+        f'if position is {position} and velocity is {velocity} then force is {word}'
+        for velocity, row in zip(WORDS, system.rules.words, strict=True)
+        for position, word in zip(WORDS, row, strict=True)
+    ]
+    block = fl.RuleBlock(
+        conjunction=fl.Minimum(),
+        implication=fl.Minimum(),
+        activation=fl.General(),
+        rules=[fl.Rule.create(rule) for rule in rules],
+    )
+    engine = fl.Engine(
+        input_variables=[
+            variable(fl.InputVariable, 'position', system.position),
+            variable(fl.InputVariable, 'velocity', system.velocity),
+        ],
+        output_variables=[output],
+        rule_blocks=[block],
+    )
+
+    def run() -> Floats:
+        engine.input_variable('position').value = errors[0]
+        engine.input_variable('velocity').value = errors[1]
+        engine.process()
+        return np.asarray(output.value)
+
+    return run
+
+
+def _skfuzzy(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
+    import skfuzzy
+    from skfuzzy import control
+
+    universe = np.linspace(-1.0, 1.0, system.samples)
+    exact = np.unique(np.concatenate([universe, *errors]))  # it interpolates between points
+
+    def fill(variable: Any, functions: MembershipFunctions) -> Any:
+        for word, feet in _triangle_feet(functions).items():
+            variable[word] = skfuzzy.trimf(variable.universe, feet)
+        return variable
+
+    position = fill(control.Antecedent(exact, 'position'), system.position)
+    velocity = fill(control.Antecedent(exact, 'velocity'), system.velocity)
+    force = fill(control.Consequent(universe, 'force', defuzzify_method='centroid'), system.force)
+    rules = [
+        control.Rule(position[p] & velocity[v], force[word])
+        for v, row in zip(WORDS, system.rules.words, strict=True)
+        for p, word in zip(WORDS, row, strict=True)
+    ]
+    simulation = control.ControlSystemSimulation(control.ControlSystem(rules), cache=False)
+
+    def run() -> Floats:
+        outputs = []
+        for r, v in errors.T:
+            simulation.input['position'], simulation.input['velocity'] = r, v
+            simulation.compute()
+            outputs.append(simulation.output['force'])
+        return np.array(outputs)
+
+    return run
+
+
+class Budget(NamedTuple):
+    """A training budget flown: wall and CPU seconds, and what the numbers mean."""
+
+    evaluations: int
+    workers: int
+    wall_s: float
+    cpu_s: float
+    loops_per_evaluation: int
+    steps: int
+
+    @property
+    def inferences_per_cpu_s(self) -> float:
+        """Inferences flown per CPU second."""
+        return self.evaluations * self.loops_per_evaluation * self.steps / self.cpu_s
+
+
+def training(evaluations: int = 60 * 301, workers: int = 0, seed: int = 1) -> Budget:
+    """Fly the paper's training budget: free rule tables, 216 starts, 2000 steps each."""
+    case = case_of_set(load_set('paper_training'))
+    space = GeneSpace('free')
+    rng = np.random.default_rng(seed)
+    with Simulator([case], workers) as simulator:
+        simulator.fly(space.decode(rng.random((2, space.size))))  # compiles
+        began, cpu = time.perf_counter(), time.process_time()
+        for first in range(0, evaluations, 60):
+            count = min(60, evaluations - first)
+            simulator.fly(space.decode(rng.random((count, space.size))))
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+        lanes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
+        return Budget(evaluations, simulator.workers, wall, cpu, lanes, case.times.horizon)

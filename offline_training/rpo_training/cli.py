@@ -1,0 +1,37 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `rpo`; its subcommands are in `rpo_training.commands`, and import what they need."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from rpo_core.validation import InputError
+from rpo_training.commands import bench, evaluate, simulate, train
+
+
+class _Commands(TyperGroup):
+    """Subcommands; an InputError of any is one sentence and exit code 2."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except InputError as error:
+            typer.echo(f'rpo: {error}', err=True)
+            raise typer.Exit(2) from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help='Train, fly, judge and explain the final-approach controller.',
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={'help_option_names': ['-h', '--help']},
+)
+app.command(epilog=train.EXAMPLES)(train.train)
+app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
+app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
+app.command(epilog=bench.EXAMPLES)(bench.bench)

@@ -1,0 +1,120 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo train`."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_core.validation import InputError
+
+if TYPE_CHECKING:
+    from rpo_core.controller import FuzzyController
+    from rpo_training.config import TrainingConfig
+    from rpo_training.training import Training
+
+EXAMPLES = """
+Examples: `rpo train` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
+`rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd` | `rpo train --show > mine.yaml`
+then `rpo train --config mine.yaml`
+"""
+
+
+def train(
+    preset: Annotated[str, typer.Option(help='paper, best or front')] = 'paper',
+    config: Annotated[Path | None, typer.Option(help='YAML file, instead of a preset')] = None,
+    seed: Annotated[int | None, typer.Option(help='seed of the random numbers')] = None,
+    algorithm: Annotated[str | None, typer.Option(help='ga, cmaes, ga-cmaes or nsga2')] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option('--set', metavar='KEY=VALUE', help='any setting, as --show names it'),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='run folder  [runs/NAME_SEED]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='run folder to go on with')] = None,
+    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    show: Annotated[bool, typer.Option('--show', help='print the configuration, and end')] = False,
+    plots: Annotated[bool, typer.Option(help='pictures at the end')] = True,
+) -> None:
+    """Train a controller; the same configuration and seed give the same bits on any threads.
+
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
+    """
+    from rpo_training import config as configs
+    from rpo_training.training import Training
+
+    if resume is not None:
+        if any(option is not None for option in (config, seed, algorithm, settings, output)):
+            raise InputError('`--resume` takes its configuration from the run folder: give none')
+        _fly(Training.resume(resume, workers), plots)
+        return
+    chosen = _configuration(
+        preset,
+        config,
+        [
+            *([f'seed={seed}'] if seed is not None else []),
+            *([f'algorithm={algorithm}'] if algorithm is not None else []),
+            *(settings or []),
+        ],
+    )
+    if show:
+        typer.echo(configs.dumps(chosen), nl=False)
+        return
+    folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
+    _fly(Training.create(chosen, folder, workers), plots)
+
+
+def _configuration(preset: str, path: Path | None, settings: list[str]) -> TrainingConfig:
+    from rpo_core.validation import choice
+    from rpo_training import config as configs
+
+    base = (
+        configs.load(path) if path else configs.PRESETS[choice('--preset', preset, configs.PRESETS)]
+    )
+    return configs.override(base, settings)
+
+
+def _fly(training: Training, plots: bool) -> None:
+    from rpo_training.progress import Display
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with Display(training.folder) as display:
+            best = training.run(display.show)
+    except KeyboardInterrupt:
+        again = shlex.join(['rpo', 'train', '--resume', str(training.folder)])
+        typer.echo(
+            f'Interrupted after {len(training.ledger.marks)} generations, which are saved. '
+            f'Go on with: {again}',
+            err=True,
+        )
+        raise typer.Exit(130) from None
+    _summarise(training, best)
+    if plots:
+        _draw(training, best)
+
+
+def _summarise(training: Training, best: FuzzyController) -> None:
+    made = best.provenance
+    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
+    typer.echo(
+        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
+        f'N^2 s, starts that miss: {made["starts_that_miss"]}'
+    )
+    typer.echo(f'{training.folder / best.name}.yaml')
+
+
+def _draw(training: Training, best: FuzzyController) -> None:
+    try:
+        from rpo_training import plots
+    except ImportError:
+        typer.echo('No pictures: matplotlib is not installed.', err=True)
+        return
+    for path in plots.draw_run(training.folder, best):
+        typer.echo(path)

@@ -1,0 +1,114 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fitness against the core's figures, and the least energy against an independent optimum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from rpo_core import metrics
+from rpo_core.closed_loop import fly
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_set
+from rpo_core.validation import InputError
+from rpo_training.assessment import assess, least_energy
+from rpo_training.fitness import Fitness, FitnessSettings, excess
+from rpo_training.genes import population_of
+
+TRAINING = load_set('paper_training')
+SMALL = replace(TRAINING, axis_positions_m=(-50.0, 5.0, 100.0))
+HANDMADE = load_controller('handmade')
+
+
+def score(settings, controller=HANDMADE, scenarios=SMALL):
+    fitness = Fitness(scenarios, settings, 1)
+    with fitness.simulator:
+        return fitness.score(population_of(controller))
+
+
+def test_the_flat_fitness_is_the_papers():
+    figures = [metrics.assess(fly(scenario, HANDMADE)) for scenario in SMALL.scenarios()]
+    scores = score(FitnessSettings())
+    assert scores.fitness[0] == pytest.approx(np.mean([f.fitness for f in figures]), rel=1e-12)
+    missed = np.array([[not held for held in f.conditions] for f in figures]).sum(axis=0)
+    assert scores.failures[0].tolist() == missed.tolist()
+    assert missed.any(), 'the test must see a penalty'
+
+
+def test_without_arrival_the_third_condition_is_reported_but_costs_nothing():
+    scores = score(FitnessSettings(arrival=False))
+    assert scores.failures[0, 2] > 0
+    assert scores.fitness[0] == scores.energy[0]
+
+
+def test_the_graded_penalty_lies_between_a_tenth_and_the_flat_one():
+    flat, graded = score(FitnessSettings()), score(FitnessSettings(penalty='graded'))
+    shares = (graded.fitness - graded.energy) / (flat.fitness - flat.energy)
+    assert 0.1 < shares[0] < 1.0
+
+
+def test_excess_grows_from_zero_at_the_limit():
+    values = excess(np.array([0.5, 1.0, 2.0, 16.0, 1e12]), 1.0)
+    np.testing.assert_allclose(values, [0.0, 0.0, 1.0 - 2.0**-0.25, 0.5, 0.999], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    'terms', [{'limit_cycle': 5.0}, {'disturbance': 5.0}, {'mass_kg': (30.0,)}]
+)
+def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
+    """A heavy velocity scale swings for ever or arrives late: the terms must cost something."""
+    poor = replace(HANDMADE, position_scale_m=25.0, velocity_scale_m_s=2.0)
+    assert (
+        score(FitnessSettings(**terms), poor).fitness[0] > score(FitnessSettings(), poor).fitness[0]
+    )
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'message'),
+    [
+        ({'penalty': 'steep'}, 'fitness.penalty'),
+        ({'margin': 1.0}, 'fitness.margin'),
+        ({'limit_cycle': -1.0}, 'fitness.limit_cycle'),
+        ({'mass_kg': (0.0,)}, 'fitness.mass_kg'),
+        ({'arrival': 'yes'}, 'fitness.arrival'),
+    ],
+)
+def test_impossible_settings_are_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        FitnessSettings(**wrong)
+
+
+def test_the_least_energy_is_the_gramians():
+    """Against the continuous Gramian by van Loan's exponential; held forces cost a little more."""
+    scenario, starts = TRAINING.base, TRAINING.initial_positions_m
+    n, m, t = scenario.mean_motion_rad_s, scenario.mass_kg, scenario.duration_s
+    a = np.zeros((6, 6))
+    a[:3, 3:] = np.eye(3)
+    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * n * n, 2 * n, -2 * n, -n * n
+    b = np.vstack([np.zeros((3, 3)), np.eye(3) / m])
+    expm = scipy.linalg.expm(np.block([[-a, b @ b.T], [np.zeros((6, 6)), a.T]]) * t)
+    gramian = expm[6:, 6:].T @ expm[:6, 6:]
+    states = np.hstack([starts, np.zeros_like(starts)])
+    drift = states @ expm[6:, 6:]
+    continuous = np.einsum('ij,ij->i', drift, np.linalg.solve(gramian, drift.T).T)
+    least = least_energy(scenario, states)
+    np.testing.assert_allclose(least, continuous, rtol=1e-5)
+    assert (least >= continuous * (1.0 - 1e-9)).all()
+    assert least.mean() == pytest.approx(1.901, abs=1e-3)
+    assert least[-1] == pytest.approx(4.545, abs=1e-3)
+
+
+def test_an_assessment_is_consistent_with_the_core():
+    found = assess(HANDMADE)
+    marks = {(mark.target, mark.what): mark for mark in found.marks()}
+    missed = sum(
+        not all(metrics.assess(fly(s, HANDMADE)).conditions) for s in TRAINING.scenarios()[::6]
+    )
+    rows = np.flatnonzero((found.figures[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
+    assert len(rows) == missed
+    assert marks['Q1', 'starts that miss a condition'].reached >= missed
+    assert (found.figures[:, 0] > found.least).all() or not marks[
+        'Q1', 'starts that miss a condition'
+    ].holds

@@ -1,0 +1,237 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs repeat, resume to the same bits, and say plainly what is wrong."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpo_core.controller import load_controller
+from rpo_core.validation import InputError
+from rpo_training import config as configs
+from rpo_training import ledger
+from rpo_training.genetic import AdaptiveFeasibleMutation, generator
+from rpo_training.training import Training
+
+SMALL = [
+    'ga.generations=5',
+    'ga.population=12',
+    'cmaes.evaluations=80',
+    'cmaes.population=10',
+    'genes.rules=odd',
+    'fitness.penalty=graded',
+]
+
+
+def small(algorithm='ga', *more):
+    return configs.override(configs.PRESETS['paper'], [f'algorithm={algorithm}', *SMALL, *more])
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+class Interrupted(Exception):
+    pass
+
+
+@pytest.mark.parametrize('algorithm', configs.ALGORITHMS)
+def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(algorithm, tmp_path):
+    whole = Training.create(small(algorithm), tmp_path / 'whole', workers=1)
+    whole.run()
+
+    def stop(progress):
+        if progress.generation == 3:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        Training.create(small(algorithm), tmp_path / 'parts', workers=2).run(stop)
+    flown = []
+    Training.resume(tmp_path / 'parts', workers=2).run(lambda p: flown.append(p.generation))
+    assert flown[0] == 4
+    assert contents(tmp_path / 'parts') == contents(tmp_path / 'whole')
+
+
+def test_another_seed_gives_another_controller(tmp_path):
+    best = [
+        Training.create(small('ga', f'seed={seed}'), tmp_path / str(seed), 1).run()
+        for seed in (1, 2)
+    ]
+    assert best[0].system != best[1].system
+
+
+def test_the_generator_state_of_the_process_does_not_matter(tmp_path):
+    best = []
+    for seed in (1, 2):
+        np.random.seed(seed)  # noqa: NPY002 - what a library might have drawn from
+        best.append(Training.create(small('cmaes'), tmp_path / str(seed), 1).run())
+    assert best[0].system == best[1].system
+
+
+def test_the_controller_of_a_run_loads_and_is_what_its_provenance_says(tmp_path):
+    best = Training.create(small(), tmp_path / 'run', 1).run()
+    loaded = load_controller(tmp_path / 'run' / 'paper_ga.yaml')
+    assert loaded == best
+    assert loaded.provenance['seed'] == 1
+    assert loaded.provenance['fitness_n2s'] == best.provenance['fitness_n2s']
+    header, *rows = (tmp_path / 'run' / 'history.csv').read_text().splitlines()
+    assert header.startswith('generation,evaluations,best_fitness')
+    assert len(rows) == 6
+    assert float(rows[-1].split(',')[2]) == best.provenance['fitness_n2s']
+
+
+def test_a_mutant_is_feasible_and_a_fair_step_away():
+    rng, mutation = generator(1, 7), AdaptiveFeasibleMutation(0.25, 1e-3)
+    low, high = np.zeros(30), np.ones(30)
+    for step in (1.0, 0.25, 1 / 16):
+        mutation.step = step
+        moved = 0
+        for _ in range(50):
+            x = rng.random(30)
+            mutant = mutation._mutate(x, low, high, rng)
+            assert ((mutant >= low) & (mutant <= high)).all()
+            size = np.abs(mutant - x).max()
+            assert size == 0.0 or size == pytest.approx(0.25 * step)
+            moved += size > 0.0
+        assert moved > 0
+
+
+def test_the_step_of_mutation_follows_success():
+    mutation = AdaptiveFeasibleMutation(0.25, 1e-3)
+    steps = []
+    for generation, improved in enumerate([False, False, False, True, True, False], 1):
+        mutation.adapt(generation, improved)
+        steps.append(mutation.step)
+    assert steps == [1.0, 1.0, 0.25, 1.0, 1.0, 0.25]
+
+
+def test_the_preset_is_the_papers():
+    ga = configs.PRESETS['paper'].ga
+    assert (ga.population, ga.generations, ga.stall, ga.tournament) == (60, 300, 100, 4)
+    assert (ga.elites, ga.children, ga.mutants) == (3, 57, 11)
+
+
+@pytest.mark.parametrize('preset', configs.PRESETS)
+def test_a_configuration_is_read_back_whole(preset, tmp_path):
+    config = configs.PRESETS[preset]
+    (tmp_path / 'c.yaml').write_text(configs.dumps(config))
+    assert configs.load(tmp_path / 'c.yaml') == config
+
+
+@pytest.mark.parametrize(
+    ('setting', 'message'),
+    [
+        ('ga.population=0', '`ga.population` must be a whole number >= 4'),
+        ('ga.populaton=9', 'did you mean `population`'),
+        ('ga.elites=60', '`ga.elites` must leave room'),
+        ('genes.position_scale_m=[90, 20]', r'must be \[least, most\]'),
+        ('genes.position_scale_m=90', 'must be a list'),
+        ('algorithm=magic', '`algorithm` must be one of'),
+        ('seed=-1', '`seed` must be'),
+        ('name=a/b', '`name` must be letters'),
+        ('start=[]', ''),
+        ('nonsense', '`--set` must be like'),
+    ],
+)
+def test_impossible_settings_are_refused(setting, message):
+    if message:
+        with pytest.raises(InputError, match=message):
+            configs.override(configs.PRESETS['paper'], [setting])
+    else:
+        with pytest.raises(InputError, match='to start from'):
+            configs.override(configs.PRESETS['paper'], [setting, 'algorithm=cmaes'])
+
+
+@pytest.fixture
+def halfway(tmp_path):
+    def stop(progress):
+        if progress.generation == 2:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        Training.create(small(), tmp_path / 'run', 1).run(stop)
+    return tmp_path / 'run'
+
+
+def test_a_folder_with_a_run_is_not_overwritten(halfway):
+    with pytest.raises(InputError, match='holds a run already'):
+        Training.create(small(), halfway)
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(halfway):
+    text = (halfway / 'config.yaml').read_text()
+    (halfway / 'config.yaml').write_text(text.replace('seed: 1', 'seed: 2'))
+    with pytest.raises(InputError, match='is of another configuration'):
+        Training.resume(halfway)
+
+
+def test_a_checkpoint_of_another_version_is_refused(halfway, monkeypatch):
+    monkeypatch.setattr(ledger, 'versions', lambda: {'cma': '0.0'})
+    with pytest.raises(InputError, match='was written with cma'):
+        Training.resume(halfway)
+
+
+def test_a_search_that_no_longer_repeats_is_noticed(halfway, monkeypatch):
+    monkeypatch.setattr(
+        configs, 'load', lambda path: replace(small(), ga=replace(small().ga, mutation_scale=0.2))
+    )
+    monkeypatch.setattr(configs, 'dumps', lambda config: (halfway / 'config.yaml').read_text())
+    with pytest.raises(InputError, match='generation 1 does not repeat'):
+        Training.resume(halfway)
+
+
+@pytest.mark.parametrize('damage', [b'', b'PK\x03\x04 torn', None])
+def test_a_damaged_or_missing_checkpoint_is_refused(halfway, damage):
+    path = halfway / 'checkpoint.npz'
+    path.unlink() if damage is None else path.write_bytes(damage)
+    with pytest.raises(InputError, match='checkpoint'):
+        Training.resume(halfway)
+
+
+def test_a_full_disk_leaves_the_last_checkpoint_whole(halfway, monkeypatch):
+    before = (halfway / 'checkpoint.npz').read_bytes()
+    training = Training.resume(halfway)
+    monkeypatch.setattr(os, 'fsync', lambda _: (_ for _ in ()).throw(OSError(28, 'No space left')))
+    with pytest.raises(InputError, match='cannot be saved: No space left'):
+        training.run()
+    monkeypatch.undo()
+    assert (halfway / 'checkpoint.npz').read_bytes() == before
+    assert not list(halfway.glob('.*'))
+    Training.resume(halfway).run()
+
+
+def test_ctrl_c_stops_cleanly_and_the_run_goes_on(tmp_path):
+    command = [
+        sys.executable,
+        '-c',
+        'from rpo_training.cli import app; app(prog_name="rpo")',
+        'train',
+        '--no-plots',
+        '--workers',
+        '1',
+        '-o',
+        str(tmp_path / 'run'),
+    ]
+    settings = [
+        part
+        for setting in [*SMALL, 'ga.generations=4000', 'ga.stall=4000']
+        for part in ('--set', setting)
+    ]
+    process = subprocess.Popen([*command, *settings], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60.0
+    while not (tmp_path / 'run' / 'checkpoint.npz').exists():
+        assert time.monotonic() < deadline
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30.0)
+    assert process.returncode == 130
+    assert 'Go on with: rpo train --resume' in errors
+    assert 'Traceback' not in errors
+    assert len(Training.resume(tmp_path / 'run').ledger.marks) >= 1
