@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import mpmath
@@ -23,6 +24,7 @@ MP.dps = 50
 Triangle = tuple[float, float, float]
 
 
+@cache  # quadrature asks 18 times for each point
 def transition_matrix(n, t):
     """Return the Clohessy-Wiltshire state-transition matrix, 50 digits, as textbooks print it."""
     nt = n * t

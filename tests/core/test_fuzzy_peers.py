@@ -105,8 +105,8 @@ def sampling_bounds(system, points, step):
     count both ends in full by h more.
     """
     slope = steepest(system.force)
-    area = np.array([sum(aggregate(sampled(system, 2001), e, v)[1]) / 1000 for e, v in points])
-    area = np.maximum(area - step, 1e-12)
+    area = np.array([sum(aggregate(sampled(system, 401), e, v)[1]) / 200 for e, v in points])
+    area = np.maximum(area - (1 + slope / 2) / 200, 1e-12)  # less what 401 samples may err
     midpoints = step * (2 * slope + 1) / 2 / area
     return midpoints + 2 * step / area, midpoints
 

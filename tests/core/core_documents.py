@@ -1,0 +1,106 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenario and controller documents to spoil, and what a refusal must say."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import pytest
+import yaml
+
+from rpo_core import controller, files, scenario
+from rpo_core.validation import InputError
+
+PARSERS = {'scenario': scenario.parse, 'controller': controller.parse}
+
+Path = tuple[Any, ...]
+"""Keys and indices from the top of a document down to a value."""
+
+MISSING = object()
+
+
+def shipped_text(kind: str, name: str) -> str:
+    """Return the text of a file that ships."""
+    return files.find(kind, name).read_text()
+
+
+def document(kind: str, name: str) -> Any:
+    """Return a shipped file as plain Python, read without our own reader."""
+    return yaml.safe_load(shipped_text(kind, name))
+
+
+def with_harmonics() -> Any:
+    """Return a scenario document whose disturbance is written out."""
+    data = document('scenario', 'quick')
+    data['disturbance'] = {
+        'constant_n': [0.0, 0.01, 0.0],
+        'harmonics': [
+            {'axis': 'x', 'function': 'cos', 'amplitude_n': -0.011, 'angular_rate_rad_s': 3.6e-3},
+            {
+                'axis': 'y',
+                'function': 'sin',
+                'amplitude_n': -0.022,
+                'angular_rate_rad_s': 3.6e-3,
+                'phase_rad': 1.0,
+            },
+        ],
+    }
+    return data
+
+
+def changed(data: Any, path: Path, value: Any) -> Any:
+    """Return a copy of a document with one value replaced, or taken out (`MISSING`)."""
+    data = copy.deepcopy(data)
+    parent = data
+    for key in path[:-1]:
+        parent = parent[key]
+    if value is MISSING:
+        del parent[path[-1]]
+    else:
+        parent[path[-1]] = value
+    return data
+
+
+def renamed(data: Any, path: Path, name: str) -> Any:
+    """Return a copy of a document with one key renamed, in its place."""
+    parent = data
+    for key in path[:-1]:
+        parent = parent[key]
+    items = {name if key == path[-1] else key: value for key, value in parent.items()}
+    return changed(data, path[:-1], items) if len(path) > 1 else items
+
+
+def keys(data: Any, prefix: Path = ()) -> list[Path]:
+    """Return the path of every mapping key in a document."""
+    found: list[Path] = []
+    items = data.items() if isinstance(data, dict) else enumerate(data)
+    for key, value in items:
+        path = (*prefix, key)
+        found += [path] if isinstance(data, dict) else []
+        found += keys(value, path) if isinstance(value, (dict, list)) else []
+    return found
+
+
+def name(path: Path) -> str:
+    """Return a path as our messages write it: `a.b[0].c`."""
+    return ''.join(f'[{p}]' if isinstance(p, int) else f'.{p}' for p in path).lstrip('.')
+
+
+def refusal(kind: str, data: Any) -> str:
+    """Return the message with which a document is refused; it names its file first."""
+    content = data if isinstance(data, str) else yaml.safe_dump(data, sort_keys=False)
+    with pytest.raises(InputError) as error:
+        files.loads(content, PARSERS[kind], 'mine.yaml')
+    message = str(error.value)
+    assert message.startswith('mine.yaml: '), message
+    assert '\n' not in message and len(message) < 400, message
+    return message
+
+
+def assert_names(message: str, path: Path) -> None:
+    """Check that a message names a field, wherever its place and its last name are written."""
+    whole, last = name(path), name(path[-1:])
+    parents = name(path[:-1])
+    assert f'`{whole}' in message or (f'{parents}: ' in message and f'`{last}' in message), message

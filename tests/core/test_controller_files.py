@@ -1,0 +1,209 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Controller files: the shipped ones load, round-trip, and every field refuses what it should."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
+from core_strategies import functions, odd_rules, systems
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpo_core import controller, files
+from rpo_core.controller import FuzzyController, dumps, load_controller
+from rpo_core.fuzzy import WORDS
+
+HANDMADE = document('controller', 'handmade')
+FIELDS = [path for path in keys(HANDMADE) if path[0] != 'provenance' or len(path) == 1]
+FEET = ['z_half_width', 'sp_left', 'sp_centre', 'sp_right', 'lp_left']
+
+
+def test_shipped_controllers_load_and_round_trip():
+    names = files.shipped('controller')
+    assert 'handmade' in names
+    for name in names:
+        loaded = load_controller(name)
+        assert loaded.name == name
+        again = files.loads(dumps(loaded), controller.parse, 'again')
+        assert again == loaded
+        assert (again.description, again.provenance) == (loaded.description, loaded.provenance)
+
+
+def test_handmade_is_odd_and_monotone(handmade):
+    rules = handmade.system.rules
+    assert rules.is_odd and rules.is_monotone and rules.is_transpose_symmetric
+    assert handmade.system.samples == 101
+    assert handmade.force_scale_n == 0.5
+
+
+positive = st.floats(1e-6, 1e6)
+
+
+@given(systems(odd_rules), positive, positive, positive, st.text(max_size=20), st.integers())
+def test_any_controller_round_trips_bit_for_bit(system, position, velocity, force, note, seed):
+    built = FuzzyController(
+        'mine', system, position, velocity, force, provenance={'note': note, 'seed': seed}
+    )
+    again = files.loads(dumps(built), controller.parse, 'again')
+    assert again == built and again.provenance == built.provenance
+
+
+def test_provenance_may_hold_one_list_twice(handmade):
+    """Plain PyYAML would write an alias, which the reader refuses."""
+    figures = [1.0, 2.0]
+    document = controller.to_document(handmade)
+    document['provenance'] = {'first': figures, 'second': figures, 'deep': {'third': figures}}
+    loaded = files.loads(dumps(controller.parse(document)), controller.parse, 'again')
+    assert loaded.provenance == document['provenance']
+
+
+def test_the_rule_table_is_written_as_a_table(handmade):
+    lines = dumps(handmade).splitlines()
+    assert '  LN: [LN, LN, LN, SN, Z]' in lines and '  LP: [Z, SP, LP, LP, LP]' in lines
+
+
+@pytest.mark.parametrize('path', FIELDS, ids=str)
+def test_missing_fields_are_named(path):
+    spoilt = changed(HANDMADE, path, MISSING)
+    if path == ('description',):
+        assert controller.parse(spoilt).description == ''
+    else:
+        message = refusal('controller', spoilt)
+        assert_names(message, path)
+        assert 'is missing' in message
+
+
+@pytest.mark.parametrize('path', FIELDS, ids=str)
+def test_unknown_fields_are_named(path):
+    wrong = f'{path[-1]}x'
+    message = refusal('controller', renamed(HANDMADE, path, wrong))
+    assert_names(message, (*path[:-1], wrong))
+    assert 'is not a known field; ' in message
+    if len(path[-1]) > 2:
+        assert f'did you mean `{path[-1]}`?' in message
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        ('scales',),
+        ('membership_functions',),
+        ('membership_functions', 'velocity'),
+        ('rules',),
+        ('inference',),
+        ('provenance',),
+    ],
+    ids=str,
+)
+def test_mappings_are_checked(path):
+    for bad in (None, 5, 'x', [], True):
+        message = refusal('controller', changed(HANDMADE, path, bad))
+        assert_names(message, path)
+        assert 'must be a mapping' in message and f'got {bad!r}' in message
+
+
+@pytest.mark.parametrize('key', ['position_m', 'velocity_m_s', 'force_n'])
+def test_scales_are_checked(key):
+    for bad in ('70', None, True, [70.0], math.nan, math.inf, 0.0, -70.0, 1e7):
+        message = refusal('controller', changed(HANDMADE, ('scales', key), bad))
+        assert f'`scales.{key}` must be a finite number > 0' in message
+        assert f'got {bad!r}' in message
+
+
+@pytest.mark.parametrize('variable', ['position', 'velocity', 'force'])
+@pytest.mark.parametrize('key', FEET)
+def test_feet_are_checked(variable, key):
+    path = ('membership_functions', variable, key)
+    for bad in ('0.2', None, True, [0.2], math.nan, math.inf, -0.1, 1.1):
+        message = refusal('controller', changed(HANDMADE, path, bad))
+        assert f'membership_functions.{variable}: `{key}` must be a finite number' in message
+        assert f'got {bad!r}' in message
+
+
+@pytest.mark.parametrize(
+    ('feet', 'words'),
+    [
+        ({'sp_left': 0.6}, 'must ascend, the feet apart; got 0.6, 0.55, 0.9'),
+        ({'sp_right': 0.5}, 'must ascend, the feet apart; got 0.0, 0.55, 0.5'),
+        ({'sp_left': 0.9, 'sp_centre': 0.9}, 'must ascend, the feet apart; got 0.9, 0.9, 0.9'),
+        ({'z_half_width': 0.0}, '`z_half_width` must be a finite number > 0 and <= 1; got 0.0'),
+        ({'sp_left': 0.0, 'sp_centre': 0.0}, '`sp_centre` must be a finite number > 0'),
+        ({'lp_left': 1.0}, '`lp_left` must be a finite number >= 0 and < 1; got 1.0'),
+    ],
+)
+def test_feet_out_of_order_are_named(feet, words):
+    part = {**HANDMADE['membership_functions']['velocity'], **feet}
+    message = refusal('controller', changed(HANDMADE, ('membership_functions', 'velocity'), part))
+    assert 'membership_functions.velocity: ' in message and words in message
+
+
+@pytest.mark.parametrize('row', WORDS)
+def test_rule_words_are_checked(row):
+    for bad in ('PL', 'ln', 4, None, True, ['LN']):
+        message = refusal('controller', changed(HANDMADE, ('rules', row, 1), bad))
+        assert f'`rules.{row}[SN]` must be one of LN, SN, Z, SP, LP; got {bad!r}' in message
+    for bad in (None, 'LN', ['LN'] * 4, ['LN'] * 6, {'LN': 'LN'}, []):
+        message = refusal('controller', changed(HANDMADE, ('rules', row), bad))
+        assert f'`rules.{row}` must be a list of 5 words; got {bad!r}' in message
+
+
+def test_columns_must_be_in_order():
+    for bad in (list(reversed(WORDS)), ['LN'], None, 'LN SN Z SP LP'):
+        message = refusal('controller', changed(HANDMADE, ('rules', 'columns'), bad))
+        assert '`rules.columns` must be [LN, SN, Z, SP, LP]' in message
+
+
+def test_claimed_symmetry_is_checked():
+    not_transposed = changed(HANDMADE, ('rules', 'LN', 1), 'SN')
+    message = refusal('controller', not_transposed)
+    assert '`rules.symmetry` is odd, but the table is not its own transpose' in message
+    not_odd = changed(HANDMADE, ('rules', 'LN', 0), 'SN')
+    assert 'rule(-e, -v) = -rule(e, v) does not hold' in refusal('controller', not_odd)
+    transpose = changed(not_odd, ('rules', 'symmetry'), 'transpose')
+    assert controller.parse(transpose).system.rules.words[0][0] == 'SN'
+    assert 'not its own transpose' in refusal(
+        'controller', changed(not_transposed, ('rules', 'symmetry'), 'transpose')
+    )
+    free = changed(not_transposed, ('rules', 'symmetry'), 'free')
+    assert controller.parse(free).system.rules.words[0][1] == 'SN'
+    message = refusal('controller', changed(HANDMADE, ('rules', 'symmetry'), 'even'))
+    assert "`rules.symmetry` must be one of free, transpose, odd; got 'even'" in message
+
+
+@pytest.mark.parametrize(
+    ('key', 'only'),
+    [
+        ('and', 'min'),
+        ('implication', 'min'),
+        ('aggregation', 'max'),
+        ('defuzzification', 'centroid'),
+    ],
+)
+def test_inference_settings_are_the_supported_ones(key, only):
+    for bad in ('prod', None, 1, True):
+        message = refusal('controller', changed(HANDMADE, ('inference', key), bad))
+        assert f'`inference.{key}` must be one of {only}; got {bad!r}' in message
+
+
+@pytest.mark.parametrize('bad', [0, 1, 100, -101, 101.0, True, '101', None, 200_001, math.nan])
+def test_samples_are_checked(bad):
+    message = refusal('controller', changed(HANDMADE, ('inference', 'samples'), bad))
+    assert '`inference.samples` must be ' in message and f'got {bad!r}' in message
+
+
+def test_names_and_schema_are_checked():
+    for bad in (None, '', ' ', 5, 'a\0b'):
+        assert '`name` must be ' in refusal('controller', changed(HANDMADE, ('name',), bad))
+    for bad in (None, 1, 'rpo/controller/2', 'rpo/scenario/1', ['rpo/controller/1']):
+        message = refusal('controller', changed(HANDMADE, ('schema',), bad))
+        assert '`schema` must be rpo/controller/1; got ' in message
+
+
+@given(functions)
+def test_every_membership_function_that_can_be_built_can_be_loaded(part):
+    feet = dict(zip(FEET, [getattr(part, key) for key in FEET], strict=True))
+    loaded = controller.parse(changed(HANDMADE, ('membership_functions', 'force'), feet))
+    assert loaded.system.force == part

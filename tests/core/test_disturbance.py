@@ -1,0 +1,109 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's disturbance, read twice, and the harmonic model behind it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpo_core import cw
+from rpo_core.disturbance import NONE, Disturbance, Harmonic, paper
+from rpo_core.validation import InputError
+
+N = cw.mean_motion(6.678e6)
+TIMES_S = np.arange(4001) * 0.1
+
+
+def test_offset_reading_is_the_formula_as_printed():
+    forces = paper('offset', N).over(TIMES_S)
+    for t, (x, y, z) in zip(TIMES_S, forces, strict=True):
+        angle = math.pi * N * t
+        assert x == pytest.approx(1e-2 * -1.1 * math.cos(angle), abs=1e-17)
+        assert y == pytest.approx(1e-2 * (-2.2 * math.sin(angle) + math.pi / 3), abs=1e-17)
+        assert z == pytest.approx(1e-2 * 1.4 * math.cos(angle), abs=1e-17)
+
+
+def test_phase_reading_moves_the_offset_into_the_sine():
+    forces = paper('phase', N).over(TIMES_S)
+    for t, (x, y, z) in zip(TIMES_S, forces, strict=True):
+        angle = math.pi * N * t
+        assert x == pytest.approx(1e-2 * -1.1 * math.cos(angle), abs=1e-17)
+        assert y == pytest.approx(1e-2 * -2.2 * math.sin(angle + math.pi / 3), abs=1e-17)
+        assert z == pytest.approx(1e-2 * 1.4 * math.cos(angle), abs=1e-17)
+
+
+def test_readings_at_the_start():
+    assert paper('offset', N).force_n(0.0) == (-1.1e-2, 1e-2 * (math.pi / 3), 1.4e-2)
+    x, y, z = paper('phase', N).force_n(0.0)
+    assert (x, z) == (-1.1e-2, 1.4e-2)
+    assert y == pytest.approx(-2.2e-2 * math.sqrt(3) / 2, abs=1e-17)
+
+
+def test_scenarios_carry_the_readings(paper_test):
+    from rpo_core.scenario import load_scenario
+
+    assert paper_test.disturbance == paper('offset', paper_test.mean_motion_rad_s)
+    phase = load_scenario('paper_test_phase')
+    assert phase.disturbance == paper('phase', phase.mean_motion_rad_s)
+    assert load_scenario('approach').disturbance.is_zero
+
+
+harmonics = st.builds(
+    Harmonic,
+    st.sampled_from('xyz'),
+    st.sampled_from(['sin', 'cos']),
+    st.floats(-1, 1),
+    st.floats(-10, 10),
+    st.floats(-100, 100),
+)
+constants = st.tuples(*[st.floats(-1, 1)] * 3)
+
+
+@given(constants, st.lists(harmonics, max_size=6), st.floats(0, 1e4))
+def test_any_harmonics_add_up(constant, terms, t):
+    expected = list(constant)
+    for term in terms:
+        function = math.sin if term.function == 'sin' else math.cos
+        value = term.amplitude_n * function(term.angular_rate_rad_s * t + term.phase_rad)
+        expected['xyz'.index(term.axis)] += value
+    got = Disturbance(constant, tuple(terms)).force_n(t)
+    assert got == pytest.approx(expected, abs=1e-14)
+
+
+@given(constants, st.lists(harmonics, max_size=3), st.lists(st.floats(0, 1e4), max_size=5))
+def test_over_is_force_n_at_each_time(constant, terms, times_s):
+    disturbance = Disturbance(constant, tuple(terms))
+    forces = disturbance.over(np.array(times_s))
+    assert forces.shape == (len(times_s), 3)
+    assert [tuple(row) for row in forces] == [disturbance.force_n(t) for t in times_s]
+
+
+def test_nothing_is_zero():
+    assert NONE.is_zero and NONE.force_n(12.0) == (0.0, 0.0, 0.0)
+    assert Disturbance(harmonics=(Harmonic('x', 'sin', 0.0, 1.0),)).is_zero
+    assert not Disturbance((0.0, 1e-9, 0.0)).is_zero
+    assert not Disturbance(harmonics=(Harmonic('x', 'sin', 1e-9, 1.0),)).is_zero
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'),
+    [
+        (lambda: paper('sine', N), ['`reading`', 'offset, phase', "got 'sine'"]),
+        (lambda: Harmonic('w', 'sin', 1.0, 1.0), ['`axis`', 'x, y, z', "got 'w'"]),
+        (lambda: Harmonic('x', 'tan', 1.0, 1.0), ['`function`', 'sin, cos', "got 'tan'"]),
+        (lambda: Harmonic('x', 'sin', math.nan, 1.0), ['`amplitude_n`', 'finite', 'got nan']),
+        (lambda: Harmonic('x', 'sin', 1.0, 11.0), ['`angular_rate_rad_s`', '<= 10', 'got 11.0']),
+        (lambda: Harmonic('x', 'sin', 1.0, 1.0, 101.0), ['`phase_rad`', '<= 100', 'got 101.0']),
+        (lambda: Disturbance((1.0, 2.0)), ['`constant_n`', '3 numbers', 'got (1.0, 2.0)']),
+        (lambda: Disturbance((0, 0, 1e7)), ['`constant_n[2]`', '<= 1e+06', 'N', 'got 10000000.0']),
+    ],
+)
+def test_bad_values_are_named(make, words):
+    with pytest.raises(InputError) as error:
+        make()
+    assert all(word in str(error.value) for word in words), error.value

@@ -1,0 +1,36 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every public module, class, function, method and property of the core says what it is."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import rpo_core
+
+MODULES = sorted(Path(rpo_core.__file__).parent.glob('*.py'))
+
+
+def undocumented(node: ast.AST, place: str) -> list[str]:
+    """Return the public names below a node that have no docstring."""
+    missing = []
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, (ast.ClassDef, ast.FunctionDef)) and not child.name.startswith('_'):
+            name = f'{place}.{child.name}'
+            missing += [] if ast.get_docstring(child) else [name]
+            missing += undocumented(child, name) if isinstance(child, ast.ClassDef) else []
+    return missing
+
+
+@pytest.mark.parametrize('path', MODULES, ids=lambda path: path.stem)
+def test_public_names_have_docstrings(path):
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree)
+    assert undocumented(tree, path.stem) == []
+
+
+def test_there_are_modules():
+    assert {'kernels', 'cw', 'fuzzy', 'scenario'} <= {path.stem for path in MODULES}

@@ -1,0 +1,154 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whole flights: tick by tick, by another implementation, mirrored, and the paper's test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_oracles import mamdani, system_matrices
+from core_strategies import odd_rules, smooth_functions, systems
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from rpo_core import kernels, metrics
+from rpo_core.closed_loop import fly
+from rpo_core.controller import FuzzyController
+from rpo_core.disturbance import Disturbance
+from rpo_core.scenario import load_scenario, load_set
+
+
+@pytest.mark.parametrize('name', ['paper_test', 'paper_test_phase'])
+def test_handmade_meets_the_papers_claims(name, handmade):
+    flight = fly(load_scenario(name), handmade)
+    last = slice(2001, None)
+    assert np.abs(flight.positions_m[last]).max() <= 0.5
+    assert np.abs(flight.velocities_m_s[last]).max() < 0.01
+    assert all(claim.holds for claim in metrics.claims(flight))
+    assert all(metrics.assess(flight).conditions)
+
+
+def test_handmade_comes_to_rest_undisturbed(handmade):
+    flight = fly(load_scenario('approach'), handmade)
+    assert np.abs(flight.states[3001:]).max() < 1e-3
+    assert np.abs(flight.forces_n[3001:]).max() < 1e-3
+
+
+def test_a_flight_is_what_the_nodes_do_tick_by_tick(paper_test, paper_flight, handmade):
+    """Controller and injector answer a state; the plant saturates, adds, steps."""
+    state = paper_test.start
+    for tick in range(paper_test.ticks + 1):
+        force = handmade.force_n(state[:3], state[3:])
+        push = paper_test.disturbance.force_n(paper_test.time_s(tick))
+        assert tuple(paper_flight.states[tick]) == state, tick
+        assert tuple(paper_flight.forces_n[tick]) == force, tick
+        assert tuple(paper_flight.disturbances_n[tick]) == push, tick
+        state = kernels.plant_step(state, force, push, paper_test.max_force_n, paper_test.step)
+
+
+def test_a_flight_is_another_implementations(handmade, paper_test):
+    """The matrix exponential and the definition of Mamdani inference, for a minute."""
+    short = replace(paper_test, duration_s=60.0, dt_s=0.5)
+    a, b = system_matrices(short.mean_motion_rad_s, short.mass_kg)
+    block = expm(np.block([[a, b], [np.zeros((3, 9))]]) * short.dt_s)
+    a_d, b_d = block[:6, :6], block[:6, 6:]
+    flight = fly(short, handmade)
+    state, n = np.array(short.start), short.mean_motion_rad_s
+    for tick in range(short.ticks + 1):
+        np.testing.assert_allclose(flight.states[tick], state, rtol=0, atol=1e-10)
+        errors = np.clip([-state[:3] / 70.0, -state[3:] / 0.9], -1, 1)
+        force = [0.5 * mamdani(handmade.system, e, v) for e, v in errors.T]
+        np.testing.assert_allclose(flight.forces_n[tick], force, rtol=0, atol=1e-10)
+        angle = np.pi * n * tick * 0.5
+        push = [-1.1 * np.cos(angle), -2.2 * np.sin(angle) + np.pi / 3, 1.4 * np.cos(angle)]
+        state = a_d @ state + b_d @ (np.clip(force, -0.5, 0.5) + 1e-2 * np.array(push))
+
+
+def mirrored(scenario):
+    """Return a scenario with start and disturbance reversed."""
+    old = scenario.disturbance
+    harmonics = tuple(replace(h, amplitude_n=-h.amplitude_n) for h in old.harmonics)
+    return replace(
+        scenario,
+        initial_position_m=tuple(-r for r in scenario.initial_position_m),
+        initial_velocity_m_s=tuple(-v for v in scenario.initial_velocity_m_s),
+        disturbance=Disturbance(tuple(-c for c in old.constant_n), harmonics),
+    )
+
+
+@pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase'])
+def test_the_mirrored_flight_is_the_negative_bit_for_bit(name, handmade):
+    scenario = load_scenario(name)
+    flight, mirror = fly(scenario, handmade), fly(mirrored(scenario), handmade)
+    np.testing.assert_array_equal(mirror.states, -flight.states)
+    np.testing.assert_array_equal(mirror.forces_n, -flight.forces_n)
+
+
+starts = st.tuples(*[st.floats(-100, 100)] * 3)
+
+
+@settings(max_examples=25)
+@given(systems(odd_rules, smooth_functions), starts, st.tuples(*[st.floats(-1, 1)] * 3))
+def test_any_odd_controller_mirrors_bit_for_bit(system, position, velocity):
+    controller = FuzzyController('odd', system, 60.0, 0.9, 0.5)
+    scenario = replace(
+        load_scenario('paper_test'),
+        duration_s=20.0,
+        initial_position_m=position,
+        initial_velocity_m_s=velocity,
+    )
+    flight, mirror = fly(scenario, controller), fly(mirrored(scenario), controller)
+    np.testing.assert_array_equal(mirror.states, -flight.states)
+    np.testing.assert_array_equal(mirror.forces_n, -flight.forces_n)
+
+
+@settings(max_examples=25)
+@given(systems(), starts)
+def test_axes_out_of_plane_fly_alone(system, start):
+    """In-plane motion, control included, does not know z; nor z the plane."""
+    controller = FuzzyController('any', system, 60.0, 0.9, 0.5)
+    x, y, z = start
+    scenario = replace(load_scenario('quick'), duration_s=20.0, initial_position_m=start)
+    both = fly(scenario, controller).states
+    plane = fly(replace(scenario, initial_position_m=(x, y, 0.0)), controller).states
+    vertical = fly(replace(scenario, initial_position_m=(0.0, 0.0, z)), controller).states
+    np.testing.assert_array_equal(both[:, [0, 1, 3, 4]], plane[:, [0, 1, 3, 4]])
+    np.testing.assert_array_equal(both[:, [2, 5]], vertical[:, [2, 5]])
+
+
+def test_longer_flights_begin_like_shorter_ones(paper_test, paper_flight, handmade):
+    short = fly(replace(paper_test, duration_s=50.0), handmade)
+    np.testing.assert_array_equal(short.states, paper_flight.states[:501])
+    np.testing.assert_array_equal(short.forces_n, paper_flight.forces_n[:501])
+
+
+def test_thrusters_saturate_a_controller_that_asks_too_much(paper_test, handmade):
+    eager = replace(handmade, force_scale_n=5.0)
+    flight = fly(replace(paper_test, duration_s=20.0), eager)
+    assert np.abs(flight.forces_n).max() > 2.0
+    assert np.abs(flight.applied_forces_n).max() == paper_test.max_force_n
+    assert flight.applied_forces_n.shape == (200, 3)
+    steps = [
+        kernels.cw_step(tuple(state), tuple(force + push), paper_test.step)
+        for state, force, push in zip(
+            flight.states[:-1], flight.applied_forces_n, flight.disturbances_n[:-1], strict=True
+        )
+    ]
+    np.testing.assert_array_equal(steps, flight.states[1:])
+
+
+def test_shapes_and_views(paper_flight):
+    assert paper_flight.states.shape == (4001, 6)
+    assert paper_flight.forces_n.shape == paper_flight.disturbances_n.shape == (4001, 3)
+    np.testing.assert_array_equal(
+        np.hstack([paper_flight.positions_m, paper_flight.velocities_m_s]), paper_flight.states
+    )
+
+
+def test_a_member_of_the_training_set_flies(handmade):
+    corner = load_set('paper_training').scenarios()[-1]
+    assert corner.initial_position_m == (100.0, 100.0, 100.0)
+    assert fly(corner, handmade).states.shape == (2001, 6)

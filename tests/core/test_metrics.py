@@ -1,0 +1,144 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of a flight, against tiny flights worked out by hand and plain loops over a real one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from rpo_core import metrics
+from rpo_core.closed_loop import Flight
+from rpo_core.disturbance import Disturbance
+from rpo_core.metrics import Figures
+
+
+def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):
+    """Return a made-up flight of len(states) - 1 ticks."""
+    disturbance = disturbance or Disturbance()
+    ticks = len(states) - 1
+    scenario = replace(
+        paper_test, dt_s=dt_s, duration_s=dt_s * ticks, disturbance=disturbance, **changes
+    )
+    pushes = disturbance.over(scenario.times_s)
+    return Flight(scenario, np.array(states, float), np.array(forces, float), pushes)
+
+
+@pytest.fixture
+def tiny(paper_test):
+    """Three steps of 2 s; the last command is answered and not flown."""
+    states = [
+        (3, 4, 0, 0, 0, 1),
+        (0, 0, -2, 2, 1, 2),
+        (1, 2, 2, 0, -3, 4),
+        (0, -6, 8, 6, -2, 3),
+    ]
+    forces = [(0.1, 0, 0), (0.3, -0.4, 0), (0, -0.9, 0.2), (9, 9, 9)]
+    return flight(paper_test, states, forces, dt_s=2.0)
+
+
+def test_energy_counts_what_the_thrusters_gave(tiny):
+    # 0.01, then 0.09 + 0.16, then 0.25 (0.9 saturated at 0.5) + 0.04; each for 2 s
+    assert metrics.assess(tiny).energy_n2s == pytest.approx(2 * (0.01 + 0.25 + 0.29), abs=1e-15)
+
+
+def test_slew_is_between_commands_flown(tiny):
+    # 0.2 in x and 0.4 in y, then 0.3, 0.1 and 0.2; over 2 s; neither the first nor the last counts
+    assert metrics.assess(tiny).slew_n_s == pytest.approx(0.4 / 2, abs=1e-15)
+    assert metrics.slew_n_s(np.array([[0.5, 0.5, 0.5]]), 0.1) == 0.0
+
+
+def test_arrival_means_are_of_norms_and_leave_the_start_out(tiny):
+    figures = metrics.assess(tiny)  # 30 s is longer than the flight
+    assert figures.arrival_distance_m == pytest.approx((2 + 3 + 10) / 3, abs=1e-15)
+    assert figures.arrival_speed_m_s == pytest.approx((3 + 5 + 7) / 3, abs=1e-15)
+
+
+def test_windows_hold_their_seconds(paper_test):
+    states = [(tick, 0, 0, 0, -tick / 100, 0) for tick in range(101)]
+    forces = [(0, 0, -0.004 * tick) for tick in range(101)]
+    long = flight(paper_test, states, forces)
+    assert metrics.window_ticks(long.scenario, 30.0) == 30
+    assert metrics.window_ticks(long.scenario, 0.2) == 1
+    assert metrics.window_ticks(long.scenario, 1e6) == 100
+    figures = metrics.assess(long)
+    assert figures.arrival_distance_m == sum(range(71, 101)) / 30
+    assert figures.arrival_speed_m_s == pytest.approx(sum(range(71, 101)) / 3000, abs=1e-15)
+    assert metrics.window(long, 10.0) == (100.0, 1.0, pytest.approx(0.396))
+    falling = flight(paper_test, states[::-1], forces[::-1])
+    # states 91 .. 100 hold 9 .. 0; forces 90 .. 99 hold 0.004 x (10 .. 1)
+    assert metrics.window(falling, 10.0) == (9.0, 0.09, pytest.approx(0.04))
+
+
+@pytest.mark.parametrize(
+    ('figures', 'conditions', 'penalty'),
+    [
+        (Figures(3.0, 0.05, 0.1, 0.5), (True, True, True), 0),
+        (Figures(3.0, 0.0500001, 0.1, 0.5), (False, True, True), 100),
+        (Figures(3.0, 0.05, 0.1000001, 0.5), (True, False, True), 100),
+        (Figures(3.0, 0.05, 0.1, 0.5000001), (True, True, False), 100),
+        (Figures(3.0, 1.0, 1.0, 1.0), (False, False, False), 300),
+        (Figures(3.0, math.nan, 0.0, 0.0), (False, True, True), 100),
+    ],
+)
+def test_fitness_is_energy_and_penalties(figures, conditions, penalty):
+    assert figures.conditions == conditions
+    assert figures.fitness == 3.0 + penalty
+
+
+def test_figures_of_a_real_flight_by_plain_loops(paper_flight):
+    states = paper_flight.states.tolist()
+    forces = [[min(0.5, max(-0.5, f)) for f in row] for row in paper_flight.forces_n.tolist()][:-1]
+    energy = sum(f * f for row in forces for f in row) * 0.1
+    slew = max(
+        abs(new - old) / 0.1
+        for before, after in pairwise(forces)
+        for old, new in zip(before, after, strict=True)
+    )
+    arrival = states[4001 - 300 :]  # t = 370.1 s to 400.0 s
+    distance = sum(math.hypot(*row[:3]) for row in arrival) / 300
+    speed = sum(math.hypot(*row[3:]) for row in arrival) / 300
+    figures = metrics.assess(paper_flight)
+    assert figures.energy_n2s == pytest.approx(energy, rel=1e-13)
+    assert figures.slew_n_s == pytest.approx(slew, rel=1e-13)
+    assert figures.arrival_distance_m == pytest.approx(distance, rel=1e-13)
+    assert figures.arrival_speed_m_s == pytest.approx(speed, rel=1e-13)
+    last = metrics.window(paper_flight, 200.0)
+    assert last.position_m == max(abs(r) for row in states[2001:] for r in row[:3])
+    assert last.velocity_m_s == max(abs(v) for row in states[2001:] for v in row[3:])
+    assert last.force_n == max(abs(f) for row in forces[2000:] for f in row)
+
+
+def test_claims_of_the_papers_test(paper_flight):
+    position, velocity, force = metrics.claims(paper_flight)
+    last = metrics.window(paper_flight, 200.0)
+    assert position[1:] == ('m', 0.5, last.position_m)
+    assert velocity[1:] == ('m/s', 0.01, last.velocity_m_s)
+    assert force[1:] == ('N', 0.014, last.force_n)  # the largest: 1.4e-2 cos 0, in z
+    assert all(claim.statement.endswith('last 200 s') for claim in (position, velocity, force))
+
+
+def test_claims_of_the_papers_training(paper_test):
+    states = np.zeros((101, 6))
+    states[51:, 3:] = [0.003, 0.004, 0.012]
+    states[:51, 3:] = 9.0
+    forces = np.zeros((101, 3))
+    forces[50:, 1] = 0.02
+    speed, slew = metrics.claims(flight(paper_test, states, forces))
+    assert speed == ('mean speed, last 50 s', 'm/s', 0.015, pytest.approx(0.013, abs=1e-15))
+    assert slew == ('largest |df/dt|', 'N/s', 0.0261, 0.02)
+    assert speed.holds and slew.holds
+    assert not speed._replace(flown=0.0151).holds and speed._replace(flown=0.015).holds
+    assert not speed._replace(flown=math.nan).holds
+
+
+def test_claims_of_a_short_flight_say_how_short(paper_test):
+    push = Disturbance((0.0, 0.0, -0.02))
+    short = flight(paper_test, np.zeros((6, 6)), np.zeros((6, 3)), dt_s=0.5, disturbance=push)
+    claims = metrics.claims(short)
+    assert all(claim.statement.endswith('last 2.5 s') for claim in claims)
+    assert claims[2].paper == metrics.disturbance_level_n(short) == 0.02

@@ -1,0 +1,291 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenario files: the shipped ones load, and every field refuses what it should."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
+from core_documents import with_harmonics as written_out
+
+from rpo_core import files, scenario
+from rpo_core.disturbance import Disturbance, Harmonic, paper
+from rpo_core.validation import InputError
+
+SINGLE = document('scenario', 'paper_test')
+SET = document('scenario', 'paper_training')
+HARMONICS = written_out()
+
+NOT_A_NUMBER = ['heavy', None, True, [1.0], {'value': 1.0}, '1.0']
+NOT_FINITE = [math.nan, math.inf, -math.inf]
+OUT_OF_RANGE = {
+    'orbit_radius_m': [0.0, -6.678e6, 6.3e6, 6678.0, 1e10, 1e305],
+    'mass_kg': [0.0, -3.0, 1e-4, 5e-324, 1e10],
+    'max_force_n': [0.0, -0.5, 1e7, 10**400],
+    'dt_s': [0.0, -0.1, 1e-7, 1e4, 0.1 + 1e-11],
+    'duration_s': [0.0, -1.0, 0.05, 400.05, 2e9, 1e300, 5e8],
+}
+VECTORS = ['initial_position_m', 'initial_velocity_m_s']
+
+
+def test_shipped_names():
+    names = ['approach', 'paper_test', 'paper_test_phase', 'paper_training', 'quick']
+    assert list(files.shipped('scenario')) == names
+
+
+@pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase', 'quick'])
+def test_shipped_scenarios_are_the_papers_test(name):
+    loaded = scenario.load_scenario(name)
+    assert loaded.name == name
+    assert loaded.orbit_radius_m == 6_678_000
+    assert (loaded.mass_kg, loaded.max_force_n, loaded.dt_s) == (10.0, 0.5, 0.1)
+    assert loaded.start == (10.0, 60.0, -40.0, 0.0, 0.0, 0.0)
+    assert loaded.ticks == (50 if name == 'quick' else 4000)
+    utc = datetime.timezone.utc
+    epoch = datetime.datetime(2026, 1, 1, tzinfo=utc).timestamp()
+    assert loaded.epoch_ns == int(epoch) * 1_000_000_000
+
+
+def test_shipped_set_is_the_papers_training():
+    loaded = scenario.load_set('paper_training')
+    starts = loaded.initial_positions_m
+    assert starts.shape == (216, 3)
+    assert {tuple(start) for start in starts} == {
+        (x, y, z)
+        for x in (-100, -50, -5, 5, 50, 100)
+        for y in (-100, -50, -5, 5, 50, 100)
+        for z in (-100, -50, -5, 5, 50, 100)
+    }
+    members = loaded.scenarios()
+    assert [member.initial_position_m for member in members] == [tuple(s) for s in starts.tolist()]
+    assert members[7].name == 'paper_training_7'
+    assert {(m.ticks, m.disturbance.is_zero) for m in members} == {(2000, True)}
+
+
+def test_ticks_and_stamps_are_integers(paper_test):
+    assert paper_test.dt_ns == 100_000_000
+    assert paper_test.time_s(3) == 0.3  # and not 0.1 + 0.1 + 0.1
+    assert paper_test.stamp_ns(4000) - paper_test.epoch_ns == 400 * 1_000_000_000
+    for tick in (0, 1, 1234, 4000):
+        assert paper_test.tick_of(paper_test.stamp_ns(tick)) == tick
+    for stray in (-1, 1, 50_000_000):
+        assert paper_test.tick_of(paper_test.stamp_ns(10) + stray) is None
+    assert paper_test.tick_of(paper_test.stamp_ns(-1)) is None
+    assert paper_test.tick_of(paper_test.stamp_ns(4001)) is None
+    assert paper_test.times_s.shape == (4001,) and paper_test.times_s[-1] == 400.0
+
+
+@pytest.mark.parametrize('path', keys(HARMONICS), ids=str)
+def test_missing_fields_are_named(path):
+    if path[-1] in ('description', 'phase_rad'):
+        loaded = scenario.parse(changed(HARMONICS, path, MISSING))
+        assert isinstance(loaded, scenario.Scenario)  # optional
+    else:
+        message = refusal('scenario', changed(HARMONICS, path, MISSING))
+        assert_names(message, path)
+        assert 'is missing' in message
+
+
+@pytest.mark.parametrize('path', [*keys(HARMONICS), ('initial_position_axis_m',)], ids=str)
+def test_unknown_fields_are_named_with_the_nearest_known(path):
+    data = SET if path[-1] == 'initial_position_axis_m' else HARMONICS
+    key = path[-1]
+    if key == 'schema':
+        assert '`schema`' in refusal('scenario', renamed(data, path, 'shema'))
+        return
+    for wrong in (f'{key}x', key[:-1]):
+        message = refusal('scenario', renamed(data, path, wrong))
+        assert_names(message, (*path[:-1], wrong))
+        assert f'is not a known field; did you mean `{key}`?' in message
+
+
+def test_an_unknown_field_like_no_other_lists_the_known():
+    message = refusal('scenario', {**SINGLE, 'zzz': 1})
+    assert '`zzz` is not a known field; known: schema, name, orbit_radius_m' in message
+
+
+@pytest.mark.parametrize('field', OUT_OF_RANGE)
+def test_numbers_are_checked(field):
+    for bad in NOT_A_NUMBER + NOT_FINITE:
+        message = refusal('scenario', changed(SINGLE, (field,), bad))
+        assert f'`{field}` must be a finite number' in message and f'; got {bad!r}' in message
+    for bad in OUT_OF_RANGE[field]:
+        message = refusal('scenario', changed(SINGLE, (field,), bad))
+        assert f'`{field}` must be ' in message and '; got ' in message
+
+
+def test_units_and_bounds_are_in_the_message():
+    message = refusal('scenario', changed(SINGLE, ('mass_kg',), -3.0))
+    assert message == (
+        'mine.yaml: `mass_kg` must be a finite number >= 0.001 and <= 1e+09 kg; got -3.0'
+    )
+
+
+@pytest.mark.parametrize('field', VECTORS)
+def test_vectors_are_checked(field):
+    for bad in ('1, 2, 3', 1.0, None, [1.0, 2.0], [1.0] * 4, {'x': 1.0, 'y': 2.0, 'z': 3.0}, []):
+        message = refusal('scenario', changed(SINGLE, (field,), bad))
+        assert f'`{field}` must be a list of 3 numbers [x, y, z] in m' in message
+    for index in range(3):
+        for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e6, -1e6]:
+            message = refusal('scenario', changed(SINGLE, (field, index), bad))
+            assert f'`{field}[{index}]` must be a finite number' in message
+
+
+def test_positions_of_a_set_are_checked():
+    field = 'initial_position_axis_m'
+    for bad in ([], None, 5.0, 'all', [1.0] * 101):
+        message = refusal('scenario', changed(SET, (field,), bad))
+        assert f'`{field}` must be a list of 1 to 100 positions in m; got ' in message
+    for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e6]:
+        message = refusal('scenario', changed(SET, (field, 2), bad))
+        assert f'`{field}[2]` must be a finite number' in message
+
+
+@pytest.mark.parametrize('field', ['amplitude_n', 'angular_rate_rad_s', 'phase_rad'])
+def test_harmonics_are_checked(field):
+    for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e9, -1e9]:
+        data = changed(HARMONICS, ('disturbance', 'harmonics', 1, field), bad)
+        message = refusal('scenario', data)
+        assert f'disturbance.harmonics[1]: `{field}` must be a finite number' in message
+
+
+def test_disturbance_words_are_checked():
+    def spoil(path, value):
+        return refusal('scenario', changed(HARMONICS, ('disturbance', *path), value))
+
+    assert "`axis` must be one of x, y, z; got 'R-bar'" in spoil(('harmonics', 0, 'axis'), 'R-bar')
+    assert '`function` must be one of sin, cos; got 1' in spoil(('harmonics', 0, 'function'), 1)
+    assert '`disturbance.harmonics` must be a list; got None' in spoil(('harmonics',), None)
+    assert '`disturbance.harmonics[0]` must be a mapping' in spoil(('harmonics',), [3])
+    assert 'disturbance: `constant_n` must be a list of 3' in spoil(('constant_n',), 0.0)
+    message = refusal('scenario', changed(SINGLE, ('disturbance',), 'paper'))
+    assert "one of none, paper_offset, paper_phase; got 'paper'" in message
+    assert '`disturbance` must be a mapping' in refusal('scenario', {**SINGLE, 'disturbance': None})
+
+
+def test_a_written_out_disturbance_is_the_preset(paper_test):
+    n = paper_test.mean_motion_rad_s
+    preset = paper('offset', n)
+    harmonics = [
+        dict(
+            axis=h.axis,
+            function=h.function,
+            amplitude_n=h.amplitude_n,
+            angular_rate_rad_s=h.angular_rate_rad_s,
+        )
+        for h in preset.harmonics
+    ]
+    data = {'constant_n': list(preset.constant_n), 'harmonics': harmonics}
+    loaded = scenario.parse({**SINGLE, 'disturbance': data, 'epoch': datetime.datetime(2026, 1, 1)})
+    assert loaded == paper_test
+
+
+def test_names_and_schema_are_checked():
+    for bad in (None, '', '  ', 5, ['a'], 'a\0b', '\x1b[31m'):
+        assert '`name` must be ' in refusal('scenario', changed(SINGLE, ('name',), bad))
+    for bad in (None, 5, ['a'], 'a\0b'):
+        assert '`description` must' in refusal('scenario', changed(SINGLE, ('description',), bad))
+    for bad in (None, 1, 'rpo/scenario/2', 'rpo/controller/1', ['rpo/scenario/1'], {}):
+        message = refusal('scenario', changed(SINGLE, ('schema',), bad))
+        assert '`schema` must be rpo/scenario/1 or rpo/scenario_set/1; got ' in message
+
+
+@pytest.mark.parametrize(
+    'bad',
+    [None, 5, 1767225600.0, 'tomorrow', '2026-01-01T00:00:00Z', datetime.date(2026, 1, 1)],
+    ids=str,
+)
+def test_epoch_must_be_a_date_and_time(bad):
+    message = refusal('scenario', changed(SINGLE, ('epoch',), bad))
+    assert '`epoch` must be a UTC date and time like 2026-01-01T00:00:00Z; got ' in message
+
+
+@pytest.mark.parametrize(
+    'moment',
+    [
+        '1969-12-31T23:59:59Z',
+        '2038-01-19T03:14:07Z',
+        '2038-01-19T03:10:00Z',
+        '9999-01-01T00:00:00Z',
+    ],
+)
+def test_the_whole_flight_must_fit_a_ros_stamp(moment):
+    message = refusal('scenario', text('epoch: 2026-01-01T00:00:00Z', f'epoch: {moment}'))
+    assert '`epoch` and the end of the flight must lie between 1970 and 2038-01-19' in message
+
+
+def text(old, new, name='paper_test'):
+    """Return a shipped scenario with one piece of text replaced."""
+    content = files.find('scenario', name).read_text()
+    assert content.count(old) == 1
+    return content.replace(old, new)
+
+
+def test_epoch_in_another_zone_is_the_same_moment(paper_test):
+    content = text('2026-01-01T00:00:00Z', '2026-01-01T02:30:00+02:30')
+    assert files.loads(content, scenario.parse, 'mine.yaml') == paper_test
+    content = text('2026-01-01T00:00:00Z', '2026-01-01T00:00:00.000001Z')
+    moved = files.loads(content, scenario.parse, 'mine.yaml')
+    assert moved.epoch_ns == paper_test.epoch_ns + 1000
+
+
+@pytest.mark.parametrize('written', ['1e-1', '1.0e-1x', '"0.1"', '0,1'])
+def test_numbers_that_yaml_reads_as_text_are_explained(written):
+    message = refusal('scenario', text('dt_s: 0.1', f'dt_s: {written}'))
+    assert '`dt_s` must be a finite number' in message
+    hints = {
+        '1e-1': '; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3',
+        '"0.1"': '; without the quotes it is a number',
+    }
+    assert message.endswith(hints.get(written, f'got {written!r}'))
+
+
+def test_an_unsigned_exponent_is_explained():
+    message = refusal('scenario', text('6678000.0', '6.678e6'))
+    assert message.endswith('; YAML wants a point and a signed exponent, like 1.0e-3 or 1.0e+3')
+
+
+def test_whole_numbers_are_numbers(paper_test):
+    content = text('mass_kg: 10.0', 'mass_kg: 10')
+    loaded = files.loads(content, scenario.parse, 'mine.yaml')
+    assert loaded == paper_test and isinstance(loaded.mass_kg, float)
+
+
+@pytest.mark.parametrize('content', ['', '# nothing\n', '[]', 'scenario', '3', 'null', '- a: 1'])
+def test_a_document_must_be_a_mapping(content):
+    message = refusal('scenario', content)
+    assert 'the document must be a mapping with schema, name, ' in message
+
+
+def test_kinds_are_told_apart():
+    with pytest.raises(InputError, match='must be a single flight; paper_training is a set of 216'):
+        scenario.load_scenario('paper_training')
+    with pytest.raises(InputError, match=r'must be a set .* paper_test is a single flight'):
+        scenario.load_set('paper_test')
+    message = refusal('scenario', changed(SET, ('schema',), 'rpo/scenario/1'))
+    assert (
+        '`initial_position_axis_m` is not a known field; did you mean `initial_position_m`'
+        in message
+    )
+
+
+def test_built_in_code_a_scenario_is_checked_alike(paper_test):
+    with pytest.raises(InputError, match='`mass_kg` must be'):
+        replace(paper_test, mass_kg=0)
+    with pytest.raises(InputError, match='`epoch`'):
+        replace(paper_test, epoch_ns=0)
+    with pytest.raises(
+        InputError, match=r'`disturbance.harmonics\[0\]` must turn less than 1e\+06'
+    ):
+        fast = Disturbance(harmonics=(Harmonic('x', 'sin', 1.0, 10.0),))
+        replace(paper_test, duration_s=1e5, disturbance=fast)
+    with pytest.raises(InputError, match='at most 10000000 ticks'):
+        replace(paper_test, duration_s=1_000_000.1)
+    turned = replace(paper_test, initial_position_m=np.array([1, 2, 3]))
+    assert turned.initial_position_m == (1.0, 2.0, 3.0)

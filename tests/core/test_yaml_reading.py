@@ -1,0 +1,167 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reading files: names, paths, bytes, and the YAML that is refused before it is understood."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from rpo_core import controller, files, scenario
+from rpo_core.validation import InputError
+
+LOADERS = {'scenario': scenario.load, 'controller': controller.load_controller}
+
+
+def refusal(content):
+    with pytest.raises(InputError) as error:
+        files.parse_yaml(content)
+    return str(error.value)
+
+
+@pytest.mark.parametrize('kind', LOADERS)
+@pytest.mark.parametrize('name', ['nosuch', 'Paper_Test', 'handmade ', 'x' * 5000, '..', 'a\0b'])
+def test_unknown_names_list_the_known(kind, name):
+    known = ', '.join(files.shipped(kind))
+    with pytest.raises(InputError) as error:
+        LOADERS[kind](name)
+    assert f'`{kind}` must be one of {known}, or a path' in str(error.value)
+    assert len(str(error.value)) < 300
+
+
+@pytest.mark.parametrize('kind', LOADERS)
+@pytest.mark.parametrize('name', ['', '   '])
+def test_an_empty_name_is_refused(kind, name):
+    with pytest.raises(InputError, match=f'`{kind}` must be a shipped name or a path; got'):
+        LOADERS[kind](name)
+
+
+@pytest.mark.parametrize('kind', LOADERS)
+@pytest.mark.parametrize(
+    'path',
+    [
+        './nosuch',
+        'nosuch.yaml',
+        '/',
+        '/dev/null',
+        '/dev/zero',
+        '~nosuchuser/mine.yaml',
+        'a\0b.yaml',
+        f'/{"x" * 5000}.yaml',
+        '/etc/passwd/mine.yaml',
+    ],
+)
+def test_paths_without_a_file_are_refused(kind, path):
+    with pytest.raises(InputError, match='there is no file') as error:
+        LOADERS[kind](path)
+    assert str(error.value).isprintable()
+
+
+@pytest.mark.parametrize('kind', LOADERS)
+def test_files_that_are_no_text_are_refused(kind, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    for content, words in (
+        (b'name: \xff\xfe', 'must be a UTF-8 text'),
+        ('name: Müller'.encode('latin-1'), 'must be a UTF-8 text'),
+        ('name: mine'.encode('utf-16'), 'must be a UTF-8 text'),
+        (os.urandom(1000) + b'\xff', 'must be a UTF-8 text'),
+        (b'\0' * 1000, 'special characters are not allowed'),
+        (b'', 'must be a mapping'),
+        (os.urandom(1 << 16) * 160, 'at most 262144 bytes; it is larger'),
+        (b'[' * (10 << 20), 'at most 262144 bytes; it is larger'),
+    ):
+        path.write_bytes(content)
+        with pytest.raises(InputError) as error:
+            LOADERS[kind](path)
+        assert str(error.value).startswith(f'{path}: ') and words in str(error.value)
+
+
+def test_a_file_that_may_not_be_read_is_refused(monkeypatch, tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text('a: 1')
+
+    def forbidden(*_, **__):
+        raise PermissionError(13, 'Permission denied')
+
+    monkeypatch.setattr(Path, 'open', forbidden)
+    with pytest.raises(InputError, match=r'mine\.yaml: Permission denied'):
+        scenario.load(path)
+
+
+def test_a_path_may_be_given_in_every_form(tmp_path, monkeypatch, paper_test):
+    content = files.find('scenario', 'paper_test').read_text()
+    (tmp_path / 'mine.yaml').write_text(content)
+    (tmp_path / 'mine').write_text(content)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv('HOME', str(tmp_path))
+    forms = ['mine.yaml', './mine', '~/mine.yaml', str(tmp_path / 'mine'), tmp_path / 'mine.yaml']
+    assert all(scenario.load(form) == paper_test for form in forms)
+
+
+def test_installed_files_come_before_the_sources(tmp_path, monkeypatch):
+    folder = tmp_path / 'share/rpo_bringup/config/scenarios'
+    folder.mkdir(parents=True)
+    content = files.find('scenario', 'quick').read_text()
+    (folder / 'quick.yaml').write_text(content.replace('duration_s: 5.0', 'duration_s: 7.0'))
+    (folder / 'mine.yaml').write_text(content.replace('name: quick', 'name: mine'))
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere{os.pathsep}{os.pathsep}{tmp_path}')
+    assert scenario.load_scenario('quick').duration_s == 7.0
+    assert scenario.load_scenario('mine').name == 'mine'
+    assert 'mine' in files.shipped('scenario')
+
+
+@pytest.mark.parametrize(
+    ('content', 'words'),
+    [
+        ('a: 1\nb: 2\na: 3', 'line 3: `a` is given twice'),
+        ('a: {b: 1, "b": 2}', 'line 1: `b` is given twice'),
+        ('a: &x [1]\nb: *x', 'line 2: aliases (*name) are not allowed'),
+        ('a: *x', 'line 1: aliases (*name) are not allowed'),
+        ('<<: {a: 1}', 'line 1: not valid YAML'),
+        ('1: a', 'line 1: a key must be a text; got 1'),
+        ('yes: a', 'line 1: a key must be a text; got True'),
+        ('? [a]\n: b', "line 1: a key must be a text; got ['a']"),
+        ('a: [1, 2', 'line 1: not valid YAML'),
+        ('a: b: c', 'line 1: not valid YAML: mapping values are not allowed here'),
+        ('a: 1\n  b: 2', 'line 2: not valid YAML'),
+        ('a: 1\n\tb: 2', 'line 2: not valid YAML'),
+        ('a: 1\n---\nb: 2', 'line 2: not valid YAML'),
+        ('a: "\\U00110000"', 'not valid YAML'),
+        ('a: 2026-02-30', 'not valid YAML: day is out of range'),
+        (f'a: {"9" * 5000}', 'not valid YAML'),
+        ('a: 010', "line 1: a number must be decimal; got '010'"),
+        ('a: 0x10', "line 1: a number must be decimal; got '0x10'"),
+        ('a: 0b11', "line 1: a number must be decimal; got '0b11'"),
+        ('a: 1:30', "line 1: a number must be decimal; got '1:30'"),
+        ('a: 1:30.5', "line 1: a number must be decimal; got '1:30.5'"),
+        ('a: !!python/object/apply:os.getcwd []', 'line 1: tags (!name) are not allowed'),
+        ('a: !!timestamp noon', 'line 1: tags (!name) are not allowed'),
+        ('a: !!int ""', 'line 1: tags (!name) are not allowed'),
+        ('a: !mine 1', 'line 1: tags (!name) are not allowed'),
+        ('%YAML 9.9\n---\na: 1', 'line 1: not valid YAML'),
+    ],
+)
+def test_yaml_is_read_strictly(content, words):
+    assert words in refusal(content)
+
+
+@pytest.mark.parametrize('opening', ['[', '{', '- ', '? ', '[a: ', '{a: '])
+@pytest.mark.timeout(10)
+def test_deep_nesting_is_refused_at_once(opening):
+    """Plain PyYAML takes minutes, or the stack, for a file of brackets."""
+    message = refusal(opening * (files.MAX_BYTES // len(opening)))
+    assert 'must be nested at most 20 deep' in message
+
+
+def test_decimal_numbers_are_read():
+    content = 'a: [0, -7, +3, 1_000, 0.5, -0.25, 1.0e-3, 1.0e+3, .5, 5., -0, 0.0]'
+    expected = [0, -7, 3, 1000, 0.5, -0.25, 1e-3, 1e3, 0.5, 5.0, 0, 0.0]
+    assert files.parse_yaml(content) == {'a': expected}
+
+
+def test_nesting_up_to_the_limit_is_read():
+    depth = files.MAX_DEPTH
+    assert files.parse_yaml('[' * depth + ']' * depth) is not None
+    assert 'nested' in refusal('[' * (depth + 1) + ']' * (depth + 1))
