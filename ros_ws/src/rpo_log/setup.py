@@ -23,6 +23,7 @@ setup(
     entry_points={
         'console_scripts': [
             'recorder = rpo_log.recorder_node:main',
+            'replay = rpo_log.replay_node:main',
         ],
     },
 )

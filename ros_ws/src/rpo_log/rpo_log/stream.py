@@ -69,6 +69,23 @@ class RunReader:
         if decoder.newest < 0:
             raise self._empty(self.damage)
 
+    def messages(self) -> Iterator[Message]:
+        """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
+        self.damage = ''
+        for path in self.files:
+            scan = Scan(path)
+            for record, records in self._chunks_of(scan):
+                chunk = record.opcode == Opcode.CHUNK
+                for inner in inner_records(path, record, records) if chunk else (record,):
+                    if inner.opcode != Opcode.MESSAGE:
+                        self._take(path, inner)
+                        continue
+                    message = split_message(inner, self._channels, self.base, path)
+                    if message is not None:
+                        yield message
+            if scan.damage:
+                self.damage = f'{path.name}: {scan.damage}'
+
     def _empty(self, damage: str) -> LogError:
         return LogError(
             Kind.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
@@ -152,11 +169,7 @@ class RunReader:
         """Yield the blocks of one file; chunks that follow the pattern are decoded together."""
         scan, size = Scan(path), 0
         alike: list[tuple[Record, bytes]] = []
-        for record in scan:
-            if record.opcode not in (Opcode.CHUNK, Opcode.MESSAGE):
-                self._take(path, record)
-                continue
-            records = chunk_records(path, record) if record.opcode == Opcode.CHUNK else b''
+        for record, records in self._chunks_of(scan):
             if self._pattern is not None and records and not len(records) % self._pattern.stride:
                 alike.append((record, records))
                 size += len(records)
@@ -172,6 +185,26 @@ class RunReader:
         yield from self._alike(path, decoder, alike)
         if scan.damage:
             self.damage = f'{path.name}: {scan.damage}'
+
+    def _chunks_of(self, scan: Scan) -> Iterator[tuple[Record, bytes]]:
+        """Yield chunks with what is in them, and messages outside of chunks; take the rest.
+
+        What a power cut leaves may end with a chunk whose bytes never reached the disk: a corrupt
+        chunk is the end of a file that was not closed, if no sound one follows.
+        """
+        records = iter(scan)
+        for record in records:
+            if record.opcode == Opcode.MESSAGE:
+                yield record, b''
+            elif record.opcode != Opcode.CHUNK:
+                self._take(scan.path, record)
+            else:
+                try:
+                    yield record, chunk_records(scan.path, record)
+                except LogError as error:
+                    if any(_is_sound(scan.path, rest) for rest in records) or not scan.damage:
+                        raise
+                    scan.damage = str(error).partition(': ')[2]
 
     def _alike(
         self, path: Path, decoder: SlowDecoder, chunks: list[tuple[Record, bytes]]
@@ -189,7 +222,7 @@ class RunReader:
         else:
             if len(decoder):
                 yield decoder.block()
-            decoder.newest = int(block.ticks[-1])
+            decoder.pass_on(block)
             yield block
 
     def _one_by_one(self, path: Path, decoder: SlowDecoder, record: Record, data: bytes) -> None:
@@ -205,6 +238,14 @@ class RunReader:
                 decoder.add(message)
                 messages.append(message)
         self._pattern = decoder.pattern(messages, self._channels) or self._pattern
+
+
+def _is_sound(path: Path, record: Record) -> bool:
+    """Return whether a record is a chunk that can be read."""
+    try:
+        return record.opcode == Opcode.CHUNK and bool(chunk_records(path, record))
+    except LogError:
+        return False
 
 
 def files_of(path: Path) -> list[Path]:

@@ -1,0 +1,223 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `replay`: publishes a log back onto its topics, or drives a live controller with it."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+from rpo_core.validation import InputError
+from rpo_log import topics
+from rpo_log.decode import Message, values_of
+from rpo_log.errors import LogError
+from rpo_log.stream import RunReader
+from rpo_ros import conversions, names, qos
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode, run_node
+
+EXIT_DIFFERENT = 1
+EXIT_NO_ANSWER = 3
+
+PARAMETERS = (
+    Row('bag', '', 'run folder or .mcap file', example='runs/first'),
+    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as it goes', most=1e6),
+    Row('start_s', 0.0, 'time of the run at which to begin', 's'),
+    Row('end_s', 0.0, 'time of the run at which to end; 0: its end', 's'),
+    Row('loop', False, 'begin again at the end'),
+    Row('paused', False, 'begin paused; ~/pause and ~/step go on'),
+    Row('drive', False, 'leave out control_force, wait for a live controller and compare'),
+    Row('delay_s', 1.0, 'longest wall time to wait for a subscriber before the first tick', 's'),
+    Row('resend_after_s', 0.25, 'wall time without an answer before a state is sent again', 's',
+        least=1e-3),
+    Row('answer_timeout_s', 10.0, 'wall time without an answer before the replay fails', 's',
+        least=1e-2),
+)  # fmt: skip
+
+_TOPICS = {
+    topics.CLOCK: (names.CLOCK, Clock, qos.CLOCK),
+    topics.STATE: (names.RELATIVE_STATE, Odometry, qos.LOCKSTEP),
+    topics.FORCE: (names.CONTROL_FORCE, WrenchStamped, qos.LOCKSTEP),
+    topics.DISTURBANCE: (names.DISTURBANCE_FORCE, WrenchStamped, qos.LOCKSTEP),
+    topics.STATUS: (names.RUN_STATUS, DiagnosticStatus, qos.LATCHED),
+}
+_FASTEST_S = 1e-4
+
+Tick = list[Message]
+
+
+class ReplayNode(FlightNode):
+    """Publishes the messages of one tick together, as the bytes that were logged."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('replay', overrides)
+        self.values = declare(self, PARAMETERS)
+        try:
+            self._reader = RunReader(Path(self.values['bag']).expanduser())
+        except LogError as error:
+            raise InputError(f'`bag` {error}') from None
+        self._range = self._ticks_asked()
+        self._paused = self.values['paused']
+        self._current: Tick = []
+        self._logged_force: tuple[float, ...] | None = None
+        self._awaited_ns: int | None = None
+        self._sent = self._begun = time.monotonic()
+        self._played = 0
+        self.differences = 0
+        self._connect()
+        self._left = self._ticks()
+        rate, dt_s = self.values['rate'], self._reader.base.dt_ns / 1e9
+        steady = SteadyClock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(dt_s / rate if rate else _FASTEST_S, self._on_time, clock=steady)
+
+    def _ticks_asked(self) -> range:
+        base = self._reader.base
+        dt_s = base.dt_ns / 1e9
+        first = round(self.values['start_s'] / dt_s)
+        last = round(self.values['end_s'] / dt_s) if self.values['end_s'] else base.last_tick
+        if not 0 <= first <= last:
+            raise InputError(
+                '`start_s` must not be after `end_s` or the end of the run; got '
+                f'{self.values["start_s"]:g} s of {last * dt_s:g} s'
+            )
+        return range(first, last + 1)
+
+    def _connect(self) -> None:
+        left_out = {topics.FORCE} if self.values['drive'] else set()
+        self._outlets = {
+            topic.role: self.create_publisher(kind, name, profile)
+            for topic in self._reader.topics
+            for name, kind, profile in [_TOPICS[topic.role]]
+            if topic.role not in left_out
+        }
+        if self.values['drive']:
+            self.create_subscription(
+                WrenchStamped, names.CONTROL_FORCE, self._on_answer, qos.LOCKSTEP
+            )
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_service(Trigger, '~/step', self._on_step)
+
+    def _ticks(self) -> Iterator[Tick]:
+        """Yield the ticks asked for, from the log; for ever, if that is asked for."""
+        while True:
+            for tick, messages in itertools.groupby(self._reader.messages(), lambda m: m.tick):
+                if tick >= self._range.stop:
+                    break
+                if tick in self._range:
+                    yield list(messages)
+            if not self.values['loop']:
+                return
+
+    def _on_time(self) -> None:
+        if self.done or self._paused:
+            return
+        if not self._played and not self._somebody_listens():
+            if time.monotonic() - self._begun > self.values['answer_timeout_s']:
+                self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+            return
+        if self._awaited_ns is None:
+            self._play_next()
+        else:
+            self._wait()
+
+    def _somebody_listens(self) -> bool:
+        if self.values['drive']:
+            return bool(self.count_publishers(names.CONTROL_FORCE))
+        late = time.monotonic() - self._begun > self.values['delay_s']
+        return late or any(p.get_subscription_count() for p in self._outlets.values())
+
+    def _play_next(self) -> None:
+        try:
+            self._current = next(self._left, [])
+        except LogError as error:
+            self._end(f'{error}', EXIT_DIFFERENT)
+            return
+        if not self._current:
+            self._end(f'{self._played} ticks replayed', 0)
+            return
+        self._played += 1
+        self._send()
+
+    def _send(self) -> None:
+        for message in self._current:
+            if message.topic.role in self._outlets:
+                self._outlets[message.topic.role].publish(message.data)
+            else:
+                self._awaited_ns = self._reader.base.stamp_ns(message.tick)
+                self._logged_force = values_of(message.topic, message.data)
+        self._sent = time.monotonic()
+
+    def _wait(self) -> None:
+        """Send the state again, or give up, when a driven controller does not answer."""
+        waited = time.monotonic() - self._sent
+        if time.monotonic() - self._begun > self.values['answer_timeout_s']:
+            tick = self._current[0].tick
+            self._end(f'no answer to tick {tick} from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
+        elif waited > self.values['resend_after_s']:
+            self._send()
+
+    def _on_answer(self, message: WrenchStamped) -> None:
+        if conversions.from_stamp(message.header.stamp) != self._awaited_ns:
+            return
+        force = conversions.from_wrench(message)
+        if _bits(force) != _bits(self._logged_force or ()):  # -0.0 is not 0.0 here
+            self.differences += 1
+            if self.differences == 1:
+                self.get_logger().error(
+                    f'tick {self._current[0].tick}: logged {self._logged_force}, answered {force}'
+                )
+        self._awaited_ns = None
+        self._begun = time.monotonic()
+        if not self.values['rate'] and not self._paused:
+            self._play_next()
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused = request.data
+        response.success = True
+        response.message = 'paused' if self._paused else 'playing'
+        return response
+
+    def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused and not self.done
+        if response.success:
+            self._play_next()
+            response.message = f'{self._played} ticks replayed'
+        else:
+            response.message = 'pause first: ~/pause {data: true}'
+        return response
+
+    def _end(self, sentence: str, code: int) -> None:
+        if self.values['drive'] and code == 0:
+            code = EXIT_DIFFERENT if self.differences else 0
+            sentence += f'; {self.differences} answers differ from the log'
+        if self._reader.damage:
+            sentence += f'; the log is cut short: {self._reader.damage}'
+        log = self.get_logger()
+        log.error(sentence) if code else log.info(sentence)
+        self.exit_code, self.done = code, True
+
+
+def _bits(force: tuple[float, ...]) -> bytes:
+    return struct.pack(f'<{len(force)}d', *force)
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_log replay`."""
+    return run_node('ros2 run rpo_log replay', ReplayNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,96 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replay: the logged bytes on the topics again, and a live controller held against a log."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from processes import flight
+
+import rpo_core.files
+from rpo_log.stream import RunReader
+
+LISTENER = str(Path(__file__).with_name('listener.py'))
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with flight(ros_env, tmp_path) as started:
+        yield started
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('replayed') / 'run'
+
+
+@pytest.fixture
+def run_folder(folder, ros):
+    """A run of the scenario `quick`, flown by the first test that asks for it."""
+    if not folder.exists():
+        options = ('--scenario', 'quick', '--output', str(folder), '--no-report')
+        node = ros.node('rpo_bringup', 'final_approach', *options)
+        assert node.wait() == 0, node.output
+    return folder
+
+
+def logged(folder, first, last):
+    """Return topic -> messages as hex, of the ticks first..last."""
+    found = {}
+    for message in RunReader(folder).messages():
+        if first <= message.tick <= last and message.topic.role != 'run_status':
+            found.setdefault(message.topic.name, []).append(message.data.hex())
+    return found
+
+
+def test_the_logged_bytes_are_published_again(ros, run_folder):
+    listener = subprocess.Popen(
+        [sys.executable, LISTENER, '11'], env=ros.env, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        node = ros.node(
+            'rpo_log', 'replay', bag=run_folder, rate=2.0, start_s=1.0, end_s=2.0, delay_s=30.0
+        )
+        heard = json.loads(listener.communicate(timeout=30)[0])
+        assert node.wait() == 0, node.output
+    finally:
+        listener.kill()
+    node.says('11 ticks replayed')
+    assert heard == logged(run_folder, 10, 20)
+
+
+def test_the_same_controller_answers_as_logged(ros, run_folder):
+    ros.node('rpo_ctrl', 'fuzzy_controller')
+    node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0)
+    assert node.wait() == 0, node.output
+    node.says('51 ticks replayed; 0 answers differ from the log')
+
+
+def test_another_controller_is_found_out(ros, run_folder):
+    path = rpo_core.files.shipped('controller')['handmade']
+    document = yaml.safe_load(path.read_text())
+    document['scales']['position_m'] *= 1.0 + 1e-12
+    other = ros.folder / 'other.yaml'
+    other.write_text(yaml.safe_dump(document))
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller=other)
+    node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0)
+    assert node.wait() == 1, node.output
+    node.says('tick 0: logged')
+
+
+def test_no_controller_is_said_and_not_waited_for_for_ever(ros, run_folder):
+    node = ros.node(
+        'rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0, answer_timeout_s=1.0
+    )
+    assert node.wait() == 3
+    assert 'no answer' in node.output
+
+
+def test_a_folder_without_a_log_is_refused(ros):
+    node = ros.node('rpo_log', 'replay', bag=ros.folder)
+    assert node.wait() == 2
+    assert 'holds no run.mcap' in node.output
