@@ -125,6 +125,7 @@ class SlowDecoder:
     base: TimeBase
     recorded: Sequence[Topic]
     newest: int = -1
+    _given: int = -1
     _rows: dict[int, dict[str, tuple[float, ...]]] = field(default_factory=dict)
     _statuses: list[tuple[int, cdr.Status]] = field(default_factory=list)
     _odd: list[Odd] = field(default_factory=list)
@@ -150,9 +151,13 @@ class SlowDecoder:
         except cdr.CdrError as error:
             raise bad_message(self.path, topic, tick, error) from None
         row = self._rows.setdefault(tick, {})
-        if topic.role in row:
+        if topic.role in row or tick <= self._given:
             raise LogError(Kind.DUPLICATE_TICK, self.path, f'has tick {tick} of {topic.name} twice')
         row[topic.role] = values
+
+    def pass_on(self, block: Block) -> None:
+        """Go on after a block that was decoded at once."""
+        self.newest = self._given = int(block.ticks[-1])
 
     def _values(self, message: Message) -> tuple[float, ...]:
         topic, tick, data = message
@@ -170,6 +175,7 @@ class SlowDecoder:
         if keep_newest and self.newest in self._rows:
             kept[self.newest] = self._rows.pop(self.newest)
         ticks = np.array(list(self._rows), dtype=np.int64)
+        self._given = max(self._given, int(ticks[-1]) if len(ticks) else -1)
         arrays = {role: np.full((len(ticks), width), np.nan) for role, width in _WIDTHS.items()}
         present = {
             topic.role: np.zeros(len(ticks), dtype=bool)

@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -91,8 +92,8 @@ class McapFile:
             ) from None
         self.path = path
         self._writer = Writer(
-            self._sink,
-            chunk_size=_UNLIMITED,  # type: ignore[arg-type]
+            cast(IO[Any], self._sink),
+            chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
             enable_data_crcs=True,
         )

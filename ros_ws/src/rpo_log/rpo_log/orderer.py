@@ -132,8 +132,10 @@ class TickOrderer:
         """Return whether nothing more is waited for at the next tick."""
         entry = self._pending.get(self.next_tick)
         ahead = self._latest - self.next_tick
-        if self._event_due and self.next_tick > 0 and ahead < WINDOW:
-            return False
+        if self._event_due and self.next_tick > 0:
+            self._event_due = ahead < WINDOW
+            if self._event_due:
+                return False
         if entry is not None and entry.lacks == 0:
             return True
         if ahead < 1:  # the newest tick of all may still be completed
@@ -142,7 +144,6 @@ class TickOrderer:
         if ahead >= WINDOW:
             for i in lacking:
                 self._silent[i] = self._newest[i] < self.next_tick
-            self._event_due = False
             return True
         return all(self._silent[i] or self._newest[i] >= self.next_tick + REORDER for i in lacking)
 

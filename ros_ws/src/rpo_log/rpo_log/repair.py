@@ -113,15 +113,14 @@ class _Source:
     def records(self) -> Iterator[Record]:
         """Yield the records up to where the file ends."""
         self.damage, self.lost_chunks = '', 0
-        scan = Scan(self.path)
-        try:
-            for record in scan:
+        scan = Scan(self.path, tolerant=True)
+        for record in scan:
+            try:
                 self._learn(record)
-                yield record
-        except LogError as error:
-            if error.kind is not Kind.CORRUPT:
-                raise
-            self.damage = _why(error)
+            except LogError as error:  # what it says may be said again in the summary
+                self.damage = _why(error)
+                continue
+            yield record
         self.damage = scan.damage or self.damage
 
     def _messages(self, chunk: Record) -> Iterator[Message]:

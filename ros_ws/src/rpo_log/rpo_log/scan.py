@@ -46,10 +46,13 @@ class Record(NamedTuple):
 class Scan:
     """Iterates the records of one file; raises LogError where a checksum fails.
 
-    damage : after the iteration, where and how the file ends early; empty if it is whole
+    tolerant : go on after a checksum that fails
+    damage : after the iteration, what is wrong with the file: where it ends early, or, tolerant,
+        what does not fit; empty if it is whole
     """
 
     path: Path
+    tolerant: bool = False
     damage: str = ''
 
     def __iter__(self) -> Iterator[Record]:
@@ -81,7 +84,8 @@ class Scan:
                 self._check(
                     content, zlib.crc32(content[:-4], zlib.crc32(head, crc)), 'summary', offset
                 )
-                self.damage = '' if stream.read(len(MAGIC)) == MAGIC else 'the last 8 bytes lack'
+                if stream.read(len(MAGIC)) != MAGIC:
+                    self.damage = 'the last 8 bytes lack'
                 return
             else:
                 crc = zlib.crc32(content, zlib.crc32(head, crc))
@@ -92,7 +96,10 @@ class Scan:
     def _check(self, content: bytes, actual: int, part: str, offset: int) -> None:
         """Compare a checksum with the last 4 bytes of a record; 0 means that there is none."""
         stored = int.from_bytes(content[-4:], 'little')
-        if len(content) < 4 or stored not in (0, actual):
+        if len(content) >= 4 and stored in (0, actual):
+            return
+        self.damage = f'the checksum of its {part} does not fit'
+        if not self.tolerant:
             raise LogError(
                 Kind.CORRUPT,
                 self.path,

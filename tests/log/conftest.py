@@ -1,0 +1,39 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs that many tests read."""
+
+from __future__ import annotations
+
+import pytest
+from log_runs import Run, make_run
+from mcap.records import ChunkIndex
+from mcap.stream_reader import StreamReader
+
+
+@pytest.fixture(scope='session')
+def short_run() -> Run:
+    """Five seconds: 51 ticks."""
+    return make_run(5.0)
+
+
+@pytest.fixture(scope='session')
+def run() -> Run:
+    """Forty seconds: 401 ticks, chunks of all lengths."""
+    return make_run(40.0)
+
+
+@pytest.fixture(scope='session')
+def log_bytes(run: Run, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The log of `run`."""
+    folder = tmp_path_factory.mktemp('whole')
+    assert run.write(folder).whole
+    return (folder / 'run.mcap').read_bytes()
+
+
+@pytest.fixture(scope='session')
+def chunks(log_bytes: bytes, tmp_path_factory: pytest.TempPathFactory) -> list[ChunkIndex]:
+    """Where the chunks of `log_bytes` lie."""
+    path = tmp_path_factory.mktemp('index') / 'run.mcap'
+    path.write_bytes(log_bytes)
+    with path.open('rb') as stream:
+        return [r for r in StreamReader(stream).records if isinstance(r, ChunkIndex)]

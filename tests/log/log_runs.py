@@ -1,0 +1,158 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs without ROS: a flight of the core, put into messages as the nodes put it."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from rpo_core import controller, files, scenario
+from rpo_core.closed_loop import Flight, fly
+from rpo_log import cdr
+from rpo_log.mcap_file import McapFile
+from rpo_log.run import RunSummary, TimeBase
+from rpo_log.writer import RunLogWriter
+
+CLOCK, STATE = '/clock', '/relative_state'
+FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'
+TOPICS = (CLOCK, STATE, FORCE, DISTURBANCE, STATUS)
+
+Sent = tuple[str, int, bytes]
+"""Topic, tick, CDR."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A flight and what its nodes say."""
+
+    flight: Flight
+    attachments: dict[str, bytes]
+    topics: tuple[str, ...] = TOPICS
+
+    @property
+    def base(self) -> TimeBase:
+        """The ticks of the run."""
+        flown = self.flight.scenario
+        return TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+
+    @cached_property
+    def messages(self) -> list[Sent]:
+        """Every message once, in the order of the log."""
+        sent: list[Sent] = []
+        for tick in range(self.base.last_tick + 1):
+            sent += [(n, tick, d) for n, d in self._of_tick(tick) if n in self.topics]
+        return sent
+
+    def _of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
+        flight, stamp = self.flight, self.base.stamp_ns(tick)
+        yield CLOCK, cdr.encode_clock(stamp)
+        state = flight.states[tick].tolist()
+        yield STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)
+        yield FORCE, cdr.encode_wrench(stamp, 'target_lvlh', flight.forces_n[tick].tolist())
+        disturbance = flight.disturbances_n[tick].tolist()
+        yield DISTURBANCE, cdr.encode_wrench(stamp, 'target_lvlh', disturbance)
+        if tick in (0, self.base.last_tick):
+            phase = 'running' if tick == 0 else 'finished'
+            yield STATUS, cdr.encode_status(0, 'run', phase, 'none', self.figures(tick, phase))
+
+    def figures(self, tick: int, phase: str) -> dict[str, str]:
+        """What run_status says at a tick."""
+        state = self.flight.states[tick].tolist()
+        applied = np.clip(self.flight.forces_n[:tick], -0.5, 0.5)
+        return {
+            'phase': phase,
+            'tick': str(tick),
+            'time_s': repr(self.flight.scenario.time_s(tick)),
+            'energy_n2s': repr(float((applied**2).sum() * self.flight.scenario.dt_s)),
+            'distance_m': repr(math.hypot(*state[:3])),
+            'speed_m_s': repr(math.hypot(*state[3:])),
+        }
+
+    def write(self, folder: Path, messages: Iterable[Sent] | None = None, **options) -> RunSummary:
+        """Write the log of the run, from its messages or others."""
+        writer = RunLogWriter(folder, self.base, self.topics, self.attachments, **options)
+        for name, tick, data in self.messages if messages is None else messages:
+            writer.write(name, tick, data)
+        return writer.close()
+
+    def shuffled(self, seed: int, spread: float = 12.0) -> list[Sent]:
+        """Every message, some twice, in an order in which several publishers may deliver them."""
+        rng = random.Random(seed)
+        queues = {name: [m for m in self.messages if m[0] == name] for name in self.topics}
+        late = {name: rng.uniform(0.0, spread) for name in queues}
+        timed = []
+        for name, queue in queues.items():
+            at = 0.0
+            for message in queue:
+                # a publisher's messages stay in order; topics drift against each other
+                at = max(at, message[1] + rng.uniform(0.0, late[name]))
+                if name == STATUS and message[1] == 0:
+                    at = 0.0
+                timed.append((at, message))
+                if rng.random() < 0.1:
+                    timed.append((at + rng.uniform(0.0, 2.0), message))
+        return [message for _, message in sorted(timed, key=lambda pair: pair[0])]
+
+
+def make_run(duration_s: float, name: str = 'paper_test', topics: tuple[str, ...] = TOPICS) -> Run:
+    """Fly a shipped scenario for so long."""
+    text = files.read_text(files.find('scenario', name))
+    lines = [
+        f'duration_s: {duration_s}' if line.startswith('duration_s:') else line
+        for line in text.splitlines()
+    ]
+    text = '\n'.join(lines) + '\n'
+    flown = files.loads(text, scenario.parse, name)
+    control = files.read_text(files.find('controller', 'handmade'))
+    flight = fly(flown, files.loads(control, controller.parse, 'handmade'))
+    attached = {
+        'scenario.yaml': text.encode(),
+        'controller.yaml': control.encode(),
+        'parameters.yaml': b'plant: {scenario: paper_test}\n',
+    }
+    return Run(flight, attached, topics)
+
+
+Change = Callable[[str, int, bytes], bytes | None]
+"""Topic, tick, data to new data; None to leave a message out."""
+
+
+def rewrite(source: Path, target: Path, change: Change) -> None:
+    """Copy a log with other messages in it, all checksums right: a forgery, not damage."""
+    file = McapFile(target)
+    schemas: dict[int, int] = {}
+    channels: dict[int, tuple[int, str]] = {}
+    with source.open('rb') as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Metadata):
+                file.add_metadata(record.name, record.metadata)
+            elif isinstance(record, Attachment):
+                file.add_attachment(record.name, record.media_type, record.data, record.log_time)
+            elif isinstance(record, Chunk):
+                for inner in breakup_chunk(record):
+                    _copy(file, inner, schemas, channels, change)
+                file.close_chunk()
+    file.finish()
+    file.close()
+
+
+def _copy(file, record, schemas, channels, change: Change) -> None:
+    if isinstance(record, Schema):
+        schemas[record.id] = file.add_schema(record.name, record.data, record.encoding)
+    elif isinstance(record, Channel):
+        number = file.add_channel(record.topic, schemas[record.schema_id], record.metadata)
+        channels[record.id] = (number, record.topic)
+    elif isinstance(record, Message):
+        number, topic = channels[record.channel_id]
+        data = change(topic, record.sequence, record.data)
+        if data is not None:
+            file.add_message(number, record.log_time, record.sequence, data)

@@ -1,0 +1,267 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run's log row by row against what MCAP's registry and rosbag2 (Jazzy) ask of it."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap import records as mcap_records
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from rpo_log import schemas, topics
+from rpo_log.topics import TYPES, role_of
+
+INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+QOS_KEYS = [
+    'history',
+    'depth',
+    'reliability',
+    'durability',
+    'deadline',
+    'lifespan',
+    'liveliness',
+    'liveliness_lease_duration',
+    'avoid_ros_namespace_conventions',
+]
+METADATA_KEYS = {
+    'version',
+    'storage_identifier',
+    'duration',
+    'starting_time',
+    'message_count',
+    'topics_with_message_count',
+    'compression_format',
+    'compression_mode',
+    'relative_file_paths',
+    'files',
+    'custom_data',
+    'ros_distro',
+}
+
+
+class Log:
+    """Every record of a log, as the mcap library reads it, checksums checked."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open('rb') as stream:
+            self.records = list(StreamReader(stream, validate_crcs=True).records)
+        with path.open('rb') as stream:
+            self.outer = list(StreamReader(stream, emit_chunks=True).records)
+        with path.open('rb') as stream:
+            self.summary = make_reader(stream).get_summary()
+
+    def of(self, kind: type) -> list:
+        return [record for record in self.records if isinstance(record, kind)]
+
+
+@pytest.fixture(scope='module')
+def folder(run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('conformance')
+    assert run.write(folder).whole
+    return folder
+
+
+@pytest.fixture(scope='module')
+def log(folder) -> Log:
+    return Log(folder / 'run.mcap')
+
+
+def test_header(log):
+    header = log.records[0]
+    assert header.profile == 'ros2'
+    assert header.library == 'rpo_log/1'
+
+
+def test_schemas(log):
+    found = {schema.id: schema for schema in log.of(mcap_records.Schema)}
+    assert {schema.name for schema in found.values()} == set(TYPES.values())
+    for schema in found.values():
+        assert schema.id != 0
+        assert schema.encoding == 'ros2msg'
+        text = schema.data.decode()
+        assert not text.startswith(('=', 'MSG:'))
+        parts = text.split('\n' + 80 * '=' + '\n')
+        names = [part.partition('\n')[0] for part in parts[1:]]
+        assert all(re.fullmatch(r'MSG: \w+/\w+', name) for name in names)
+        assert len(set(names)) == len(names)
+
+
+def test_channels(log):
+    schemas_by_id = {schema.id: schema.name for schema in log.of(mcap_records.Schema)}
+    found = {channel.topic: channel for channel in log.of(mcap_records.Channel)}
+    assert {role_of(name) for name in found} == set(topics.ORDER)
+    for name, channel in found.items():
+        kind = TYPES[role_of(name)]
+        assert schemas_by_id[channel.schema_id] == kind
+        assert channel.message_encoding == 'cdr'
+        assert channel.metadata['topic_type_hash'] == schemas.definition(kind).type_hash
+
+
+def test_offered_qos_profiles_are_those_of_version_9(log):
+    for channel in {c.topic: c for c in log.of(mcap_records.Channel)}.values():
+        profiles = yaml.safe_load(channel.metadata['offered_qos_profiles'])
+        assert isinstance(profiles, list) and len(profiles) == 1
+        profile = profiles[0]
+        assert list(profile) == QOS_KEYS
+        for key in ('deadline', 'lifespan', 'liveliness_lease_duration'):
+            assert profile[key] == INFINITE
+        latched = role_of(channel.topic) == topics.STATUS
+        assert profile['history'] == 'keep_last'
+        assert profile['reliability'] == 'reliable'
+        assert profile['durability'] == ('transient_local' if latched else 'volatile')
+        assert profile['liveliness'] == 'automatic'
+        assert profile['avoid_ros_namespace_conventions'] is False
+
+
+def test_the_declared_qos_is_what_the_nodes_offer():
+    from rpo_ros import names, qos
+
+    nodes = {
+        topics.CLOCK: qos.CLOCK,
+        topics.STATE: qos.LOCKSTEP,
+        topics.FORCE: qos.LOCKSTEP,
+        topics.DISTURBANCE: qos.LOCKSTEP,
+        topics.STATUS: qos.LATCHED,
+    }
+    for role, profile in nodes.items():
+        declared = topics.QOS[role]
+        assert declared.depth == profile.depth, role
+        assert declared.history == profile.history.short_key, role
+        assert declared.reliability == profile.reliability.short_key, role
+        assert declared.durability == profile.durability.short_key, role
+    frames = (names.LVLH_FRAME, names.CHASER_FRAME)
+    assert topics.FRAMES[topics.STATE] == frames
+    assert topics.FRAMES[topics.FORCE] == topics.FRAMES[topics.DISTURBANCE] == frames[:1]
+
+
+def test_messages_carry_simulated_time_and_tick(log, run):
+    found = log.of(mcap_records.Message)
+    assert len(found) == len(run.messages)
+    for message in found:
+        stamp = run.base.stamp_ns(message.sequence)
+        assert (message.log_time, message.publish_time) == (stamp, stamp)
+        assert message.data[:4] == b'\x00\x01\x00\x00'
+
+
+def test_messages_are_ordered_by_tick_then_topic(log, run):
+    names = {channel.id: channel.topic for channel in log.of(mcap_records.Channel)}
+    found = [(names[m.channel_id], m.sequence, m.data) for m in log.of(mcap_records.Message)]
+    assert found == run.messages
+
+
+def test_rosbag2_record_at_open_and_at_close(log, folder, run):
+    said = [r.metadata for r in log.of(mcap_records.Metadata) if r.name == 'rosbag2']
+    assert len(said) == 2
+    opened, closed = (yaml.safe_load(values['serialized_metadata']) for values in said)
+    for document in (opened, closed):
+        assert set(document) == METADATA_KEYS
+        assert document['version'] == 9
+    assert opened['message_count'] == 0
+    on_disk = yaml.safe_load((folder / 'metadata.yaml').read_text())
+    assert {'rosbag2_bagfile_information': closed} == on_disk
+
+
+def test_metadata_yaml(folder, run):
+    text = (folder / 'metadata.yaml').read_text()
+    assert '&' not in text and '*' not in text  # no anchors: not every reader follows them
+    info = yaml.safe_load(text)['rosbag2_bagfile_information']
+    assert set(info) == METADATA_KEYS
+    assert info['storage_identifier'] == 'mcap'
+    assert info['ros_distro'] == 'jazzy'
+    assert info['compression_format'] == info['compression_mode'] == ''
+    assert info['message_count'] == len(run.messages)
+    duration_ns = run.base.last_tick * run.base.dt_ns
+    assert info['duration'] == {'nanoseconds': duration_ns}
+    assert info['starting_time'] == {'nanoseconds_since_epoch': run.base.epoch_ns}
+    assert info['relative_file_paths'] == ['run.mcap']
+    assert info['files'] == [
+        {
+            'path': 'run.mcap',
+            'starting_time': {'nanoseconds_since_epoch': run.base.epoch_ns},
+            'duration': {'nanoseconds': duration_ns},
+            'message_count': len(run.messages),
+        }
+    ]
+    for entry in info['topics_with_message_count']:
+        topic = entry['topic_metadata']
+        assert isinstance(topic['offered_qos_profiles'], list)
+        assert topic['serialization_format'] == 'cdr'
+        assert topic['type'] == TYPES[role_of(topic['name'])]
+        assert topic['type_description_hash'].startswith('RIHS01_')
+        sent = sum(1 for name, _, _ in run.messages if name == topic['name'])
+        assert entry['message_count'] == sent
+
+
+def test_statistics(log, run):
+    statistics = log.summary.statistics
+    assert statistics.message_count == len(run.messages)
+    assert statistics.message_start_time == run.base.epoch_ns
+    assert statistics.message_end_time == run.base.stamp_ns(run.base.last_tick)
+    assert statistics.chunk_count == len(log.summary.chunk_indexes) > 0
+    assert statistics.attachment_count == 3
+    assert statistics.metadata_count == 3
+    assert statistics.channel_count == len(log.summary.channels) == 5
+    assert statistics.schema_count == len(log.summary.schemas) == 4
+    assert sum(statistics.channel_message_counts.values()) == len(run.messages)
+
+
+def test_chunks_are_zstd_with_checksums_and_indexes(log):
+    found = [record for record in log.outer if isinstance(record, mcap_records.Chunk)]
+    indexes = log.summary.chunk_indexes
+    assert [chunk.compression for chunk in found] == ['zstd'] * len(indexes)
+    for chunk, index in zip(found, indexes, strict=True):
+        assert chunk.uncompressed_crc != 0
+        inside = breakup_chunk(chunk, validate_crc=True)
+        times = [m.log_time for m in inside if isinstance(m, mcap_records.Message)]
+        assert (min(times), max(times)) == (index.message_start_time, index.message_end_time)
+        assert index.message_index_offsets
+    at = [index.chunk_start_offset for index in indexes]
+    assert at == sorted(at)
+
+
+def test_message_indexes_point_at_the_messages(log):
+    content = log.path.read_bytes()
+    index = log.summary.chunk_indexes[-2]
+    for channel_id, offset in index.message_index_offsets.items():
+        assert content[offset] == 0x07
+        length = int.from_bytes(content[offset + 1 : offset + 9], 'little')
+        entries = content[offset + 15 : offset + 9 + length]
+        assert int.from_bytes(content[offset + 9 : offset + 11], 'little') == channel_id
+        assert len(entries) % 16 == 0 and entries
+
+
+def test_whole_file_checksums(log):
+    content = log.path.read_bytes()
+    end = next(record for record in log.outer if isinstance(record, mcap_records.DataEnd))
+    start = log.outer[-1].summary_start
+    assert end.data_section_crc == zlib.crc32(content[: start - 13]) != 0
+    assert log.outer[-1].summary_crc != 0
+
+
+def test_attachments_are_the_bytes_given(log, run):
+    found = {record.name: record for record in log.of(mcap_records.Attachment)}
+    assert {name: record.data for name, record in found.items()} == run.attachments
+    for record in found.values():
+        assert record.media_type == 'application/yaml'
+        assert (record.log_time, record.create_time) == (run.base.epoch_ns, run.base.epoch_ns)
+    # before the first chunk: a file that is cut short has them
+    kinds = [type(record) for record in log.outer]
+    assert max(i for i, k in enumerate(kinds) if k is mcap_records.Attachment) < kinds.index(
+        mcap_records.Chunk
+    )
+
+
+def test_the_run_record_holds_the_ticks(log, run):
+    (record,) = [r for r in log.of(mcap_records.Metadata) if r.name == 'rpo_run']
+    assert record.metadata == {
+        'epoch_ns': str(run.base.epoch_ns),
+        'dt_ns': str(run.base.dt_ns),
+        'last_tick': str(run.base.last_tick),
+    }

@@ -1,0 +1,118 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A writer that is killed: what is on the disk is readable, and never below the bound."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rpo_log.errors import LogError
+from rpo_log.orderer import REORDER
+from rpo_log.reader import read_run
+from rpo_log.repair import repair
+
+# Writes ticks at a given pace and says, unbuffered, each tick that it has handed to the writer.
+WRITER = """
+import os, sys, time
+sys.path[:0] = {path!r}
+from log_runs import make_run
+from rpo_log.writer import RunLogWriter
+run = make_run({duration_s})
+writer = RunLogWriter({folder!r}, run.base, run.topics, run.attachments)
+messages = run.messages
+print('ready', flush=True)
+begun = time.monotonic()
+for name, tick, data in messages:
+    if {pace_s}:
+        time.sleep(max(0.0, begun + tick * {pace_s} - time.monotonic()))
+    writer.write(name, tick, data)
+    if name == '/disturbance_force':
+        os.write(1, b'%d\\n' % tick)
+writer.close()
+os.write(1, b'closed\\n')
+"""
+
+
+def flown(folder: Path, duration_s: float, pace_s: float = 0.0) -> subprocess.Popen:
+    script = WRITER.format(path=sys.path, folder=str(folder), duration_s=duration_s, pace_s=pace_s)
+    process = subprocess.Popen(
+        [sys.executable, '-c', script],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'RPO_JIT': '0'},  # starts sooner
+    )
+    assert process.stdout is not None and process.stdout.readline() == 'ready\n'
+    return process
+
+
+def kill(process: subprocess.Popen, after_s: float, how: int = signal.SIGKILL) -> int:
+    """Kill the writer; return the number of ticks that it had been given."""
+    time.sleep(after_s)
+    process.send_signal(how)
+    said = process.stdout.read().splitlines()  # type: ignore[union-attr]
+    process.wait(10)
+    ticks = [int(line) for line in said if line.isdigit()]
+    return ticks[-1] + 1 if ticks else 0
+
+
+def read_and_repair(folder: Path, given: int) -> int:
+    """Check the log of a killed writer; return how many ticks it holds."""
+    try:
+        log = read_run(folder)
+    except LogError:
+        assert given <= 1  # nothing had been complete
+        return 0
+    mended = read_run(repair(folder).output if log.damage else folder)
+    np.testing.assert_array_equal(mended.states, log.states)
+    assert not mended.damage
+    return len(log.ticks)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_kill_9_at_full_speed(tmp_path, seed):
+    kill_at_random(tmp_path, seed, 40.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize('seed', range(3, 28))
+def test_kill_9_at_full_speed_many_times(tmp_path, seed):
+    kill_at_random(tmp_path, seed, 400.0)
+
+
+def kill_at_random(tmp_path: Path, seed: int, duration_s: float) -> None:
+    process = flown(tmp_path / 'log', duration_s)
+    given = kill(process, random.Random(seed).uniform(0.0, duration_s / 2500.0))
+    held = read_and_repair(tmp_path / 'log', given)
+    # one tick may be between the hand-over and the word about it
+    assert held >= min(given - 1, 0.95 * given)
+
+
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
+def test_killed_in_real_time_at_most_the_last_second_is_lost(tmp_path, how):
+    process = flown(tmp_path / 'log', 60.0, pace_s=0.002)  # beyond tick 250 a chunk is a second
+    given = kill(process, 0.9, how)
+    assert given > 260
+    held = read_and_repair(tmp_path / 'log', given)
+    one_second = 10
+    assert held >= given - one_second - 1
+
+
+def test_what_waits_for_a_lost_message_is_bounded(run, tmp_path):
+    from rpo_log.writer import RunLogWriter
+
+    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments)
+    for name, tick, data in run.messages:
+        if (name, tick) != ('/control_force', 350) and tick < 350 + REORDER + 12:
+            writer.write(name, tick, data)
+    # not closed: what a kill would leave
+    assert len(read_run(tmp_path).ticks) >= 350

@@ -1,0 +1,159 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ticks come out in order and complete, however the topics drift against each other."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rpo_log.orderer import REORDER, WINDOW, TickOrderer
+
+QUICK = settings(max_examples=150, deadline=None, derandomize=True, database=None)
+EVENT = 2
+
+
+class Listener:
+    """An orderer of two topics of every tick and one of events, and what it let go."""
+
+    def __init__(self) -> None:
+        self.out: list[tuple[int, tuple[bytes | None, ...]]] = []
+        self.orderer = TickOrderer(3, EVENT, lambda t, m: self.out.append((t, tuple(m))))
+
+    def say(self, index: int, tick: int, text: str = '') -> None:
+        self.orderer.add(index, tick, (text or f'{index} at {tick}').encode())
+
+    @property
+    def ticks(self) -> list[int]:
+        return [tick for tick, _ in self.out]
+
+
+def begun() -> Listener:
+    heard = Listener()
+    for index in (EVENT, 0, 1):
+        heard.say(index, 0)
+    assert heard.ticks == [0]
+    return heard
+
+
+@QUICK
+@given(st.lists(st.integers(0, 1), max_size=80), st.integers(0, 79), st.data())
+def test_any_interleaving_gives_the_same_ticks(turns, event_at, data):
+    # Whose message comes next; what is left follows. The event comes at any place.
+    heard = Listener()
+    queues = [list(range(40)), list(range(40))]
+    for place, turn in enumerate(turns + [0] * 40 + [1] * 40):
+        if place == event_at:
+            heard.say(EVENT, 0)
+        if queues[turn]:
+            tick = queues[turn].pop(0)
+            heard.say(turn, tick)
+            if data.draw(st.integers(0, 9)) == 0:
+                heard.say(turn, tick)  # a message that is sent again is the same message
+    heard.orderer.close(last_tick=39)
+    steady = [(t, m[:EVENT]) for t, m in heard.out if m[0] is not None]
+    assert steady == [(t, (f'0 at {t}'.encode(), f'1 at {t}'.encode())) for t in range(40)]
+    events = [t for t, m in heard.out if m[EVENT] is not None]
+    assert events == [0]
+    assert heard.ticks == sorted(heard.ticks)
+    assert not any(c.missing or c.conflicts or c.late for c in heard.orderer.counts)
+
+
+def test_a_complete_tick_goes_at_once():
+    heard = begun()
+    heard.say(1, 1)
+    assert heard.ticks == [0]
+    heard.say(0, 1)
+    assert heard.ticks == [0, 1]
+
+
+def test_tick_0_is_written_before_the_first_event_and_tick_1_after():
+    # the recorder says that it is ready when it has tick 0, and the event follows from that
+    heard = Listener()
+    heard.say(0, 0)
+    heard.say(1, 0)
+    assert heard.ticks == [0]
+    heard.say(0, 1)
+    heard.say(1, 1)
+    assert heard.ticks == [0]
+    heard.say(EVENT, 0)
+    assert heard.ticks == [0, 0, 1]
+
+
+def test_without_any_event_the_ticks_go_after_a_window():
+    heard = Listener()
+    for tick in range(WINDOW + 3):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    assert heard.ticks == list(range(WINDOW + 3))
+
+
+def test_a_hole_is_passed_once_its_topic_is_beyond_it():
+    heard = begun()
+    for tick in range(1, 10):
+        heard.say(0, tick)
+        if tick != 4:
+            heard.say(1, tick)
+        expected = tick if not 4 <= tick < 4 + REORDER else 3
+        assert heard.ticks[-1] == expected
+    assert (4, (b'0 at 4', None, None)) in heard.out
+    assert heard.orderer.counts[1].missing == 1
+    assert heard.orderer.counts[1].first_missing == 4
+
+
+def test_a_silent_topic_holds_the_others_for_one_window_only():
+    heard = begun()
+    for tick in range(1, WINDOW + 1):
+        heard.say(0, tick)
+    assert heard.ticks == [0]
+    heard.say(0, WINDOW + 1)
+    assert heard.ticks[-1] == WINDOW  # released; the newest may still be completed
+    heard.say(0, WINDOW + 2)
+    assert heard.ticks[-1] == WINDOW + 1
+    for tick in range(WINDOW + 3, WINDOW + 6):  # it speaks again, and is waited for again
+        heard.say(1, tick)
+        assert heard.ticks[-1] == (WINDOW + 1 if tick < WINDOW + 5 else WINDOW + 4)
+        heard.say(0, tick)
+    assert heard.ticks[-1] == WINDOW + 5
+    assert heard.orderer.counts[1].missing == WINDOW + 2
+
+
+def test_late_and_contradicting_messages_change_nothing():
+    heard = begun()
+    for tick in range(1, 9):
+        heard.say(0, tick)
+        if tick != 2:
+            heard.say(1, tick)
+    before = list(heard.out)
+    heard.say(1, 2)  # given up already
+    heard.say(0, 8, 'other')  # waits no more: 8 is complete and gone
+    heard.say(0, 3)  # again, the same
+    assert heard.out == before
+    counts = heard.orderer.counts
+    assert counts[1].late == 1
+    assert (counts[0].conflicts, counts[0].first_conflict) == (1, 8)
+    assert counts[0].duplicates == 1
+
+
+def test_a_recorder_that_comes_late_begins_where_it_came():
+    heard = Listener()
+    for tick in range(5000, 5003):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    heard.orderer.close(last_tick=6000)
+    assert heard.ticks == [5000, 5001, 5002]
+    assert heard.orderer.counts[0].missing == 5000
+
+
+def test_the_answers_to_the_last_state_are_owed_only_at_the_end_of_all():
+    aborted, finished = begun(), begun()
+    for heard in (aborted, finished):
+        for tick in range(1, 5):
+            heard.say(0, tick)
+            if tick < 4:
+                heard.say(1, tick)
+    aborted.orderer.close(last_tick=100)
+    finished.orderer.close(last_tick=4)
+    assert aborted.orderer.counts[1].missing == 0
+    assert finished.orderer.counts[1].missing == 1
+    assert aborted.out[-1] == finished.out[-1] == (4, (b'0 at 4', None, None))

@@ -1,0 +1,146 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Readers that people use read every message back equal, from the folder and from the bare file."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from rpo_log.errors import LogError
+from rpo_log.reader import read_run
+from rpo_log.surroundings import HealthLogWriter
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+JAVASCRIPT_PACKAGES = [
+    '@mcap/core',
+    '@foxglove/rosmsg',
+    '@foxglove/rosmsg2-serialization',
+    'fzstd',
+]
+"""`npm install` them in a folder and name it in RPO_NODE_DIR."""
+
+JAVASCRIPT = Path(__file__).with_name('read_run.mjs')
+
+
+@pytest.fixture(scope='module', params=['one file', 'split'])
+def folder(request, run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('readers')
+    run.write(folder, split_s=15.0 if request.param == 'split' else 0.0)
+    return folder
+
+
+def values(topic: str, message) -> list[float]:
+    if topic == STATE:
+        position, velocity = message.pose.pose.position, message.twist.twist.linear
+        return [position.x, position.y, position.z, velocity.x, velocity.y, velocity.z]
+    force = message.wrench.force
+    return [force.x, force.y, force.z]
+
+
+def test_rosbags(folder, run):
+    with AnyReader([folder]) as reader:
+        found = [(c.topic, stamp, bytes(raw)) for c, stamp, raw in reader.messages()]
+        decoded = {
+            (c.topic, stamp): reader.deserialize(raw, c.msgtype)
+            for c, stamp, raw in reader.messages()
+        }
+    stamped = [(name, run.base.stamp_ns(tick), data) for name, tick, data in run.messages]
+    assert sorted(found) == sorted(stamped)
+    assert [stamp for _, stamp, _ in found] == sorted(stamp for _, stamp, _ in found)
+    flight = run.flight
+    for topic, rows in ((STATE, flight.states), (FORCE, flight.forces_n)):
+        for tick, row in enumerate(rows):
+            message = decoded[topic, run.base.stamp_ns(tick)]
+            assert values(topic, message) == row.tolist()
+            stamp = message.header.stamp
+            assert stamp.sec * 10**9 + stamp.nanosec == run.base.stamp_ns(tick)
+            assert message.header.frame_id == 'target_lvlh'
+    last = decoded[STATUS, run.base.stamp_ns(run.base.last_tick)]
+    assert last.message == 'finished'
+
+
+def test_rosbags_opens_the_bare_file(folder):
+    for path in folder.glob('*.mcap'):
+        with AnyReader([path]) as reader:
+            assert reader.message_count == sum(1 for _ in reader.messages())
+
+
+def test_mcap_ros2_support(folder, run):
+    found = []
+    for path in sorted(folder.glob('*.mcap')):
+        with path.open('rb') as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            for _, channel, raw, message in reader.iter_decoded_messages():
+                found.append((channel.topic, raw.sequence, raw.data))
+                if channel.topic in (FORCE, DISTURBANCE):
+                    rows = run.flight.forces_n
+                    rows = rows if channel.topic == FORCE else run.flight.disturbances_n
+                    assert values(channel.topic, message) == rows[raw.sequence].tolist()
+    assert sorted(found) == sorted(run.messages)
+
+
+def test_health_log_opens_in_rosbags(tmp_path):
+    kinds = STORE.types
+    stamp = kinds['builtin_interfaces/msg/Time'](sec=1, nanosec=2)
+    header = kinds['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    status = kinds['diagnostic_msgs/msg/DiagnosticStatus'](
+        level=0, name='plant: lockstep', message='running', hardware_id='none', values=[]
+    )
+    array = kinds['diagnostic_msgs/msg/DiagnosticArray'](header=header, status=[status] * 3)
+    data = bytes(STORE.serialize_cdr(array, array.__msgtype__))
+    log = HealthLogWriter(tmp_path)
+    for second in range(5):
+        log.write(second * 10**9, data)
+    log.close()
+    assert log.failure is None
+    with AnyReader([tmp_path / 'health.mcap']) as reader:
+        read = [bytes(raw) for _, _, raw in reader.messages()]
+    assert read == [data] * 5
+
+
+def javascript_packages() -> str | None:
+    """Where node finds the packages of the test below; None if it does not."""
+    node = shutil.which('node')
+    if node is None:
+        return None
+    script = f'for (const name of {JAVASCRIPT_PACKAGES}) require.resolve(name)'
+    found = subprocess.run(
+        [node, '-e', script], cwd=os.environ.get('RPO_NODE_DIR', '.'), capture_output=True
+    )
+    return node if found.returncode == 0 else None
+
+
+@pytest.mark.skipif(javascript_packages() is None, reason='node or its MCAP packages are not there')
+def test_javascript(run, tmp_path):
+    run.write(tmp_path)
+    done = subprocess.run(
+        [javascript_packages(), JAVASCRIPT, tmp_path / 'run.mcap'],
+        cwd=os.environ.get('RPO_NODE_DIR', '.'), capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said['counts'] == {
+        name: sum(1 for n, _, _ in run.messages if n == name) for name in run.topics
+    }
+    # JSON carries doubles by their shortest text, which is exact
+    np.testing.assert_array_equal(np.array(said['states']), run.flight.states)
+    np.testing.assert_array_equal(np.array(said['forces']), run.flight.forces_n)
+
+
+def test_a_log_of_another_recorder_is_no_run(tmp_path, run):
+    log = HealthLogWriter(tmp_path)
+    log.close()
+    with pytest.raises(LogError, match='not the log of a run'):
+        read_run(tmp_path / 'health.mcap')

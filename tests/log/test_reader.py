@@ -1,0 +1,434 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The reader: the same arrays by every way, and one clear sentence for every bad input."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_runs import FORCE, STATE, STATUS, make_run, rewrite
+from mcap.writer import Writer
+
+from rpo_log import cdr, schemas, stream
+from rpo_log.decode import Pattern
+from rpo_log.errors import ExitCode, Kind, LogError
+from rpo_log.mcap_file import McapFile
+from rpo_log.reader import controller_of, read_flight, read_run, scenario_of
+from rpo_log.run import TimeBase
+from rpo_log.writer import RunLogWriter
+
+QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+
+
+def equal(log, flight) -> None:
+    rows = slice(int(log.ticks[0]), int(log.ticks[-1]) + 1)
+    for ours, theirs in (
+        (log.states, flight.states),
+        (log.forces_n, flight.forces_n),
+        (log.disturbances_n, flight.disturbances_n),
+    ):
+        assert ours.view(np.uint64).tolist() == theirs[rows].view(np.uint64).tolist()
+
+
+def put(tmp_path: Path, content: bytes) -> Path:
+    path = tmp_path / 'run.mcap'
+    path.write_bytes(content)
+    return path
+
+
+def refusal(path: Path, kind: Kind) -> str:
+    with pytest.raises(LogError) as found:
+        read_run(path)
+    assert found.value.kind is kind, str(found.value)
+    assert found.value.exit_code == ExitCode.BAD_INPUT
+    assert '\n' not in str(found.value)
+    return str(found.value)
+
+
+def test_arrays_are_the_flight(run, log_bytes, tmp_path):
+    log = read_run(put(tmp_path, log_bytes))
+    equal(log, run.flight)
+    assert log.complete and log.exit_code == ExitCode.OK
+    assert log.ticks.tolist() == list(range(401))
+    assert (log.dt_s, log.base) == (0.1, run.base)
+    assert log.times_s.tolist() == run.flight.scenario.times_s.tolist()
+    assert log.until_ns == run.base.stamp_ns(400)
+    assert log.attachments == run.attachments
+    assert log.outcome == 'finished'
+    assert [tick for tick, _ in log.statuses] == [0, 400]
+    assert log.odd == ()
+
+
+def test_one_by_one_is_the_same(run, log_bytes, tmp_path, monkeypatch):
+    path = put(tmp_path, log_bytes)
+    monkeypatch.setattr(Pattern, 'decode', lambda *_: None)
+    equal(read_run(path), run.flight)
+
+
+def test_many_ticks_are_decoded_at_once(log_bytes, tmp_path, monkeypatch):
+    seen = []
+    decode = Pattern.decode
+
+    def spy(self, data, base):
+        block = decode(self, data, base)
+        seen.append(len(block.ticks))
+        return block
+
+    monkeypatch.setattr(Pattern, 'decode', spy)
+    read_run(put(tmp_path, log_bytes))
+    assert sum(seen) >= 399  # all but the first, which is in the chunk that holds the schemas
+
+
+def test_in_small_blocks(run, log_bytes, tmp_path, monkeypatch):
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', 3)
+    equal(read_run(put(tmp_path, log_bytes)), run.flight)
+
+
+def test_in_chunks_of_another_writer(short_run, tmp_path):
+    # one message a chunk, and none in a chunk: what tools that copy logs may make of it
+    for name, options in (('tiny', {'chunk_size': 1}), ('bare', {'use_chunking': False})):
+        with (tmp_path / f'{name}.mcap').open('wb') as output:
+            writer = Writer(output, **options)
+            writer.start('ros2', 'another')
+            writer.add_metadata('rpo_run', short_run.base.to_record())
+            channels = {}
+            for topic in short_run.topics:
+                kind = schemas.definition({t.name: t for t in topics_of(short_run)}[topic].type)
+                schema = writer.register_schema(kind.name, 'ros2msg', kind.text.encode())
+                channels[topic] = writer.register_channel(topic, 'cdr', schema, {})
+            for topic, tick, data in short_run.messages:
+                stamp = short_run.base.stamp_ns(tick)
+                writer.add_message(channels[topic], stamp, data, stamp, tick)
+            writer.finish()
+        log = read_run(tmp_path / f'{name}.mcap')
+        equal(log, short_run.flight)
+        assert log.complete
+
+
+def topics_of(run):
+    from rpo_log.topics import resolve
+
+    return resolve(run.topics)
+
+
+def test_flight_scenario_and_controller_come_back(run, log_bytes, tmp_path):
+    path = put(tmp_path, log_bytes)
+    flight = read_flight(path)
+    assert flight.scenario == run.flight.scenario
+    np.testing.assert_array_equal(flight.states, run.flight.states)
+    np.testing.assert_array_equal(flight.disturbances_n, run.flight.disturbances_n)
+    log = read_run(path)
+    assert scenario_of(log) == run.flight.scenario
+    assert controller_of(log).name == 'handmade'
+
+
+def test_flight_without_disturbance(tmp_path):
+    run = make_run(5.0, 'approach', (STATE, FORCE))
+    run.write(tmp_path)
+    assert not read_flight(tmp_path).disturbances_n.any()
+
+
+# Cut short
+
+
+def test_a_log_cut_short_is_read_as_far_as_it_goes(run, log_bytes, chunks, tmp_path):
+    chunk = chunks[len(chunks) // 2]
+    log = read_run(put(tmp_path, log_bytes[: chunk.chunk_start_offset + 40]))
+    equal(log, run.flight)
+    assert log.until_ns < chunk.message_start_time
+    assert run.base.stamp_ns(int(log.ticks[-1]) + 1) == chunk.message_start_time
+    assert not log.complete and log.exit_code == ExitCode.INCOMPLETE
+    assert 'cut short' in log.sentence() and 'rpo repair' in log.sentence()
+    assert f'ends at tick {log.ticks[-1]} of 400' in log.sentence()
+    with pytest.raises(LogError, match='whole flight') as found:
+        read_flight(tmp_path)
+    assert found.value.kind is Kind.TRUNCATED
+
+
+@settings(QUICK, max_examples=200)
+@given(data=st.data())
+def test_cut_anywhere(run, log_bytes, chunks, data, tmp_path_factory):
+    records = [chunk.chunk_start_offset for chunk in chunks]
+    ends = [c.chunk_start_offset + c.chunk_length for c in chunks]
+    near = st.sampled_from([*records, *ends]).flatmap(
+        lambda at: st.integers(max(0, at - 10), min(len(log_bytes) - 1, at + 10))
+    )
+    size = data.draw(st.one_of(st.integers(0, len(log_bytes) - 1), near))
+    path = put(tmp_path_factory.mktemp('cut'), log_bytes[:size])
+    whole = sum(end <= size for end in ends)
+    if size < 8:
+        refusal(path, Kind.NOT_MCAP)
+    elif whole == 0:
+        with pytest.raises(LogError) as found:
+            read_run(path)
+        assert found.value.kind in (Kind.NOT_A_RUN, Kind.EMPTY)
+    else:
+        log = read_run(path)
+        equal(log, run.flight)
+        assert log.damage and not log.complete
+        assert log.until_ns == chunks[whole - 1].message_end_time
+
+
+def test_zeros_at_the_end_are_what_a_power_cut_leaves(run, log_bytes, tmp_path):
+    log = read_run(put(tmp_path, log_bytes[: len(log_bytes) // 2] + bytes(5000)))
+    equal(log, run.flight)
+    assert log.damage
+
+
+# Corrupt
+
+
+@settings(QUICK, max_examples=300)
+@given(data=st.data())
+def test_no_flipped_bit_goes_unnoticed(run, log_bytes, data, tmp_path_factory):
+    at = data.draw(st.integers(0, len(log_bytes) - 1))
+    bit = data.draw(st.integers(0, 7))
+    content = bytearray(log_bytes)
+    content[at] ^= 1 << bit
+    path = put(tmp_path_factory.mktemp('flip'), bytes(content))
+    try:
+        log = read_run(path)
+    except LogError as error:
+        assert '\n' not in str(error)
+        return
+    # a record whose length or opcode is hit looks like the end of the file
+    assert log.damage and not log.complete
+    equal(log, run.flight)
+
+
+def test_a_corrupt_chunk_is_named(log_bytes, chunks, tmp_path):
+    chunk = chunks[20]
+    content = bytearray(log_bytes)
+    content[chunk.chunk_start_offset + chunk.chunk_length - 9] ^= 0x10
+    said = refusal(put(tmp_path, bytes(content)), Kind.CORRUPT)
+    assert f'chunk at byte {chunk.chunk_start_offset}' in said
+
+
+def test_a_wrong_checksum_is_named(log_bytes, chunks, tmp_path):
+    chunk = chunks[20]
+    content = bytearray(log_bytes)
+    content[chunk.chunk_start_offset + 9 + 24] ^= 1  # the stored checksum itself
+    said = refusal(put(tmp_path, bytes(content)), Kind.CORRUPT)
+    assert 'its checksum does not fit' in said
+
+
+# Not a log of a run
+
+
+def test_what_is_no_mcap_file(tmp_path):
+    assert 'is empty' in refusal(put(tmp_path, b''), Kind.NOT_MCAP)
+    assert 'begins with 23 20' in refusal(put(tmp_path, b'# no log\n' * 9), Kind.NOT_MCAP)
+    assert 'does not exist' in refusal(tmp_path / 'nowhere', Kind.NOT_FOUND)
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'folder' / 'other.txt').write_text('')
+    said = refusal(tmp_path / 'folder', Kind.NOT_FOUND)
+    assert 'no run.mcap' in said and 'other.txt' in said
+
+
+def test_a_folder_in_place_of_the_file_and_a_file_not_readable(tmp_path):
+    (tmp_path / 'run.mcap').mkdir()
+    assert 'cannot be read' in refusal(tmp_path, Kind.NOT_FOUND)
+
+
+def test_a_missing_part_is_named(run, tmp_path):
+    run.write(tmp_path, split_s=10.0)
+    (tmp_path / 'run_1.mcap').unlink()
+    assert 'run_1.mcap' in refusal(tmp_path, Kind.NOT_FOUND)
+
+
+def test_parts_of_different_runs(run, short_run, tmp_path):
+    run.write(tmp_path / 'a', split_s=10.0)
+    short_run.write(tmp_path / 'b')
+    shutil.copy(tmp_path / 'b' / 'run.mcap', tmp_path / 'a' / 'run_4.mcap')
+    assert 'same run as run_0.mcap' in refusal(tmp_path / 'a', Kind.NOT_A_RUN)
+
+
+def hand_made(
+    path: Path, types: dict[str, str], messages=(), base=None, library='rpo_log/1'
+) -> None:
+    """Write a log of one's own: topics with their types, messages (topic, tick, time, data)."""
+    file = McapFile(path, library=library)
+    if base is not None:
+        file.add_metadata('rpo_run', base if isinstance(base, dict) else base.to_record())
+    channels = {}
+    for topic, kind in types.items():
+        schema = file.add_schema(kind, schemas.definition(kind).text.encode())
+        channels[topic] = file.add_channel(topic, schema, {})
+    for topic, tick, time, data in messages:
+        file.add_message(channels[topic], time, tick, data)
+    file.finish()
+    file.close()
+
+
+BASE = TimeBase(1_000_000_000, 100_000_000, 50)
+ODOMETRY, WRENCH = 'nav_msgs/msg/Odometry', 'geometry_msgs/msg/WrenchStamped'
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
+USUAL = {STATE: ODOMETRY, FORCE: WRENCH}
+
+
+def state_at(tick: int):
+    stamp = BASE.stamp_ns(tick)
+    return STATE, tick, stamp, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', [1.0] * 6)
+
+
+def force_at(tick: int):
+    stamp = BASE.stamp_ns(tick)
+    return FORCE, tick, stamp, cdr.encode_wrench(stamp, 'target_lvlh', [1.0] * 3)
+
+
+def test_missing_topic(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, {STATE: ODOMETRY}, [state_at(0)], BASE)
+    said = refusal(path, Kind.MISSING_TOPIC)
+    assert 'no topic control_force' in said and '/relative_state' in said
+
+
+def test_other_message_types(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, {STATE: ODOMETRY, FORCE: ODOMETRY}, [state_at(0)], BASE)
+    said = refusal(path, Kind.WRONG_TYPE)
+    assert WRENCH in said and ODOMETRY in said
+
+
+def test_two_runs_in_one_log(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, {**USUAL, '/beta/control_force': WRENCH}, [state_at(0)], BASE)
+    assert 'same role' in refusal(path, Kind.WRONG_TYPE)
+
+
+def test_no_message(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, USUAL, [], BASE)
+    assert 'holds no message' in refusal(path, Kind.EMPTY)
+
+
+def test_only_statuses(tmp_path):
+    path = tmp_path / 'run.mcap'
+    said = cdr.encode_status(0, 'run', 'x', 'none', {'tick': '0'})
+    hand_made(path, {**USUAL, STATUS: STATUS_TYPE}, [(STATUS, 0, BASE.epoch_ns, said)], BASE)
+    assert 'only statuses' in refusal(path, Kind.EMPTY)
+
+
+@pytest.mark.parametrize(
+    'values', [{}, {'epoch_ns': '1', 'dt_ns': '0', 'last_tick': '3'}, {'epoch_ns': 'x'}]
+)
+def test_no_time_base(tmp_path, values):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, USUAL, [state_at(0), force_at(0)], values or None)
+    assert 'rpo_run' in refusal(path, Kind.NOT_A_RUN)
+
+
+def test_a_newer_format(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, USUAL, [state_at(0), force_at(0)], BASE, library='rpo_log/2')
+    assert 'log format 2' in refusal(path, Kind.NEWER)
+
+
+def test_a_tick_twice(tmp_path):
+    path = tmp_path / 'run.mcap'
+    hand_made(path, USUAL, [state_at(0), force_at(0), state_at(1), state_at(1)], BASE)
+    assert 'tick 1 of /relative_state twice' in refusal(path, Kind.DUPLICATE_TICK)
+
+
+def test_time_backwards(tmp_path):
+    path = tmp_path / 'run.mcap'
+    ticks = [0, 1, 2, 1]
+    hand_made(path, USUAL, [m for k in ticks for m in (state_at(k), force_at(k))], BASE)
+    assert 'tick 1 of /relative_state comes after tick 2' in refusal(path, Kind.TIME_BACKWARDS)
+
+
+@pytest.mark.parametrize('ticks', [[0, 1, 2, 3, 3], [0, 1, 2, 3, 2]])
+def test_order_across_chunks(tmp_path, ticks):
+    path = tmp_path / 'run.mcap'
+    file = McapFile(path)
+    file.add_metadata('rpo_run', BASE.to_record())
+    channels = {}
+    for topic, kind in USUAL.items():
+        schema = file.add_schema(kind, schemas.definition(kind).text.encode())
+        channels[topic] = file.add_channel(topic, schema, {})
+    for tick in ticks:
+        for topic, number, time, data in (state_at(tick), force_at(tick)):
+            file.add_message(channels[topic], time, number, data)
+        file.close_chunk()
+    file.finish()
+    file.close()
+    expected = Kind.DUPLICATE_TICK if ticks[-1] == 3 else Kind.TIME_BACKWARDS
+    refusal(path, expected)
+
+
+def test_a_stamp_that_is_not_its_ticks(tmp_path):
+    path = tmp_path / 'run.mcap'
+    topic, tick, time, data = state_at(3)
+    hand_made(path, USUAL, [state_at(0), force_at(0), (topic, tick, time + 1, data)], BASE)
+    assert 'log time' in refusal(path, Kind.BAD_STAMP)
+    path.unlink()
+    hand_made(path, USUAL, [state_at(0), force_at(0), (topic, 4, time + 100_000_000, data)], BASE)
+    assert 'tick 4 of /relative_state' in refusal(path, Kind.BAD_STAMP)
+
+
+def test_a_message_that_is_not_of_its_type(tmp_path):
+    path = tmp_path / 'run.mcap'
+    bad = force_at(0)[3][:-8]
+    hand_made(path, USUAL, [state_at(0), (FORCE, 0, BASE.epoch_ns, bad)], BASE)
+    said = refusal(path, Kind.BAD_MESSAGE)
+    assert 'tick 0 of /control_force' in said and WRENCH in said
+
+
+def test_missing_attachment(short_run, tmp_path):
+    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, {})
+    for message in short_run.messages:
+        writer.write(*message)
+    writer.close()
+    with pytest.raises(LogError, match=r'must carry scenario\.yaml; it carries no file') as found:
+        read_flight(tmp_path)
+    assert found.value.kind is Kind.MISSING_ATTACHMENT
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        (b'rpo/scenario/1', b'rpo/scenario/2', r'`schema` must be .*rpo/scenario/1'),
+        (b'dt_s: 0.1', b'dt_s: 0.05', 'must have the ticks of the log'),
+        (b'mass_kg: 10.0', b'mass_kg: heavy', '`mass_kg` must be'),
+        (b'mass_kg', b'\xff\xfe', 'not UTF-8'),
+        (b'schema', b': : [', 'scenario.yaml'),
+    ],
+)
+def test_bad_attachment(short_run, tmp_path, old, new, said):
+    attached = dict(short_run.attachments)
+    attached['scenario.yaml'] = attached['scenario.yaml'].replace(old, new)
+    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, attached)
+    for message in short_run.messages:
+        writer.write(*message)
+    writer.close()
+    with pytest.raises(LogError, match=said) as found:
+        read_flight(tmp_path)
+    assert found.value.kind is Kind.BAD_ATTACHMENT
+    assert '\n' not in str(found.value)
+
+
+def test_what_else_a_message_holds_is_kept(run, log_bytes, tmp_path):
+    def change(topic, tick, data):
+        return data[:200] + b'\x01' + data[201:] if (topic, tick) == (STATE, 77) else data
+
+    source = put(tmp_path, log_bytes)
+    rewrite(source, tmp_path / 'other.mcap', change)
+    log = read_run(tmp_path / 'other.mcap')
+    equal(log, run.flight)
+    assert [(odd.tick, odd.topic.name) for odd in log.odd] == [(77, STATE)]
+
+
+def test_holes_are_nan_and_counted(run, log_bytes, tmp_path):
+    lost = {(FORCE, 100), (FORCE, 101), (STATE, 250)}
+    source = put(tmp_path, log_bytes)
+    rewrite(source, tmp_path / 'other.mcap', lambda n, t, d: None if (n, t) in lost else d)
+    log = read_run(tmp_path / 'other.mcap')
+    assert log.missing == {FORCE: 2, STATE: 1}
+    assert np.flatnonzero(np.isnan(log.forces_n[:, 0])).tolist() == [100, 101]
+    assert np.flatnonzero(np.isnan(log.states[:, 0])).tolist() == [250]
+    assert not log.complete

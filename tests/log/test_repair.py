@@ -1,0 +1,216 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Repair: a whole, conformant log of everything sound in a damaged one, which is never lost."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.records import Metadata
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+
+from rpo_log.errors import ExitCode, Kind, LogError
+from rpo_log.reader import read_run
+from rpo_log.repair import repair
+from rpo_log.surroundings import HealthLogWriter
+
+
+def cut(folder: Path, content: bytes, size: int) -> Path:
+    folder.mkdir()
+    (folder / 'run.mcap').write_bytes(content[:size])
+    (folder / 'run_info.yaml').write_text('machine: mine\n')
+    return folder
+
+
+def digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def strict(path: Path) -> list:
+    with path.open('rb') as stream:
+        return list(StreamReader(stream, validate_crcs=True).records)
+
+
+@pytest.mark.parametrize('share', [0.3, 0.6, 0.97])
+def test_a_cut_folder(run, log_bytes, tmp_path, share):
+    folder = cut(tmp_path / 'log', log_bytes, int(len(log_bytes) * share))
+    before = digest(folder / 'run.mcap')
+    damaged = read_run(folder)
+    done = repair(folder)
+    assert done.output == tmp_path / 'log-repaired'
+    assert done.exit_code == ExitCode.OK
+    assert 'repaired' in done.files[0].sentence()
+    assert digest(folder / 'run.mcap') == before
+    mended = read_run(done.output)
+    assert not mended.damage
+    np.testing.assert_array_equal(mended.states, damaged.states)
+    np.testing.assert_array_equal(mended.states, run.flight.states[: len(mended.ticks)])
+    assert mended.attachments == run.attachments
+    assert (done.output / 'run_info.yaml').read_text() == 'machine: mine\n'
+    with AnyReader([done.output]) as reader:
+        read = [bytes(raw) for _, _, raw in reader.messages()]
+    assert len(read) == done.files[0].messages
+    strict(done.output / 'run.mcap')
+
+
+def test_the_sound_part_keeps_its_bytes(log_bytes, chunks, tmp_path):
+    last = chunks[-3]
+    size = last.chunk_start_offset + last.chunk_length + last.message_index_length
+    folder = cut(tmp_path / 'log', log_bytes, size + 100)
+    mended = (repair(folder).output / 'run.mcap').read_bytes()
+    assert mended[:size] == log_bytes[:size]
+
+
+def test_a_repaired_log_is_the_log_of_a_shorter_recording(run, log_bytes, chunks, tmp_path):
+    # what the recorder writes when it stops there: the same bytes, index and all
+    last = chunks[40]
+    end = last.chunk_start_offset + last.chunk_length + last.message_index_length
+    folder = cut(tmp_path / 'log', log_bytes, end)
+    ticks = len(read_run(folder).ticks)
+    sent = [m for m in run.messages if m[1] < ticks]
+    run.write(tmp_path / 'shorter', sent)
+    done = repair(folder)
+    for name in ('run.mcap', 'metadata.yaml'):
+        assert (done.output / name).read_bytes() == (tmp_path / 'shorter' / name).read_bytes()
+
+
+def test_metadata_yaml_and_the_record_in_the_file_agree(log_bytes, tmp_path):
+    done = repair(cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2))
+    said = [r for r in strict(done.output / 'run.mcap') if isinstance(r, Metadata)]
+    rosbag2 = [r.metadata['serialized_metadata'] for r in said if r.name == 'rosbag2']
+    assert len(rosbag2) == 2
+    on_disk = yaml.safe_load((done.output / 'metadata.yaml').read_text())
+    assert yaml.safe_load(rosbag2[1]) == on_disk['rosbag2_bagfile_information']
+
+
+def test_in_place_keeps_the_damaged_file(run, log_bytes, tmp_path):
+    folder = cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2)
+    before = digest(folder / 'run.mcap')
+    done = repair(folder, in_place=True)
+    assert done.output == folder
+    assert digest(folder / 'run.mcap.damaged') == before
+    assert not read_run(folder).damage
+    names = sorted(path.name for path in folder.iterdir())
+    assert names == ['metadata.yaml', 'run.mcap', 'run.mcap.damaged', 'run_info.yaml']
+
+
+def test_one_file(log_bytes, tmp_path):
+    folder = cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2)
+    done = repair(folder / 'run.mcap')
+    assert done.output == folder / 'run-repaired.mcap'
+    assert not read_run(done.output).damage
+    named = repair(folder / 'run.mcap', tmp_path / 'named.mcap')
+    assert named.output == tmp_path / 'named.mcap'
+    assert named.files[0].messages == done.files[0].messages
+
+
+def test_nothing_is_overwritten(log_bytes, tmp_path):
+    folder = cut(tmp_path / 'log', log_bytes, len(log_bytes) // 2)
+    repair(folder)
+    with pytest.raises(LogError) as found:
+        repair(folder)
+    assert found.value.kind is Kind.EXISTS
+    (tmp_path / 'taken.mcap').write_text('')
+    with pytest.raises(LogError):
+        repair(folder / 'run.mcap', tmp_path / 'taken.mcap')
+    assert (tmp_path / 'taken.mcap').read_text() == ''
+    (folder / 'run.mcap.damaged').write_text('older')
+    with pytest.raises(LogError):
+        repair(folder, in_place=True)
+    assert (folder / 'run.mcap.damaged').read_text() == 'older'
+
+
+def test_a_whole_log_is_left_alone(run, tmp_path):
+    run.write(tmp_path / 'log')
+    before = {p.name: digest(p) for p in (tmp_path / 'log').iterdir()}
+    done = repair(tmp_path / 'log')
+    assert done.output == tmp_path / 'log'
+    assert 'whole' in done.files[0].sentence()
+    assert {p.name: digest(p) for p in (tmp_path / 'log').iterdir()} == before
+    assert not (tmp_path / 'log-repaired').exists()
+
+
+def test_only_metadata_yaml_lacks(run, tmp_path):
+    run.write(tmp_path / 'log')
+    wanted = (tmp_path / 'log' / 'metadata.yaml').read_bytes()
+    (tmp_path / 'log' / 'metadata.yaml').unlink()
+    repair(tmp_path / 'log', in_place=True)
+    assert (tmp_path / 'log' / 'metadata.yaml').read_bytes() == wanted
+
+
+def test_a_corrupt_chunk_is_left_out_and_said(run, log_bytes, chunks, tmp_path):
+    content = bytearray(log_bytes)
+    content[chunks[30].chunk_start_offset + chunks[30].chunk_length - 9] ^= 1
+    folder = cut(tmp_path / 'log', bytes(content), len(content))
+    done = repair(folder)
+    assert done.exit_code == ExitCode.INCOMPLETE
+    assert '1 chunks lost' in done.files[0].sentence()
+    mended = read_run(done.output)
+    assert sum(mended.missing.values()) > 0
+    there = mended.ticks
+    np.testing.assert_array_equal(mended.states, run.flight.states[there])
+    first = (chunks[30].message_start_time - run.base.epoch_ns) // run.base.dt_ns
+    assert first not in there and first - 1 in there
+
+
+def test_the_first_chunk_is_corrupt_but_the_summary_tells_the_topics(log_bytes, chunks, tmp_path):
+    content = bytearray(log_bytes)
+    content[chunks[0].chunk_start_offset + chunks[0].chunk_length - 9] ^= 1
+    folder = cut(tmp_path / 'log', bytes(content), len(content))
+    mended = read_run(repair(folder).output)
+    assert mended.ticks[0] == 1
+    assert any('begins at tick 1' in gap for gap in mended.gaps)
+
+
+def test_corrupt_index_only(run, log_bytes, chunks, tmp_path):
+    content = bytearray(log_bytes)
+    content[chunks[30].chunk_start_offset + chunks[30].chunk_length + 30] ^= 1
+    done = repair(cut(tmp_path / 'log', bytes(content), len(content)))
+    assert done.exit_code == ExitCode.OK  # nothing was lost
+    assert (done.output / 'run.mcap').read_bytes() == log_bytes
+
+
+def test_split_logs(run, tmp_path):
+    run.write(tmp_path / 'log', split_s=15.0)
+    part = tmp_path / 'log' / 'run_2.mcap'
+    part.write_bytes(part.read_bytes()[:-500])
+    (tmp_path / 'log' / 'metadata.yaml').unlink()
+    done = repair(tmp_path / 'log')
+    assert [file.damage == '' for file in done.files] == [True, True, False]
+    mended = read_run(done.output)
+    assert not mended.damage
+    with AnyReader([done.output]) as reader:
+        assert reader.message_count == sum(file.messages for file in done.files)
+
+
+def test_the_health_log_too(short_run, tmp_path):
+    short_run.write(tmp_path / 'log')
+    health = HealthLogWriter(tmp_path / 'log')
+    health.write(1, b'\x00\x01\x00\x00' + bytes(16))
+    health.close()
+    path = tmp_path / 'log' / 'health.mcap'
+    path.write_bytes(path.read_bytes()[:-40])
+    done = repair(tmp_path / 'log')
+    strict(done.output / 'health.mcap')
+    info = yaml.safe_load((done.output / 'metadata.yaml').read_text())
+    assert info['rosbag2_bagfile_information']['relative_file_paths'] == ['run.mcap']
+
+
+def test_nothing_sound_is_said(log_bytes, chunks, tmp_path):
+    folder = cut(tmp_path / 'log', log_bytes, chunks[0].chunk_start_offset + 100)
+    with pytest.raises(LogError, match='cannot be repaired: no whole chunk') as found:
+        repair(folder / 'run.mcap')
+    assert found.value.kind is Kind.EMPTY
+    for path in (tmp_path / 'nowhere', tmp_path):
+        with pytest.raises(LogError) as found:
+            repair(path)
+        assert found.value.kind is Kind.NOT_FOUND
+    (tmp_path / 'text.mcap').write_text('no log')
+    with pytest.raises(LogError) as found:
+        repair(tmp_path / 'text.mcap')
+    assert found.value.kind is Kind.NOT_MCAP

@@ -1,0 +1,242 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Info, diff and export of logs, and what is kept beside the log."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from mcap.reader import make_reader
+from test_writer import file_size_limit
+
+from rpo_log import cdr, stream
+from rpo_log.diff import diff
+from rpo_log.errors import ExitCode, Kind, LogError
+from rpo_log.export import export
+from rpo_log.info import inspect
+from rpo_log.reader import read_run
+from rpo_log.surroundings import HealthLogWriter, machine_facts, write_run_info
+
+
+@pytest.fixture(scope='module')
+def log(run, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('tools')
+    run.write(folder)
+    return folder / 'run.mcap'
+
+
+# info
+
+
+def test_info_of_a_whole_log(run, log):
+    found = inspect(log)
+    assert found.exit_code == ExitCode.OK
+    assert found.gaps == ()
+    assert found.ticks == (0, 400)
+    assert found.duration_s == 40.0
+    assert found.outcome == 'finished'
+    counts = {topic.name: count for topic, count in found.messages.items()}
+    assert counts == {n: sum(1 for m in run.messages if m[0] == n) for n in run.topics}
+    assert found.attachments.keys() == run.attachments.keys()
+    assert any('401 messages' in line for line in found.lines())
+
+
+def test_info_of_a_log_cut_short(log, tmp_path):
+    cut = tmp_path / 'run.mcap'
+    cut.write_bytes(log.read_bytes()[:60_000])
+    found = inspect(tmp_path)
+    assert found.exit_code == ExitCode.INCOMPLETE
+    assert any('cut short' in line and 'rpo repair' in line for line in found.lines())
+
+
+# diff
+
+
+def test_the_same_run_twice_is_equal(run, log, tmp_path):
+    run.write(tmp_path, run.shuffled(5), split_s=7.0)
+    found = diff(log, tmp_path)
+    assert found.equal and found.exit_code == ExitCode.OK
+    assert found.compared == 401
+    assert found.lines()[0].endswith('equal')
+
+
+@pytest.mark.parametrize('blocks', [4096, 7])
+def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', blocks)
+
+    def change(name, tick, data):
+        if name == STATE and tick in (70, 90):
+            wrench = list(cdr.decode_odometry(data).floats)
+            state = wrench[:3] + wrench[43:46]
+            state[4] += 0.25 if tick == 70 else 0.5
+            return cdr.encode_odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)
+        return None if (name, tick) == (DISTURBANCE, 300) else data
+
+    rewrite(log, tmp_path / 'b.mcap', change)
+    found = diff(log, tmp_path / 'b.mcap')
+    assert found.exit_code == ExitCode.DIFFERENT
+    tick, field, a, b = found.first['relative_state']
+    assert (tick, field) == (70, 'twist.twist.linear.y')
+    assert b - a == pytest.approx(0.25)
+    assert found.ticks == {'relative_state': 2, 'disturbance_force': 1}
+    assert found.largest == {'relative_state twist.twist.linear.y': pytest.approx(0.5)}
+    tick, _, a, b = found.first['disturbance_force']
+    assert tick == 300 and a is not None and b is None
+    assert any('is missing' in line or 'and missing' in line for line in found.lines())
+
+
+def test_minus_zero_is_not_zero(log, tmp_path):
+    for name, value in (('a', 0.0), ('b', -0.0)):
+        rewrite(
+            log,
+            tmp_path / f'{name}.mcap',
+            lambda n, t, d, value=value: (
+                cdr.encode_wrench(cdr.stamp_ns(d), 'target_lvlh', [value, 1.0, 1.0])
+                if (n, t) == (FORCE, 50)
+                else d
+            ),
+        )
+    found = diff(tmp_path / 'a.mcap', tmp_path / 'b.mcap')
+    assert found.first == {'control_force': (50, 'wrench.force.x', 0.0, -0.0)}
+    assert found.largest == {}
+
+
+def test_what_differs_beside_the_ticks(run, short_run, log, tmp_path):
+    short_run.write(tmp_path / 'short')
+    found = diff(log, tmp_path / 'short')
+    said = '\n'.join(found.lines())
+    assert 'scenario.yaml differs' in said
+    assert 'they end at ticks 400 and 50' in said
+    assert not found.first  # the flight is the same as far as both go
+
+    rewrite(
+        log,
+        tmp_path / 'odd.mcap',
+        lambda n, t, d: d.replace(b'chaser', b'chased') if (n, t) == (STATE, 3) else d,
+    )
+    said = '\n'.join(diff(log, tmp_path / 'odd.mcap').lines())
+    assert 'more than a stamp' in said
+
+    figures = {**run.figures(400, 'finished'), 'energy_n2s': '0.0'}
+    lie = cdr.encode_status(0, 'run', 'finished', 'none', figures)
+    rewrite(log, tmp_path / 'said.mcap', lambda n, t, d: lie if (n, t) == (STATUS, 400) else d)
+    assert 'run_status differs' in '\n'.join(diff(log, tmp_path / 'said.mcap').lines())
+
+
+# export
+
+
+def columns(run) -> dict[str, np.ndarray]:
+    flight = run.flight
+    named = zip(('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'), flight.states.T, strict=True)
+    forces = zip(('fx_n', 'fy_n', 'fz_n'), flight.forces_n.T, strict=True)
+    disturbances = zip(('dx_n', 'dy_n', 'dz_n'), flight.disturbances_n.T, strict=True)
+    return dict([*named, *forces, *disturbances])
+
+
+def test_csv_comes_back_bit_for_bit(run, log, tmp_path, monkeypatch):
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', 50)
+    assert export(log, tmp_path / 'run.csv') == 401
+    with (tmp_path / 'run.csv').open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row['tick']) for row in rows] == list(range(401))
+    assert [int(row['stamp_ns']) for row in rows] == [run.base.stamp_ns(k) for k in range(401)]
+    for name, values in columns(run).items():
+        assert [float(row[name]) for row in rows] == values.tolist()
+
+
+def test_npz(run, log, tmp_path):
+    assert export(log, tmp_path / 'run.npz') == 401
+    with np.load(tmp_path / 'run.npz') as found:
+        assert found['time_s'].tolist() == run.flight.scenario.times_s.tolist()
+        for name, values in columns(run).items():
+            np.testing.assert_array_equal(found[name], values)
+
+
+def test_parquet_where_pyarrow_is_and_a_sentence_where_not(run, log, tmp_path):
+    target = tmp_path / 'run.parquet'
+    if importlib.util.find_spec('pyarrow') is None:
+        with pytest.raises(LogError, match='Parquet needs pyarrow'):
+            export(log, target)
+        assert not target.exists()
+        return
+    import pyarrow.parquet as pq
+
+    assert export(log, target) == 401
+    table = pq.read_table(target)
+    for name, values in columns(run).items():
+        np.testing.assert_array_equal(table[name].to_numpy(), values)
+
+
+def test_without_disturbance(tmp_path):
+    make_run(5.0, 'approach', (STATE, FORCE)).write(tmp_path / 'log')
+    export(tmp_path / 'log', tmp_path / 'run.csv')
+    assert 'dx_n' not in (tmp_path / 'run.csv').read_text().splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ('name', 'kind', 'said'),
+    [
+        ('taken.csv', Kind.EXISTS, 'exists already'),
+        ('run.xlsx', Kind.CANNOT_WRITE, r'must end in one of \.csv'),
+        ('nowhere/run.csv', Kind.CANNOT_WRITE, 'No such file'),
+    ],
+)
+def test_outputs_that_cannot_be(log, tmp_path, name, kind, said):
+    (tmp_path / 'taken.csv').write_text('mine')
+    with pytest.raises(LogError, match=said) as found:
+        export(log, tmp_path / name)
+    assert found.value.kind is kind
+    assert (tmp_path / 'taken.csv').read_text() == 'mine'
+
+
+# beside the log
+
+
+def test_health_log(tmp_path):
+    health = HealthLogWriter(tmp_path)
+    for second in range(20):
+        health.write(second * 10**9, b'\x00\x01\x00\x00' + bytes(16))
+    health.close()
+    with (tmp_path / 'health.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        messages = list(reader.iter_messages())
+        assert reader.get_header().profile == 'ros2'
+    assert len(messages) == health.messages == 20
+    assert messages[0][0].name == 'diagnostic_msgs/msg/DiagnosticArray'
+    assert messages[3][2].log_time == 3 * 10**9
+    with pytest.raises(LogError, match='exists already'):
+        HealthLogWriter(tmp_path)
+
+
+def test_a_full_disk_ends_the_health_log_quietly(tmp_path):
+    health = HealthLogWriter(tmp_path)
+    with file_size_limit((tmp_path / 'health.mcap').stat().st_size + 50):
+        health.write(1, bytes(5000))
+        health.close()
+    assert health.failure == 'File too large'
+
+
+def test_run_info(tmp_path):
+    write_run_info(tmp_path, {'begun': '2026-01-01T00:00:00Z', 'wall_s': 2.5})
+    found = yaml.safe_load((tmp_path / 'run_info.yaml').read_text())
+    assert found['wall_s'] == 2.5
+    assert found['machine'] == machine_facts()
+    assert re.match(r'3\.\d+', found['machine']['python'])
+    assert found['machine']['libraries']['mcap']
+    with pytest.raises(LogError, match='cannot hold a log'):
+        write_run_info(tmp_path / 'nowhere', {})
+
+
+def test_wall_clock_and_machine_are_not_in_the_log(run, log):
+    facts = machine_facts()
+    content = log.read_bytes() + b''.join(read_run(log).attachments.values())
+    for secret in (facts['system'], facts['python'], facts['processor'], str(log.parent)):
+        assert secret.encode() not in content

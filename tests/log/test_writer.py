@@ -1,0 +1,278 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The same bytes in any order of arrival, and no fault of the disk reaches the flight."""
+
+from __future__ import annotations
+
+import hashlib
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_runs import FORCE, STATE, STATUS, TOPICS, make_run
+
+from rpo_log import cdr
+from rpo_log.errors import Kind, LogError
+from rpo_log.reader import read_run
+from rpo_log.repair import repair
+from rpo_log.run import TimeBase
+from rpo_log.writer import RunLogWriter
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
+
+
+@pytest.mark.parametrize('options', [{}, {'split_s': 7.0}, {'split_bytes': 30_000}])
+@pytest.mark.parametrize('seed', range(4))
+def test_the_same_bytes_in_any_order_of_arrival(run, tmp_path, seed, options):
+    run.write(tmp_path / 'a', **options)
+    summary = run.write(tmp_path / 'b', run.shuffled(seed), **options)
+    assert summary.whole
+    assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
+
+
+def test_the_same_bytes_whatever_the_senders_buffers_held(run, tmp_path):
+    def dirty(data: bytes, size: int) -> bytes:
+        # the gap before the floats of an odometry, as the middleware leaves it
+        return data if size != 724 else data[:39] + b'\x7f\x7f\x7f\x7f\x7f' + data[44:]
+
+    run.write(tmp_path / 'a')
+    run.write(tmp_path / 'b', [(n, t, dirty(d, len(d))) for n, t, d in run.messages])
+    assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
+
+
+def test_record_finds_the_tick_in_the_message(run, tmp_path):
+    run.write(tmp_path / 'a')
+    writer = RunLogWriter(tmp_path / 'b', run.base, run.topics, run.attachments)
+    for name, _, data in run.messages:
+        writer.record(name, data)
+    assert writer.close().whole
+    assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
+
+
+def test_topics_may_live_in_a_namespace(short_run, tmp_path):
+    names = {name: name if name == '/clock' else f'/alpha{name}' for name in TOPICS}
+    writer = RunLogWriter(tmp_path, short_run.base, names.values(), short_run.attachments)
+    for name, tick, data in short_run.messages:
+        writer.write(names[name], tick, data)
+    assert writer.close().whole
+    log = read_run(tmp_path)
+    assert [topic.name for topic in log.topics] == list(names.values())
+    np.testing.assert_array_equal(log.states, short_run.flight.states)
+
+
+@pytest.mark.parametrize('names', [(STATE, '/odometry'), (STATE, '/beta/relative_state')])
+def test_topics_without_or_with_the_same_role_are_refused(short_run, tmp_path, names):
+    with pytest.raises(LogError) as found:
+        RunLogWriter(tmp_path / 'log', short_run.base, names, {})
+    assert found.value.kind is Kind.WRONG_TYPE
+    assert not (tmp_path / 'log').exists()
+
+
+def test_without_clock_disturbance_or_status(tmp_path):
+    run = make_run(5.0, 'approach', (STATE, FORCE))
+    assert run.write(tmp_path).whole
+    log = read_run(tmp_path)
+    assert log.complete
+    assert log.disturbances_n is None
+    np.testing.assert_array_equal(log.forces_n, run.flight.forces_n)
+
+
+def test_summary_counts_what_is_wrong(short_run, tmp_path):
+    sent = [m for m in short_run.messages if m[:2] != (FORCE, 20)]  # one is lost
+    sent.append(sent[-1])  # one comes twice
+    last = short_run.base.last_tick
+    other = cdr.encode_wrench(short_run.base.stamp_ns(last), 'target_lvlh', [9.0, 9.0, 9.0])
+    sent.append((FORCE, last, other))  # one contradicts
+    sent.append((STATE, last + 1, short_run.messages[1][2]))  # one is of no tick
+    sent.append((STATE, 3, b'\x00\x01\x00\x00 nonsense'))  # one is no odometry
+    sent.append((FORCE, 20, other))  # one is far too late
+    summary = short_run.write(tmp_path, sent)
+    assert summary.missing == {FORCE: (1, 20)}
+    assert sum(summary.duplicates.values()) == 1
+    assert summary.conflicts == {FORCE: 1}
+    assert summary.late == {FORCE: 1}
+    assert summary.foreign == 2
+    assert summary.lost == 0 and summary.failure is None
+    assert not summary.whole
+    assert f'1 missing on {FORCE}, the first at tick 20' in summary.sentence()
+    log = read_run(tmp_path)
+    assert log.missing == {FORCE: 1}
+    assert np.isnan(log.forces_n[20]).all() and not np.isnan(log.forces_n[21]).any()
+    assert (log.forces_n[last] == short_run.flight.forces_n[last]).all()  # the first was kept
+
+
+def test_split_files_are_whole_each(run, tmp_path):
+    summary = run.write(tmp_path, split_s=15.0)
+    assert summary.files == ('run_0.mcap', 'run_1.mcap', 'run_2.mcap')
+    parts = [read_run(tmp_path / name) for name in summary.files]
+    assert [(int(p.ticks[0]), int(p.ticks[-1])) for p in parts] == [
+        (0, 149),
+        (150, 299),
+        (300, 400),
+    ]
+    assert all(part.attachments == run.attachments for part in parts)
+    whole = read_run(tmp_path)
+    assert whole.complete
+    np.testing.assert_array_equal(whole.states, run.flight.states)
+
+
+def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, tmp_path):
+    short_run.write(tmp_path)
+    (tmp_path / 'notes.txt').write_text('mine')
+    before = digests(tmp_path)
+    with pytest.raises(LogError, match='holds a log already') as found:
+        short_run.write(tmp_path)
+    assert found.value.kind is Kind.EXISTS
+    assert digests(tmp_path) == before
+    short_run.write(tmp_path, split_s=2.0, overwrite=True)
+    assert sorted(digests(tmp_path)) == [
+        'metadata.yaml', 'notes.txt', 'run_0.mcap', 'run_1.mcap', 'run_2.mcap',
+    ]  # fmt: skip
+
+
+def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(LogError, match=r'file.*cannot hold a log: ') as found:
+        short_run.write(tmp_path / 'file' / 'log')
+    assert found.value.kind is Kind.CANNOT_WRITE
+
+
+def test_messages_after_the_end_are_counted(short_run, tmp_path):
+    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, short_run.attachments)
+    for message in short_run.messages:
+        writer.write(*message)
+    first = writer.close()
+    writer.write(*short_run.messages[0])
+    assert writer.close().lost == first.lost + 1
+
+
+@contextmanager
+def file_size_limit(size: int):
+    """Let no file grow beyond `size`: what a full disk does, for this process alone."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.parametrize('size', [20_000, 40_001, 70_003])
+def test_a_full_disk_ends_the_log_and_not_the_flight(run, tmp_path, size):
+    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments)
+    with file_size_limit(size):
+        for message in run.messages:
+            writer.write(*message)
+        summary = writer.close()
+    assert summary.failure == 'File too large'
+    assert summary.lost + sum(summary.messages.values()) == len(run.messages)
+    assert not summary.whole
+    assert 'File too large' in summary.sentence()
+    log = read_run(tmp_path)
+    assert log.damage
+    logged = sum(len(present) for present in (log.ticks,)) * 4 + len(log.statuses)
+    assert logged == sum(summary.messages.values())
+    np.testing.assert_array_equal(log.states, run.flight.states[: len(log.ticks)])
+
+
+def test_a_disk_that_is_full_when_the_log_ends(short_run, tmp_path):
+    writer = RunLogWriter(tmp_path, short_run.base, short_run.topics, short_run.attachments)
+    for message in short_run.messages:
+        writer.write(*message)
+    with file_size_limit((tmp_path / 'run.mcap').stat().st_size + 10):
+        summary = writer.close()
+    assert summary.failure == 'File too large'
+    assert summary.lost == 0  # only the index lacks
+    assert len(read_run(repair(tmp_path).output).ticks) == 51
+
+
+TMPFS = """
+import pathlib, subprocess, sys
+sys.path[:0] = {path!r}
+subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', {folder!r}], check=True)
+from log_runs import make_run
+run = make_run(40.0)
+summary = run.write(pathlib.Path({folder!r}))
+from rpo_log.reader import read_run
+print(summary.failure, '|', len(read_run({folder!r}).ticks) > 10, summary.lost > 0)
+"""
+
+
+def may_mount() -> bool:
+    done = subprocess.run(['unshare', '-m', 'true'], capture_output=True)
+    return done.returncode == 0
+
+
+@pytest.mark.skipif(not may_mount(), reason='a tmpfs can be mounted by root only')
+def test_a_small_tmpfs(tmp_path):
+    script = TMPFS.format(path=sys.path, folder=str(tmp_path))
+    done = subprocess.run(
+        ['unshare', '-m', sys.executable, '-c', script], capture_output=True, text=True, timeout=50
+    )
+    assert done.stdout.strip() == 'No space left on device | True True', done.stderr
+
+
+def test_a_folder_that_vanishes_is_noticed(run, tmp_path):
+    folder = tmp_path / 'log'
+    writer = RunLogWriter(folder, run.base, run.topics, run.attachments)
+    half = len(run.messages) // 2
+    for message in run.messages[:half]:
+        writer.write(*message)
+    assert writer.failure is None
+    shutil.rmtree(folder)
+    for message in run.messages[half:]:
+        writer.write(*message)
+    assert writer.failure == 'the file was deleted'
+    summary = writer.close()
+    assert summary.failure and summary.lost > 0
+    assert not folder.exists()
+
+
+def test_a_renamed_folder_is_no_loss(run, tmp_path):
+    writer = RunLogWriter(tmp_path / 'log', run.base, run.topics, run.attachments)
+    half = len(run.messages) // 2
+    for message in run.messages[:half]:
+        writer.write(*message)
+    (tmp_path / 'log').rename(tmp_path / 'moved')
+    for message in run.messages[half:]:
+        writer.write(*message)
+    summary = writer.close()
+    assert summary.failure  # metadata.yaml has no place
+    assert sum(summary.messages.values()) == len(run.messages)
+    assert not read_run(tmp_path / 'moved').damage
+
+
+def test_time_base():
+    base = TimeBase(1_000, 10, 5)
+    assert base.stamp_ns(3) == 1_030
+    assert [base.tick_of(s) for s in (1_000, 1_050, 1_051, 1_060, 990)] == [0, 5, None, None, None]
+    assert TimeBase(0, 100_000_000, 1).chunk_ticks == 10  # one second
+    assert TimeBase(0, 2_000_000_000, 1).chunk_ticks == 1
+    assert TimeBase(0, 1_000, 1).chunk_ticks == 512
+
+
+def test_a_chunk_never_holds_more_than_the_rule_says(run, chunks):
+    ticks = {}
+    for chunk in chunks:
+        first = (chunk.message_start_time - run.base.epoch_ns) // run.base.dt_ns
+        last = (chunk.message_end_time - run.base.epoch_ns) // run.base.dt_ns
+        ticks.setdefault(first, last - first + 1)
+    for first, count in ticks.items():
+        assert count <= max(1, min((first + count) // 25, 10))
+
+
+def test_status_alone_is_in_a_chunk_of_its_own(chunks, run):
+    last = chunks[-1]
+    assert last.message_start_time == run.base.stamp_ns(run.base.last_tick)
+    assert len(last.message_index_offsets) == 1
+    assert STATUS in run.topics
