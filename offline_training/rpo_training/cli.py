@@ -10,16 +10,17 @@ import typer
 from typer.core import TyperGroup
 
 from rpo_core.validation import InputError
-from rpo_training.commands import bench, evaluate, simulate, train
+from rpo_log.errors import LogError
+from rpo_training.commands import bench, evaluate, log, simulate, train
 
 
 class _Commands(TyperGroup):
-    """Subcommands; an InputError of any is one sentence and exit code 2."""
+    """Subcommands; a bad input or log of any is one sentence and exit code 2."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
-        except InputError as error:
+        except (InputError, LogError) as error:
             typer.echo(f'rpo: {error}', err=True)
             raise typer.Exit(2) from None
 
@@ -35,3 +36,7 @@ app.command(epilog=train.EXAMPLES)(train.train)
 app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
+app.add_typer(log.log, name='log')
+app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
+app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
+app.command(epilog=log.REPORT_EXAMPLES)(log.report)

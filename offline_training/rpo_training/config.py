@@ -16,12 +16,14 @@ from rpo_core.validation import InputError, choice, mapping, shown, text, whole
 from rpo_training.fitness import FitnessSettings
 from rpo_training.genes import GeneSpace
 from rpo_training.genetic import GaSettings
+from rpo_training.race import RaceSettings
 from rpo_training.search import CmaSettings
 
 SCHEMA = 'rpo/training/1'
 
-ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'nsga2')
-"""Genetic algorithm; CMA-ES; the one, then the other; NSGA-II, energy against arrival time."""
+ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
+"""Genetic algorithm; CMA-ES; the one, then the other; CMA-ES for each rule table of promise;
+NSGA-II, energy against arrival time."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class TrainingConfig:
     fitness: FitnessSettings = field(default_factory=FitnessSettings)
     ga: GaSettings = field(default_factory=GaSettings)
     cmaes: CmaSettings = field(default_factory=CmaSettings)
+    race: RaceSettings = field(default_factory=RaceSettings)
 
     def __post_init__(self) -> None:
         text('name', self.name)
@@ -53,27 +56,28 @@ class TrainingConfig:
         choice('algorithm', self.algorithm, ALGORITHMS)
         for i, name in enumerate(self.start):
             text(f'start[{i}]', name)
-        if self.algorithm == 'cmaes' and not self.start:
-            raise InputError('`start` must name a controller for `cmaes` to start from; got none')
+        if self.algorithm in ('cmaes', 'race') and not self.start:
+            raise InputError(
+                f'`start` must name a controller for {self.algorithm} to start from; got none'
+            )
 
 
-_TIGHT = FitnessSettings(penalty='graded', margin=0.02, limit_cycle=20.0, disturbance=20.0)
 _READABLE = GeneSpace('odd-monotone', position_scale_m=(20.0, 200.0), velocity_scale_m_s=(0.3, 3.0))
 
 PRESETS = {
     'paper': TrainingConfig(),
     'best': TrainingConfig(
         name='best',
-        algorithm='ga-cmaes',
+        algorithm='race',
         genes=_READABLE,
-        fitness=_TIGHT,
-        ga=GaSettings(generations=100, stall=50),
+        fitness=FitnessSettings(penalty='graded', margin=0.001),
+        cmaes=CmaSettings(population=20, evaluations=12_000, descents=2),
     ),
     'front': TrainingConfig(
         name='front',
         algorithm='nsga2',
         genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.02),
+        fitness=FitnessSettings(penalty='graded', margin=0.001),
         ga=GaSettings(population=100, generations=200, stall=200),
     ),
 }

@@ -11,6 +11,7 @@ equal parts, one per word. Values are rounded to 1e-4, so that a controller file
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -131,6 +132,22 @@ class GeneSpace:
         scales[:, 2] = self.force_scale_n
         functions = _decode_functions(genes[:, used : used + FUNCTIONS], self.complete)
         return Population(scales, functions, self._decode_rules(genes[:, used + FUNCTIONS :]))
+
+    @property
+    def rule_genes(self) -> slice:
+        """Where the rules are in a chromosome; they are its end."""
+        return slice(self.free_scales + FUNCTIONS, self.size)
+
+    def rule_tables(self) -> Floats:
+        """Return rule genes (tables, 6) of each distinct table of an odd-monotone space."""
+        if self.rules != 'odd-monotone':
+            raise InputError(
+                f'`genes.rules` must be odd-monotone for a race of rule tables, of '
+                f'which there are few; got {self.rules}'
+            )
+        genes = (np.array(list(product(range(3), repeat=len(_ODD)))) + 0.5) / 3
+        _, first = np.unique(self._decode_rules(genes), axis=0, return_index=True)
+        return genes[np.sort(first)]
 
     def _decode_rules(self, genes: Floats) -> Ints:
         table = np.full((len(genes), 5, 5), 2)

@@ -154,8 +154,9 @@ class CmaSearch:
 
     phase = 'CMA-ES'
 
-    def __init__(self, settings: CmaSettings, seed: int, start: Floats) -> None:
+    def __init__(self, settings: CmaSettings, seed: int, start: Floats, stream: int = 0) -> None:
         self.settings, self.seed, self.stopped = settings, seed, ''
+        self._stream = (1 << 20) + stream
         self.best, self.best_genes = np.inf, start
         self.evaluations = self.descent = 0
         self._descend()
@@ -166,7 +167,7 @@ class CmaSearch:
         return -(-(self.settings.evaluations - self.evaluations) // self.settings.population)
 
     def _descend(self) -> None:
-        rng = generator(self.seed, 1 << 20, self.descent)
+        rng = generator(self.seed, self._stream, self.descent)
         self.descent += 1
         self._bests: list[float] = []
         options = {

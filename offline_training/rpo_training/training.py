@@ -27,6 +27,7 @@ from rpo_training import config as configs
 from rpo_training.config import TrainingConfig
 from rpo_training.fitness import CONDITIONS, Fitness, Scores
 from rpo_training.ledger import Ledger, digest, versions, write_aside
+from rpo_training.race import TableRace
 from rpo_training.search import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 
 Floats = NDArray[np.float64]
@@ -75,6 +76,8 @@ def make_search(config: TrainingConfig) -> Search:
     cma = partial(CmaSearch, config.cmaes, config.seed)
     if config.algorithm == 'cmaes':
         return cma(starts[0])
+    if config.algorithm == 'race':
+        return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
     if config.algorithm == 'nsga2':
         return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
     ga = GaSearch(config.ga, config.seed, config.genes.size, starts)

@@ -81,3 +81,15 @@ def test_impossible_bounds_are_refused(bounds):
 def test_a_population_is_read_from_controllers():
     population = population_of(load_controller('handmade'))
     assert population.controller(0, 'handmade') == load_controller('handmade')
+
+
+def test_the_monotone_tables_are_distinct_and_all_there():
+    space = GeneSpace('odd-monotone', (20.0, 200.0), (0.3, 3.0))
+    genes = np.full((len(space.rule_tables()), space.size), 0.5)
+    genes[:, space.rule_genes] = space.rule_tables()
+    tables = {tuple(rules) for rules in space.decode(genes).rules.tolist()}
+    drawn = np.random.default_rng(2).random((3000, space.size))
+    assert len(tables) == len(genes)
+    assert {tuple(rules) for rules in space.decode(drawn).rules.tolist()} == tables
+    with pytest.raises(InputError, match='odd-monotone for a race'):
+        GeneSpace('odd').rule_tables()

@@ -24,7 +24,11 @@ SMALL = [
     'ga.population=12',
     'cmaes.evaluations=80',
     'cmaes.population=10',
-    'genes.rules=odd',
+    'race.rounds=1',
+    'race.entrants=2',
+    'race.evaluations=24',
+    'race.population=6',
+    'genes.rules=odd-monotone',
     'fitness.penalty=graded',
 ]
 

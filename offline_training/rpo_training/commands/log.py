@@ -1,0 +1,100 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo log`, `rpo verify`, `rpo repair` and `rpo report`: what one does with the log of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    from rpo_log.errors import ExitCode
+
+VERIFY_EXAMPLES = """
+Example: `rpo verify runs/demo`. Exit codes: 0 verified, 1 not as computed, 2 not a readable log,
+3 as computed as far as the log goes
+"""
+REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
+REPORT_EXAMPLES = 'Example: `rpo report runs/demo`'
+
+RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
+
+log = typer.Typer(
+    help='Look into the logs of runs.',
+    no_args_is_help=True,
+    context_settings={'help_option_names': ['-h', '--help']},
+)
+
+
+def _end(code: ExitCode) -> NoReturn:
+    raise typer.Exit(int(code))
+
+
+@log.command(epilog='Example: `rpo log info runs/demo`')
+def info(run: RunArgument) -> None:
+    """Say what a log holds, and whether it is whole."""
+    from rpo_log.info import inspect
+
+    found = inspect(run)
+    typer.echo('\n'.join(found.lines()))
+    _end(found.exit_code)
+
+
+@log.command(epilog='Example: `rpo log diff runs/first runs/second`')
+def diff(first: RunArgument, second: RunArgument) -> None:
+    """Compare two logs, bit for bit; exit code 1 where they differ."""
+    from rpo_log.diff import diff as compare
+
+    found = compare(first, second)
+    typer.echo('\n'.join(found.lines()))
+    _end(found.exit_code)
+
+
+@log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
+def export(
+    run: RunArgument,
+    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
+) -> None:
+    """Write states, forces and disturbances as a table; the ending of OUTPUT names the form."""
+    from rpo_log.export import export as write
+
+    rows = write(run, output)
+    typer.echo(f'{output}: {rows} ticks')
+
+
+def verify(run: RunArgument) -> None:
+    """Compute a logged flight anew and compare every state and force, bit for bit."""
+    from rpo_log.verify import verify as check
+
+    found = check(run)
+    typer.echo(found.sentence())
+    _end(found.exit_code)
+
+
+def repair(
+    run: RunArgument,
+    output: Annotated[Path | None, typer.Option(help='where the repaired log goes')] = None,
+    in_place: Annotated[
+        bool, typer.Option(help='replace the log; the damaged one is set aside')
+    ] = False,
+) -> None:
+    """Rebuild a whole log from one that was cut short."""
+    from rpo_log.repair import repair as rebuild
+
+    found = rebuild(run, output, in_place=in_place)
+    for file in found.files:
+        typer.echo(file.sentence())
+    _end(found.exit_code)
+
+
+def report(run: RunArgument) -> None:
+    """Print a run's figures beside the paper's claims, and draw its time histories."""
+    from rpo_log.reader import read_flight
+    from rpo_log.report import draw, print_table
+
+    flight = read_flight(run)
+    print_table(flight, flight.scenario.name)
+    folder = run if run.is_dir() else run.parent
+    typer.echo(str(draw(flight, folder / 'report', flight.scenario.name)))
