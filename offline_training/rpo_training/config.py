@@ -100,6 +100,14 @@ def dumps(config: TrainingConfig) -> str:
     return yaml.safe_dump(to_document(config), sort_keys=False, default_flow_style=None, width=100)
 
 
+def command(config: TrainingConfig) -> str:
+    """Return the command that trains this configuration."""
+    for preset, known in PRESETS.items():
+        if replace(known, seed=config.seed) == config:
+            return f'rpo train --preset {preset} --seed {config.seed}'
+    return f'rpo train --config {config.name}.yaml, the config.yaml of its run folder'
+
+
 def parse(document: Any) -> TrainingConfig:
     """Return the configuration of a parsed YAML document; what it omits is `paper`'s."""
     names = [f.name for f in fields(TrainingConfig)]

@@ -14,7 +14,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import IO
 
@@ -22,25 +22,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
+from rpo_training import __version__
 from rpo_training.fitness import Scores
 
 Floats = NDArray[np.float64]
 
 SCHEMA = 'rpo/checkpoint/1'
 
-LIBRARIES = ('rpo-training', 'numpy', 'numba', 'pymoo', 'cma')
-"""What the bits of a run depend on."""
+LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
+"""What the bits of a run depend on, beside this package."""
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of `LIBRARIES`."""
-    found = {}
-    for name in LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:  # run from the source tree
-            found[name] = 'source'
-    return found
+    """Return the versions of this package and of `LIBRARIES`."""
+    return {'rpo_training': __version__, **{name: version(name) for name in LIBRARIES}}
 
 
 def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:

@@ -8,7 +8,8 @@ import time
 from pathlib import Path
 from types import TracebackType
 
-from rich.console import Console
+from rich.console import Console, Group
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
@@ -44,17 +45,17 @@ class Display:
         self.console.print(f'{folder}', highlight=False)
         self._bar = Bar(
             TextColumn('{task.description}'),
-            BarColumn(20),
+            BarColumn(),
             MofNCompleteColumn(),
-            TextColumn('{task.fields[sentence]}  ≤ {task.fields[left]} left'),
-            console=self.console,
-            disable=not self.console.is_terminal,
+            TextColumn('at most {task.fields[left]} left'),
         )
-        self._task = self._bar.add_task('', total=None, sentence='', left='?')
+        self._task = self._bar.add_task('', total=None, left='?')
+        self._live = Live(console=self.console, refresh_per_second=4)
         self._last = -EVERY_S
 
     def __enter__(self) -> Display:
-        self._bar.start()
+        if self.console.is_terminal:
+            self._live.start()
         return self
 
     def __exit__(
@@ -63,7 +64,7 @@ class Display:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bar.stop()
+        self._live.stop()
 
     def show(self, progress: Progress) -> None:
         """Show where the run stands."""
@@ -74,14 +75,14 @@ class Display:
                 description=progress.phase,
                 total=total,
                 completed=progress.generation,
-                sentence=sentence(progress),
                 left=time_left(progress),
             )
+            self._live.update(Group(self._bar, sentence(progress)))
         elif time.monotonic() - self._last >= EVERY_S:
             self._last = time.monotonic()
             self.console.print(
-                f'{progress.phase} {progress.generation}/{total}  '
-                f'{sentence(progress)}  <= {time_left(progress)} left',
+                f'{progress.phase} {progress.generation}/{total}  {sentence(progress)}  '
+                f'at most {time_left(progress)} left',
                 highlight=False,
                 soft_wrap=True,
             )

@@ -24,6 +24,7 @@ from rpo_core.controller import FuzzyController, load_controller
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
 from rpo_training import config as configs
+from rpo_training.assessment import assess
 from rpo_training.config import TrainingConfig
 from rpo_training.fitness import CONDITIONS, Fitness, Scores
 from rpo_training.ledger import Ledger, digest, versions, write_aside
@@ -98,10 +99,8 @@ def _start(name: str, config: TrainingConfig) -> FuzzyController:
 class Training:
     """One run in its folder; `run` flies it to its end, or on from its checkpoint."""
 
-    def __init__(
-        self, config: TrainingConfig, folder: Path, workers: int = 0, command: str = 'rpo train'
-    ) -> None:
-        self.config, self.folder, self.command = config, folder, command
+    def __init__(self, config: TrainingConfig, folder: Path, workers: int = 0) -> None:
+        self.config, self.folder = config, folder
         self.search = make_search(config)
         self.fitness = Fitness(load_set(config.scenario), config.fitness, workers)
         self.ledger = Ledger(configs.dumps(config))
@@ -111,13 +110,11 @@ class Training:
         self._flown, self._began = 0, time.monotonic()
 
     @classmethod
-    def create(
-        cls, config: TrainingConfig, folder: Path, workers: int = 0, command: str = 'rpo train'
-    ) -> Training:
+    def create(cls, config: TrainingConfig, folder: Path, workers: int = 0) -> Training:
         """Return a new run; its folder must not hold another."""
         if (folder / CONFIG).exists():
             raise InputError(f'{folder}: holds a run already; resume it, or name another folder')
-        training = cls(config, folder, workers, command)
+        training = cls(config, folder, workers)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -126,7 +123,7 @@ class Training:
         return training
 
     @classmethod
-    def resume(cls, folder: Path, workers: int = 0, command: str = 'rpo train') -> Training:
+    def resume(cls, folder: Path, workers: int = 0) -> Training:
         """Return the run of a folder, where its checkpoint left it.
 
         Raises
@@ -134,7 +131,7 @@ class Training:
         InputError
             If folder or checkpoint are unusable, or the search no longer asks what it asked.
         """
-        training = cls(configs.load(folder / CONFIG), folder, workers, command)
+        training = cls(configs.load(folder / CONFIG), folder, workers)
         saved = Ledger.load(folder / CHECKPOINT, training.ledger.config)
         for number, (marks, was) in enumerate(zip(saved.marks, saved.digests, strict=True)):
             genes = training.search.ask()
@@ -228,9 +225,9 @@ class Training:
         config = self.config
         population = config.genes.decode(genes[None])
         scores = self.fitness.score(population)
-        provenance = {
+        provenance: dict[str, object] = {
             'method': 'rpo train',
-            'command': self.command,
+            'command': configs.command(config),
             'algorithm': config.algorithm,
             'seed': config.seed,
             'scenario': config.scenario,
@@ -243,7 +240,9 @@ class Training:
             'starts_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
             'versions': versions(),
         }
-        return replace(population.controller(0, name), provenance=provenance)
+        found = population.controller(0, name)
+        provenance['targets'] = {mark.what: mark.reached for mark in assess(found).marks()}
+        return replace(found, provenance=provenance)
 
     def _save(self, controller: FuzzyController) -> None:
         path = self.folder / f'{controller.name}.yaml'
