@@ -49,10 +49,11 @@ class Run:
         """Every message once, in the order of the log."""
         sent: list[Sent] = []
         for tick in range(self.base.last_tick + 1):
-            sent += [(n, tick, d) for n, d in self._of_tick(tick) if n in self.topics]
+            sent += [(n, tick, d) for n, d in self.of_tick(tick) if n in self.topics]
         return sent
 
-    def _of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
+    def of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
+        """Say what the nodes say at a tick."""
         flight, stamp = self.flight, self.base.stamp_ns(tick)
         yield CLOCK, cdr.encode_clock(stamp)
         state = flight.states[tick].tolist()

@@ -139,6 +139,21 @@ def test_javascript(run, tmp_path):
     np.testing.assert_array_equal(np.array(said['forces']), run.flight.forces_n)
 
 
+@pytest.mark.skipif(shutil.which('rerun') is None, reason='rerun is not installed')
+def test_rerun(run, tmp_path):
+    run.write(tmp_path)
+    for command in (['check'], ['convert', '-o', str(tmp_path / 'run.rrd')]):
+        done = subprocess.run(
+            ['rerun', 'mcap', *command, str(tmp_path / 'run.mcap')],
+            capture_output=True, text=True, timeout=50, env={**os.environ, 'HOME': str(tmp_path)},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        said = done.stdout + done.stderr
+        assert all(name in said for name in run.topics)
+        assert 'ERROR' not in said
+    assert (tmp_path / 'run.rrd').stat().st_size > 100_000
+
+
 def test_a_log_of_another_recorder_is_no_run(tmp_path, run):
     log = HealthLogWriter(tmp_path)
     log.close()

@@ -1,0 +1,128 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A day in a log: time and memory to write, read, verify, repair, and rosbags reading the same.
+
+    python tests/log/bench_day.py [hours] [folder]
+
+Each step is a process of its own; its peak memory is what the system says of it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+STEPS = EMPTY, FLY, WRITE, WRITE_SPLIT, READ, ARRAYS, VERIFY, REPAIR, ROSBAGS = (
+    'import the reader', 'fly, to have it written', 'write', 'write, split hourly',
+    'read, block by block', 'read into arrays', 'verify', 'repair a cut copy',
+    'rosbags: read and decode',
+)  # fmt: skip
+
+
+def day(hours: float):
+    """Return the flight of a day and what it attaches."""
+    from log_runs import make_run
+
+    return make_run(hours * 3600.0)
+
+
+def step(name: str, hours: float, folder: Path) -> None:
+    """Do one step of the benchmark in this process."""
+    log = folder / 'day'
+    if name in (WRITE, WRITE_SPLIT):
+        write(hours, log if name == WRITE else folder / 'split', name == WRITE_SPLIT)
+    elif name == FLY:
+        print(day(hours).flight.states.shape, 'states')
+    elif name == READ:
+        from rpo_log.stream import RunReader
+
+        print(sum(len(block.ticks) for block in RunReader(log).blocks()), 'ticks')
+    elif name == ARRAYS:
+        from rpo_log.reader import read_run
+
+        print(read_run(log).states.shape, 'states')
+    elif name == VERIFY:
+        from rpo_log.verify import verify
+
+        print(verify(log).sentence().partition(': ')[2])
+    elif name == REPAIR:
+        from rpo_log.repair import repair
+
+        content = (log / 'run.mcap').read_bytes()
+        (folder / 'cut.mcap').write_bytes(content[: len(content) * 9 // 10])
+        del content
+        print(repair(folder / 'cut.mcap').files[0].messages, 'messages')
+    elif name == ROSBAGS:
+        rosbags(log)
+    elif name == EMPTY:
+        import rpo_log.stream  # noqa: F401
+
+
+def write(hours: float, log: Path, split: bool) -> None:
+    """Write the log, one message at a time, as a recorder does."""
+    from log_runs import TOPICS
+
+    from rpo_log.writer import RunLogWriter
+
+    run = day(hours)
+    writer = RunLogWriter(log, run.base, TOPICS, run.attachments, split_s=3600.0 if split else 0.0)
+    spent = 0.0
+    for tick in range(run.base.last_tick + 1):
+        messages = list(run.of_tick(tick))
+        begun = time.perf_counter()
+        for name, data in messages:
+            writer.write(name, tick, data)
+        spent += time.perf_counter() - begun
+    summary = writer.close()
+    total = sum(summary.messages.values())
+    size = sum(path.stat().st_size for path in log.glob('*.mcap'))
+    print(f'{total} messages, {size / 1e6:.0f} MB, {spent / total * 1e6:.1f} us a message')
+
+
+def rosbags(log: Path) -> None:
+    """Read every message as rosbags does."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    count = 0
+    with AnyReader([log], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        for connection, _, raw in reader.messages():
+            reader.deserialize(raw, connection.msgtype)
+            count += 1
+    print(count, 'messages')
+
+
+def main() -> None:
+    """Run every step and print the table."""
+    hours = float(sys.argv[1]) if len(sys.argv) > 1 else 24.0
+    if len(sys.argv) > 3:
+        step(sys.argv[3], hours, Path(sys.argv[2]))
+        return
+    with tempfile.TemporaryDirectory(dir=sys.argv[2] if len(sys.argv) > 2 else None) as folder:
+        print(f'{hours:g} h of flight, {hours * 36_000:.0f} ticks')
+        for name in STEPS:
+            measure(name, hours, folder)
+
+
+def measure(name: str, hours: float, folder: str) -> None:
+    """Print one row of the table."""
+    script = (
+        f'import resource, runpy, sys; sys.path[:0] = {sys.path!r}; '
+        f'sys.argv = {[__file__, str(hours), folder, name]!r}; '
+        f'runpy.run_path({__file__!r}, run_name="__main__"); '
+        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)'
+    )
+    begun = time.perf_counter()
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
+    wall = time.perf_counter() - begun
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    *said, memory = done.stdout.splitlines()
+    print(f'{name:26} {wall:8.1f} s {int(memory) / 1024:8.0f} MB  {" ".join(said)}', flush=True)
+
+
+if __name__ == '__main__':
+    main()
