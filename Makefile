@@ -29,7 +29,7 @@ demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
 
 test: lint  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
 	$(SETUP) test
-	$(ENV) pytest $(ARGS)
+	$(ENV) pytest -n auto --dist worksteal $(ARGS)
 
 test-slow:  ## the slow tests
 	$(SETUP) test

@@ -8,16 +8,17 @@ import fcntl
 import fnmatch
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-# Node id pattern -> why that test may be skipped. A skip that is not here fails the session.
+# Node id pattern -> why that test may be skipped. Any other skip is a failure.
 ALLOWED_SKIPS = {
     'tests/system/test_env.py::*zsh*': 'zsh is not installed',
     'tests/log/test_other_readers.py::test_javascript': 'node or its MCAP packages are not there',
+    'tests/log/test_other_readers.py::test_rerun': 'rerun is not installed',
     'tests/log/test_writer.py::test_a_small_tmpfs': 'a tmpfs can be mounted by root only',
 }
 DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports are not safe on Linux
@@ -56,38 +57,28 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
         yield variables
 
 
-class SkipWatch:
-    """Collects skipped tests and fails the session for those without a known reason."""
-
-    def __init__(self) -> None:
-        self.unexplained: list[str] = []
-
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        if report.skipped and not hasattr(report, 'wasxfail'):
-            self._judge(report.nodeid, report.longrepr)
-
-    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
-        if report.skipped:
-            self._judge(report.nodeid, report.longrepr)
-
-    def _judge(self, node: str, reason: object) -> None:
-        text = str(reason[2] if isinstance(reason, tuple) else reason).removeprefix('Skipped: ')
-        for pattern, allowed in ALLOWED_SKIPS.items():
-            if fnmatch.fnmatch(node, pattern) and text == allowed:
-                return
-        self.unexplained.append(f'{node}: {text}')
-
-    @pytest.hookimpl(trylast=True)
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if self.unexplained:
-            session.exitstatus = pytest.ExitCode.TESTS_FAILED
-
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        if self.unexplained:
-            terminalreporter.section('skipped without a reason in tests/conftest.py', red=True)
-            for line in self.unexplained:
-                terminalreporter.line(line)
+def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turn a skip that has no reason in ALLOWED_SKIPS into a failure that says so."""
+    if not report.skipped or hasattr(report, 'wasxfail'):
+        return
+    given = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+    reason = str(given).removeprefix('Skipped: ')
+    for pattern, allowed in ALLOWED_SKIPS.items():
+        if fnmatch.fnmatch(report.nodeid, pattern) and reason == allowed:
+            return
+    report.outcome = 'failed'
+    report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.pluginmanager.register(SkipWatch(), 'skip_watch')
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    report = yield
+    explained(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    report = yield
+    explained(report)
+    return report

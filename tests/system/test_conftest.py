@@ -1,0 +1,69 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rules that tests/conftest.py makes for all tests hold."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CONFTEST = Path(__file__).resolve().parents[1] / 'conftest.py'
+INNER = """
+import pytest
+
+def test_fine(): pass
+
+@pytest.mark.skip(reason='known')
+def test_known(): pass
+
+@pytest.mark.skip(reason='another')
+def test_other_reason(): pass
+
+def test_skips_itself(): pytest.skip('no mood')
+
+@pytest.mark.xfail(reason='to be repaired', strict=True)
+def test_known_bug(): assert False
+"""
+
+
+@pytest.mark.parametrize('workers', ['0', '2'])
+def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
+    (tmp_path / 'test_inner.py').write_text(INNER)
+    (tmp_path / 'test_module.py').write_text('import pytest\npytest.importorskip("no_such")\n')
+    text = CONFTEST.read_text()
+    allowed = "ALLOWED_SKIPS = {\n    '*test_known': 'known',"
+    (tmp_path / 'conftest.py').write_text(text.replace('ALLOWED_SKIPS = {', allowed))
+    (tmp_path / 'pytest.ini').write_text('[pytest]\n')
+    command = [sys.executable, '-m', 'pytest', '-p', 'xdist', '-n', workers, '-rA']
+    env = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': ''}
+    inner = [*command, 'test_inner.py']
+    done = subprocess.run(inner, cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert '1 failed, 1 passed, 1 skipped, 1 xfailed, 1 error' in done.stdout
+    assert 'does not say why it may be: no mood' in done.stdout
+    module = [*command, 'test_module.py']
+    done = subprocess.run(module, cwd=tmp_path, env=env, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert 'does not say why it may be' in done.stdout
+
+
+def test_domains_are_held_one_by_one():
+    spec = importlib.util.spec_from_file_location('conftest_of_all', CONFTEST)
+    conftest = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(conftest)
+    with conftest.own_domain() as one, conftest.own_domain() as two:
+        assert one != two
+        assert {one, two} <= set(conftest.DOMAINS)
+    with conftest.own_domain() as again:
+        assert again in (one, two)
+
+
+def test_ros_variables(ros_env):
+    assert ros_env['ROS_PYTHON_CHECK_FIELDS'] == '1'
+    assert ros_env['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+    assert os.environ['ROS_DOMAIN_ID'] == ros_env['ROS_DOMAIN_ID']
