@@ -96,13 +96,13 @@ class RecorderNode(FlightNode):
             on_raw = partial(self._on_raw, name)
             self.create_subscription(kind, topic, on_raw, qos.RECORDING, raw=True)
         self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED, raw=True
+            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
         self.create_subscription(
-            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_FROM_MANY
+            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
         )
 
     def _on_raw(self, name: str, data: bytes) -> None:

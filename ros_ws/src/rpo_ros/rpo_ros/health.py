@@ -26,12 +26,13 @@ Health = tuple[bytes, str, Mapping[str, Any]]
 def publish_health(node: Node, health: Callable[[], Health]) -> None:
     """Publish `health()` on /diagnostics once a second of wall time."""
     publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
+    name = f'{node.get_fully_qualified_name().lstrip("/")}: health'
 
     def publish() -> None:
         level, message, values = health()
         array = DiagnosticArray()
         array.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
-        array.status = [to_status(level, f'{node.get_name()}: health', message, values.items())]
+        array.status = [to_status(level, name, message, values.items())]
         publisher.publish(array)
 
     node.create_timer(1.0, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))

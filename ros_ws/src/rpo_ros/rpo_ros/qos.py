@@ -29,8 +29,8 @@ RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, QoSDurabilityPolicy.TRANSIENT_LOCAL)
 """Statuses and manifests: who comes late still learns the last one."""
 
-LATCHED_FROM_MANY = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)
-"""To subscribe to latched topics with several publishers."""
+LATCHED_QUEUE = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)
+"""To subscribe to latched topics where none may be missed, or several nodes publish."""
 
 CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
 """Simulated time; stock subscribers ask for best effort, which this satisfies."""

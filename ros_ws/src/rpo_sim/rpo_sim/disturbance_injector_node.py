@@ -5,17 +5,14 @@
 from __future__ import annotations
 
 import sys
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
-
 from rpo_core import files, scenario
-from rpo_ros import conversions, health, names, qos
+from rpo_ros import health, names
+from rpo_ros.answering import AnsweringNode
 from rpo_ros.parameters import Row, declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import run_node
 
 PARAMETERS = (
     Row('scenario', 'paper_test', 'shipped scenario, or path of a scenario file',
@@ -23,35 +20,23 @@ PARAMETERS = (
 )  # fmt: skip
 
 
-class DisturbanceInjectorNode(FlightNode):
-    """Computes the force from the stamp alone, so it may start, stop and repeat at any time."""
+class DisturbanceInjectorNode(AnsweringNode):
+    """Computes the disturbance from the stamp alone."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('disturbance_injector', overrides)
         values = declare(self, PARAMETERS)
-        path = files.find('scenario', values['scenario'])
-        self.scenario = scenario.load_scenario(path)
-        self.answered = 0
-        self.ignored: Counter[str] = Counter()
-        self._force = self.create_publisher(WrenchStamped, names.DISTURBANCE_FORCE, qos.LOCKSTEP)
-        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.scenario = scenario.load_scenario(files.find('scenario', values['scenario']))
+        self.answer_on(names.DISTURBANCE_FORCE)
         health.publish_manifest(self, 'disturbance', {'scenario': self.scenario.name}, {})
-        health.publish_health(self, self._health)
         self.get_logger().info(f'disturbing as in {self.scenario.name}')
 
-    def _on_state(self, message: Odometry) -> None:
-        tick = self.scenario.tick_of(conversions.from_stamp(message.header.stamp))
+    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> tuple[float, float, float] | str:
+        """Return the disturbance [N] at the time of a stamp."""
+        tick = self.scenario.tick_of(stamp_ns)
         if tick is None:
-            self.ignored['foreign_stamp'] += 1
-            return
-        force = self.scenario.disturbance.force_n(self.scenario.time_s(tick))
-        self._force.publish(conversions.to_wrench(message.header.stamp, force))
-        self.answered += 1
-
-    def _health(self) -> health.Health:
-        ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
-        level = health.WARN if ignored else health.OK
-        return level, 'answering states', {'answered': self.answered, **ignored}
+            return 'foreign_stamp'
+        return self.scenario.disturbance.force_n(self.scenario.time_s(tick))
 
 
 def main() -> int:

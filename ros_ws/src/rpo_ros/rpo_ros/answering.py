@@ -1,0 +1,59 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What controller and injector have in common: a force for each state, with the state's stamp."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+
+from rpo_ros import conversions, health, names, qos
+from rpo_ros.running import FlightNode
+
+
+class AnsweringNode(FlightNode):
+    """Answers each relative state with a force that follows from that state and its stamp alone.
+
+    So it may start, stop and be asked again at any time, and two answers to one state are the same.
+    A state that cannot be answered is counted by the reason in `ignored`.
+    """
+
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None) -> None:
+        super().__init__(name, overrides)
+        self.answered = 0
+        self.ignored: Counter[str] = Counter()
+
+    def answer_on(self, topic: str) -> None:
+        """Begin to answer; the subclass is ready."""
+        self._force = self.create_publisher(WrenchStamped, topic, qos.LOCKSTEP)
+        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        health.publish_health(self, self._health)
+
+    @abstractmethod
+    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> tuple[float, float, float] | str:
+        """Return the force [N], target LVLH, or why there is none.
+
+        state : x, y, z [m], vx, vy, vz [m/s], target LVLH, finite
+        """
+
+    def _on_state(self, message: Odometry) -> None:
+        state = conversions.from_odometry(message)
+        stamp = message.header.stamp
+        force = conversions.fault_of(message, state) or self.force_n(
+            conversions.from_stamp(stamp), state
+        )
+        if isinstance(force, str):
+            self.ignored[force] += 1
+            return
+        self._force.publish(conversions.to_wrench(stamp, force))
+        self.answered += 1
+
+    def _health(self) -> health.Health:
+        ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
+        level = health.WARN if ignored else health.OK
+        return level, 'answering states', {'answered': self.answered, **ignored}
