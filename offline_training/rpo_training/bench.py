@@ -233,3 +233,42 @@ def training(evaluations: int = 60 * 301, workers: int = 0, seed: int = 1) -> Bu
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
         lanes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
         return Budget(evaluations, simulator.workers, wall, cpu, lanes, case.times.horizon)
+
+
+BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and step')
+"""Parts of a control step that `breakdown` times."""
+
+
+@batch.compiled
+def _repeat(part, count, w, n, law, block, limit, c):  # type: ignore[no-untyped-def]
+    """Run one of `BREAKDOWN` over and over."""
+    for _ in range(count):
+        if part == 0:
+            batch.fuzzify(w, n, batch.E_R, batch.GRADES, law.functions[:5])
+            batch.fuzzify(w, n, batch.E_V, batch.GRADES + 5 * batch.STRIDE, law.functions[5:10])
+        elif part == 1:
+            batch.fire(w, n, law.rules)
+        elif part == 2:
+            batch.defuzzify(w, n, law)
+        elif part == 3:
+            batch.infer_lanes(w, n, law)
+        else:
+            batch.command(w, n, law)
+            batch.step(w, block, 0, limit, c)
+
+
+def breakdown(count: int = 20_000) -> dict[str, float]:
+    """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
+    case = case_of_set(load_set('paper_training'))
+    block, lanes = case.full.block, 80  # 78 axes in whole SIMD registers
+    law, rows = batch.make_law(101), batch.make_scratch()
+    batch.set_law(law, *(field[0] for field in population_of(load_controller('handmade'))))
+    batch.place(rows, block)
+    arguments = (rows, lanes, law, block, case.base.max_force_n, case.base.step)
+    times = {}
+    for part, name in enumerate(BREAKDOWN):
+        _repeat(part, 1, *arguments)
+        batch.place(rows, block)
+        rate = _measure(lambda part=part: _repeat(part, count, *arguments), count * lanes)
+        times[name] = 1e9 / rate
+    return times

@@ -210,32 +210,53 @@ def test_a_full_disk_leaves_the_last_checkpoint_whole(halfway, monkeypatch):
     Training.resume(halfway).run()
 
 
-def test_ctrl_c_stops_cleanly_and_the_run_goes_on(tmp_path):
+def start_rpo_train(folder, *settings):
+    """Start `rpo train` as a process, and wait for its first checkpoint."""
     command = [
         sys.executable,
         '-c',
         'from rpo_training.cli import app; app(prog_name="rpo")',
-        'train',
-        '--no-plots',
-        '--workers',
-        '1',
-        '-o',
-        str(tmp_path / 'run'),
+        *('train', '--no-plots', '--workers', '1', '-o', str(folder)),
+        *(part for setting in (*SMALL, *settings) for part in ('--set', setting)),
     ]
-    settings = [
-        part
-        for setting in [*SMALL, 'ga.generations=4000', 'ga.stall=4000']
-        for part in ('--set', setting)
-    ]
-    process = subprocess.Popen([*command, *settings], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60.0
-    while not (tmp_path / 'run' / 'checkpoint.npz').exists():
+    while not (folder / 'checkpoint.npz').exists():
+        assert process.poll() is None, process.communicate()[1]
         assert time.monotonic() < deadline
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+        time.sleep(0.02)
+    return process
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_stops_a_run_cleanly(number, tmp_path):
+    process = start_rpo_train(tmp_path / 'run', 'ga.generations=4000', 'ga.stall=4000')
+    process.send_signal(number)
     _, errors = process.communicate(timeout=30.0)
     assert process.returncode == 130
     assert 'Go on with: rpo train --resume' in errors
     assert 'Traceback' not in errors
     assert len(Training.resume(tmp_path / 'run').ledger.marks) >= 1
+
+
+def test_a_killed_run_goes_on_to_the_same_bits(tmp_path):
+    settings = ('ga.generations=60', 'ga.stall=60')
+    process = start_rpo_train(tmp_path / 'killed', *settings)
+    process.kill()
+    process.communicate(timeout=30.0)
+    Training.resume(tmp_path / 'killed', 2).run()
+    Training.create(small('ga', *settings), tmp_path / 'whole', 2).run()
+    assert contents(tmp_path / 'killed') == contents(tmp_path / 'whole')
+
+
+def test_a_thread_that_dies_ends_the_run_and_loses_nothing(halfway, monkeypatch):
+    before = (halfway / 'checkpoint.npz').read_bytes()
+    training = Training.resume(halfway)
+
+    def die(*_):
+        raise MemoryError('no room')
+
+    monkeypatch.setattr(training.fitness.simulator, '_fly_one', die)
+    with pytest.raises(MemoryError, match='no room'):
+        training.run()
+    assert (halfway / 'checkpoint.npz').read_bytes() == before

@@ -35,6 +35,8 @@ def bench(
                 f'outputs differ by {rate.difference:.1e}'
             )
         return
+    for part, nanoseconds in measure.breakdown().items():
+        typer.echo(f'{part:20s} {nanoseconds:6.2f} ns per axis and step')
     budget = measure.training(evaluations, workers)
     typer.echo(
         f'{budget.evaluations} controllers x 216 starts x {budget.steps} steps on {budget.workers} '
