@@ -4,7 +4,7 @@
 
     python tests/log/bench_day.py [hours] [folder]
 
-Each step is a process of its own; its peak memory is what the system says of it.
+Each step is a process of its own; its CPU time and its peak memory are what the system says of it.
 """
 
 from __future__ import annotations
@@ -113,15 +113,20 @@ def measure(name: str, hours: float, folder: str) -> None:
         f'import resource, runpy, sys; sys.path[:0] = {sys.path!r}; '
         f'sys.argv = {[__file__, str(hours), folder, name]!r}; '
         f'runpy.run_path({__file__!r}, run_name="__main__"); '
-        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)'
+        'used = resource.getrusage(resource.RUSAGE_SELF); '
+        'print(used.ru_utime + used.ru_stime, used.ru_maxrss)'
     )
     begun = time.perf_counter()
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True)
     wall = time.perf_counter() - begun
     if done.returncode:
         raise SystemExit(done.stderr)
-    *said, memory = done.stdout.splitlines()
-    print(f'{name:26} {wall:8.1f} s {int(memory) / 1024:8.0f} MB  {" ".join(said)}', flush=True)
+    *said, used = done.stdout.splitlines()
+    processor, memory = map(float, used.split())
+    print(
+        f'{name:26}{wall:8.1f} s wall{processor:8.1f} s CPU{memory / 1024:7.0f} MB  {" ".join(said)}',
+        flush=True,
+    )
 
 
 if __name__ == '__main__':

@@ -84,14 +84,15 @@ def test_kill_9_at_full_speed(tmp_path, seed):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize('seed', range(3, 28))
-def test_kill_9_at_full_speed_many_times(tmp_path, seed):
-    kill_at_random(tmp_path, seed, 400.0)
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize('seed', range(3, 23))
+def test_killed_at_full_speed_many_times(tmp_path, seed, how):
+    kill_at_random(tmp_path, seed, 400.0, how)
 
 
-def kill_at_random(tmp_path: Path, seed: int, duration_s: float) -> None:
+def kill_at_random(tmp_path: Path, seed: int, duration_s: float, how: int = signal.SIGKILL) -> None:
     process = flown(tmp_path / 'log', duration_s)
-    given = kill(process, random.Random(seed).uniform(0.0, duration_s / 2500.0))
+    given = kill(process, random.Random(seed).uniform(0.0, duration_s / 2500.0), how)
     held = read_and_repair(tmp_path / 'log', given)
     # one tick may be between the hand-over and the word about it
     assert held >= min(given - 1, 0.95 * given)

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import os
 import shutil
+import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from rpo_log import rosbag2
 from rpo_log.errors import ExitCode, Kind, LogError
@@ -28,6 +29,8 @@ from rpo_log.scan import Record, Scan, chunk_records, inner_records, parse
 
 DAMAGED = '.damaged'
 """What is added to the name of a damaged file that a repaired one replaces."""
+
+_HEAD = struct.Struct('<HIQQ')
 
 
 @dataclass
@@ -88,6 +91,14 @@ class Repair:
         return ExitCode.INCOMPLETE if lost else ExitCode.OK
 
 
+class _Message(NamedTuple):
+    channel: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
 class _Source:
     """Reads what is sound in a damaged file."""
 
@@ -99,7 +110,7 @@ class _Source:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
 
-    def chunks(self) -> Iterator[list[Message]]:
+    def chunks(self) -> Iterator[list[_Message]]:
         """Yield the messages of each sound chunk; learns schemas and channels on the way."""
         for record in self.records():
             if record.opcode != Opcode.CHUNK:
@@ -123,12 +134,15 @@ class _Source:
             yield record
         self.damage = scan.damage or self.damage
 
-    def _messages(self, chunk: Record) -> Iterator[Message]:
+    def _messages(self, chunk: Record) -> Iterator[_Message]:
         records = chunk_records(self.path, chunk)
         for inner in inner_records(self.path, chunk, records):
-            self._learn(inner)
-            if inner.opcode == Opcode.MESSAGE:
-                yield parse(self.path, inner, partial(Message.read, length=len(inner.content)))
+            if inner.opcode == Opcode.MESSAGE and len(inner.content) >= _HEAD.size:
+                yield _Message._make(
+                    (*_HEAD.unpack_from(inner.content), inner.content[_HEAD.size :])
+                )
+            else:
+                self._learn(inner)
 
     def _learn(self, record: Record) -> None:
         if record.opcode == Opcode.HEADER:
@@ -147,12 +161,15 @@ def _why(error: LogError) -> str:
 
 def examine(path: Path) -> FileRepair:
     """Return what a file holds and what is wrong with it; raises LogError."""
-    source = _Source(path)
-    found = FileRepair(path)
+    return _examine(_Source(path))
+
+
+def _examine(source: _Source) -> FileRepair:
+    found = FileRepair(source.path)
     numbers: Counter[int] = Counter()
     for messages in source.chunks():
         found.chunks += 1
-        numbers.update(message.channel_id for message in messages)
+        numbers.update(message.channel for message in messages)
         times = [message.log_time for message in messages] or [0]
         found.first_ns = min(found.first_ns or times[0], min(times))
         found.last_ns = max(found.last_ns, max(times))
@@ -180,7 +197,8 @@ def _bag_topic(channel: Channel, schema: Schema) -> rosbag2.BagTopic:
 
 def rebuild(path: Path, target: Path) -> FileRepair:
     """Write the sound part of a file as a whole one; raises LogError if there is nothing sound."""
-    found = examine(path)
+    source = _Source(path)
+    found = _examine(source)
     if not found.messages:
         raise LogError(
             Kind.EMPTY,
@@ -193,7 +211,7 @@ def rebuild(path: Path, target: Path) -> FileRepair:
     draft = target.with_name(target.name + '.part')
     try:
         draft.unlink(missing_ok=True)
-        _write(_Source(path), found, draft)
+        _write(source, found, draft)
         draft.replace(target)
     except OSError as error:
         raise cannot_write(target, error) from None
@@ -202,8 +220,7 @@ def rebuild(path: Path, target: Path) -> FileRepair:
 
 
 def _write(source: _Source, found: FileRepair, draft: Path) -> None:
-    for _ in source.chunks():  # learn every channel first: a lost chunk may have held some
-        pass
+    """Write the draft; `source` has been read through, so that it knows every channel."""
     file = McapFile(draft, source.header.profile, source.header.library)
     try:
         open_record = True
@@ -241,9 +258,9 @@ def _write_messages(source: _Source, file: McapFile) -> None:
         )
     for messages in source.chunks():
         for message in messages:
-            if message.channel_id in channels:
+            if message.channel in channels:
                 file.add_message(
-                    channels[message.channel_id], message.log_time, message.sequence, message.data
+                    channels[message.channel], message.log_time, message.sequence, message.data
                 )
         file.close_chunk()
 
