@@ -123,10 +123,8 @@ def measure(name: str, hours: float, folder: str) -> None:
         raise SystemExit(done.stderr)
     *said, used = done.stdout.splitlines()
     processor, memory = map(float, used.split())
-    print(
-        f'{name:26}{wall:8.1f} s wall{processor:8.1f} s CPU{memory / 1024:7.0f} MB  {" ".join(said)}',
-        flush=True,
-    )
+    figures = f'{wall:8.1f} s wall{processor:8.1f} s CPU{memory / 1024:7.0f} MB'
+    print(f'{name:26}{figures}  {" ".join(said)}', flush=True)
 
 
 if __name__ == '__main__':
