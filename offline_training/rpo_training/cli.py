@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
-from rpo_training.commands import bench, evaluate, log, simulate, train
+from rpo_training.commands import bench, evaluate, log, optimal, simulate, train
 
 
 class _Commands(TyperGroup):
@@ -36,6 +36,7 @@ app.command(epilog=train.EXAMPLES)(train.train)
 app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
+app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
 app.add_typer(log.log, name='log')
 app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)

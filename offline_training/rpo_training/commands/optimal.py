@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo optimal`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rpo_core.scenario import Scenario, ScenarioSet
+
+EXAMPLES = """
+Examples: `rpo optimal --start 100,100,100` | `rpo optimal --start 10,60,-40 --controller handmade`
+| `rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts`
+"""
+
+
+_BEST = 'under all conditions'
+
+
+def optimal(
+    start: Annotated[
+        str | None, typer.Option(metavar='X,Y,Z[,VX,VY,VZ]', help='position [m], velocity [m/s]')
+    ] = None,
+    scenario: Annotated[str, typer.Option(help='shipped name or file')] = 'paper_training',
+    duration: Annotated[float | None, typer.Option(help='time of flight [s]')] = None,
+    controller: Annotated[
+        str | None, typer.Option(help='fly this one too, and compare its J')
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help='write the constrained optimum flown')] = None,
+    whole_set: Annotated[
+        bool, typer.Option('--all-starts', help='the means over all starts of a scenario set')
+    ] = False,
+) -> None:
+    """Print the least energy that physics allows, without and with training's conditions.
+
+    The start is the scenario's, if none is given.
+    """
+    from dataclasses import replace
+
+    from rpo_core.scenario import ScenarioSet, load, load_set
+    from rpo_core.validation import InputError
+
+    if whole_set:
+        if any(option is not None for option in (start, duration, controller, csv)):
+            raise InputError(
+                '`--all-starts` takes a set of starts as it is: give only `--scenario`'
+            )
+        _of_set(load_set(scenario))
+        return
+    found = load(scenario)
+    base = found.base if isinstance(found, ScenarioSet) else found
+    if start is None and isinstance(found, ScenarioSet):
+        raise InputError(f'`--start` or `--all-starts` is needed: {scenario} is a set of starts')
+    if start is not None:
+        base = _with_start(base, start)
+    if duration is not None:
+        base = replace(base, duration_s=duration)
+    _of_start(base, controller, csv)
+
+
+def _with_start(base: Scenario, text: str) -> Scenario:
+    from dataclasses import replace
+
+    from rpo_core.validation import InputError, shown
+
+    try:
+        numbers = [float(part) for part in text.split(',')]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, 6):
+        raise InputError(f'`--start` must be 3 or 6 numbers like 100,100,100; got {shown(text)}')
+    position, velocity = numbers[:3], numbers[3:] or [0.0, 0.0, 0.0]
+    return replace(
+        base,
+        initial_position_m=position,  # type: ignore[arg-type]
+        initial_velocity_m_s=velocity,  # type: ignore[arg-type]
+    )
+
+
+def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rpo_core import metrics
+    from rpo_core.closed_loop import fly
+    from rpo_core.controller import load_controller
+    from rpo_training import optimal as limits
+
+    coast = limits.COAST_S
+    flights = {'to rest at the end': limits.to_rest(scenario)}
+    if scenario.duration_s > coast + 2 * scenario.dt_s:
+        flights[f'to rest {coast:g} s earlier'] = limits.to_rest(scenario, coast)
+    flights[_BEST] = limits.constrained(scenario)
+    if csv:
+        from rpo_training.commands.simulate import _write_csv
+
+        _write_csv(flights[_BEST], csv)
+    if controller is not None:
+        flights[controller] = fly(scenario, load_controller(controller))
+    best = metrics.assess(flights[_BEST]).energy_n2s
+    position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
+    table = Table(
+        title=f'Least energy from [{position}] m in {scenario.duration_s:g} s', title_justify='left'
+    )
+    table.add_column('', no_wrap=True)
+    headings = ('J, N^2 s', '/ best', 'v, m/s', 'r, m', 'slew, N/s', '|f|, N')
+    for heading in headings:
+        table.add_column(heading, justify='right')
+    for name, flight in flights.items():
+        f = metrics.assess(flight)
+        peak = abs(flight.applied_forces_n).max()
+        row = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
+        table.add_row(
+            name, f'{f.energy_n2s:.4f}', f'{f.energy_n2s / best:.3f}', *(f'{x:.4f}' for x in row)
+        )
+    console = Console()
+    console.print(table)
+    console.print(
+        'v, r: mean norms over the last 30 s. To rest: at the origin, without limits.',
+        highlight=False,
+    )
+
+
+def _of_set(starts: ScenarioSet) -> None:
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from rpo_training import optimal as limits
+
+    base, positions = starts.base, starts.initial_positions_m
+    states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('optima')
+        constrained = limits.least_constrained(
+            base, states, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    lines = {
+        'to rest at the end': limits.least_energy(base, states),
+        f'to rest {limits.COAST_S:g} s earlier': limits.least_energy(base, states, limits.COAST_S),
+        _BEST: constrained,
+    }
+    for name, energies in lines.items():
+        typer.echo(
+            f'{name:22s} mean J {energies.mean():.4f} N^2 s of {len(energies)} starts '
+            f'({energies.min():.4f} to {energies.max():.4f})'
+        )
