@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -93,55 +94,33 @@ class Assessment:
 
     def marks(self) -> list[Mark]:
         """Return the targets Q1-Q5."""
-        figures, tests, rules = self.figures, self.tests, self.controller.system.rules
-        missed = int((fitness.failures(figures[:, None, :]).sum(axis=1) > 0).sum())
-        marks = [
-            Mark('Q1', 'starts that miss a condition', '', 0, missed),
-            Mark(
-                'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
-            ),
-        ]
-        for row, (name, distance) in zip(tests, fitness.TESTS.items(), strict=True):
-            marks += [
-                Mark(
-                    'Q3',
-                    f'{name}: largest |position|, last 200 s',
-                    'm',
-                    distance,
-                    float(row[LATE_POSITION]),
-                ),
-                Mark(
-                    'Q3',
-                    f'{name}: largest speed, last 200 s',
-                    'm/s',
-                    fitness.MAX_TEST_SPEED_M_S,
-                    float(row[LATE_SPEED]),
-                ),
-            ]
+        missed = int((fitness.failures(self.figures[:, None, :]).sum(axis=1) > 0).sum())
+        rules = self.controller.system.rules
+        unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
+        energy = Mark(
+            'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
+        )
         return [
-            *marks,
-            Mark(
-                'Q4',
-                'undisturbed, 300-400 s: largest |force|',
-                'N',
-                fitness.MAX_SETTLED_FORCE_N,
-                float(figures[:, LATE_FORCE].max()),
-            ),
-            Mark(
-                'Q4',
-                'undisturbed, 300-400 s: largest speed',
-                'm/s',
-                fitness.MAX_SETTLED_SPEED_M_S,
-                float(figures[:, LATE_SPEED].max()),
-            ),
-            Mark(
-                'Q5',
-                'rules that are not odd or not monotone',
-                '',
-                0,
-                int(not rules.is_odd) + int(not rules.is_monotone),
-            ),
+            Mark('Q1', 'starts that miss a condition', '', 0, missed),
+            energy,
+            *self._test_marks(),
+            *self._settled_marks(),
+            Mark('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
         ]
+
+    def _test_marks(self) -> Iterator[Mark]:
+        for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
+            place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
+            yield Mark('Q3', f'{name}: largest |position|, last 200 s', 'm', distance, place)
+            limit = fitness.MAX_TEST_SPEED_M_S
+            yield Mark('Q3', f'{name}: largest speed, last 200 s', 'm/s', limit, speed)
+
+    def _settled_marks(self) -> Iterator[Mark]:
+        what = 'undisturbed, 300-400 s: largest'
+        force = float(self.figures[:, LATE_FORCE].max())
+        speed = float(self.figures[:, LATE_SPEED].max())
+        yield Mark('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
+        yield Mark('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
 
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:

@@ -19,7 +19,7 @@ from rpo_core.controller import load_controller
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training import batch
+from rpo_training import batch, lanes
 from rpo_training.evaluation import Simulator, case_of_set
 from rpo_training.genes import GeneSpace, population_of
 
@@ -101,12 +101,12 @@ class _Lanes:
 
     def __init__(self, controller: str, errors: Floats) -> None:
         loaded = load_controller(controller)
-        self.law, self.rows = batch.make_law(loaded.system.samples), batch.make_scratch()
-        batch.set_law(self.law, *(field[0] for field in population_of(loaded)))
+        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(batch.ROWS)
+        lanes.set_law(self.law, *(field[0] for field in population_of(loaded)))
         self.errors, self.outputs = errors, np.empty(errors.shape[1])
 
     def infer(self) -> Floats:
-        batch.infer_many(self.errors, self.law, self.rows, self.outputs)
+        lanes.infer_many(self.errors, self.law, self.rows, self.outputs)
         return self.outputs
 
 
@@ -124,6 +124,18 @@ def _triangle_feet(functions: MembershipFunctions) -> dict[str, tuple[float, flo
 
 
 def _fuzzylite(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
+    engine = _fuzzylite_engine(system)
+
+    def run() -> Floats:
+        engine.input_variable('position').value = errors[0]
+        engine.input_variable('velocity').value = errors[1]
+        engine.process()
+        return np.asarray(engine.output_variable('force').value)
+
+    return run
+
+
+def _fuzzylite_engine(system: FuzzySystem) -> Any:
     import fuzzylite as fl
 
     def variable(kind: Any, name: str, functions: MembershipFunctions, **options: Any) -> Any:
@@ -152,7 +164,7 @@ def _fuzzylite(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
         activation=fl.General(),
         rules=[fl.Rule.create(rule) for rule in rules],
     )
-    engine = fl.Engine(
+    return fl.Engine(
         input_variables=[
             variable(fl.InputVariable, 'position', system.position),
             variable(fl.InputVariable, 'velocity', system.velocity),
@@ -160,14 +172,6 @@ def _fuzzylite(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
         output_variables=[output],
         rule_blocks=[block],
     )
-
-    def run() -> Floats:
-        engine.input_variable('position').value = errors[0]
-        engine.input_variable('velocity').value = errors[1]
-        engine.process()
-        return np.asarray(output.value)
-
-    return run
 
 
 def _skfuzzy(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
@@ -231,27 +235,27 @@ def training(evaluations: int = 60 * 301, workers: int = 0, seed: int = 1) -> Bu
             count = min(60, evaluations - first)
             simulator.fly(space.decode(rng.random((count, space.size))))
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-        lanes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
-        return Budget(evaluations, simulator.workers, wall, cpu, lanes, case.times.horizon)
+        axes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
+        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.times.horizon)
 
 
 BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and step')
 """Parts of a control step that `breakdown` times."""
 
 
-@batch.compiled
+@lanes.compiled
 def _repeat(part, count, w, n, law, block, limit, c):  # type: ignore[no-untyped-def]
     """Run one of `BREAKDOWN` over and over."""
     for _ in range(count):
         if part == 0:
-            batch.fuzzify(w, n, batch.E_R, batch.GRADES, law.functions[:5])
-            batch.fuzzify(w, n, batch.E_V, batch.GRADES + 5 * batch.STRIDE, law.functions[5:10])
+            lanes.fuzzify(w, n, lanes.E_R, lanes.GRADES, law.functions[:5])
+            lanes.fuzzify(w, n, lanes.E_V, lanes.GRADES + 5 * lanes.STRIDE, law.functions[5:10])
         elif part == 1:
-            batch.fire(w, n, law.rules)
+            lanes.fire(w, n, law.rules)
         elif part == 2:
-            batch.defuzzify(w, n, law)
+            lanes.defuzzify(w, n, law)
         elif part == 3:
-            batch.infer_lanes(w, n, law)
+            lanes.infer_lanes(w, n, law)
         else:
             batch.command(w, n, law)
             batch.step(w, block, 0, limit, c)
@@ -260,15 +264,15 @@ def _repeat(part, count, w, n, law, block, limit, c):  # type: ignore[no-untyped
 def breakdown(count: int = 20_000) -> dict[str, float]:
     """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
     case = case_of_set(load_set('paper_training'))
-    block, lanes = case.full.block, 80  # 78 axes in whole SIMD registers
-    law, rows = batch.make_law(101), batch.make_scratch()
-    batch.set_law(law, *(field[0] for field in population_of(load_controller('handmade'))))
+    block, axes = case.full.block, 80  # 78 axes in whole SIMD registers
+    law, rows = lanes.make_law(101), lanes.make_scratch(batch.ROWS)
+    lanes.set_law(law, *(field[0] for field in population_of(load_controller('handmade'))))
     batch.place(rows, block)
-    arguments = (rows, lanes, law, block, case.base.max_force_n, case.base.step)
+    arguments = (rows, axes, law, block, case.base.max_force_n, case.base.step)
     times = {}
     for part, name in enumerate(BREAKDOWN):
         _repeat(part, 1, *arguments)
         batch.place(rows, block)
-        rate = _measure(lambda part=part: _repeat(part, count, *arguments), count * lanes)
+        rate = _measure(lambda part=part: _repeat(part, count, *arguments), count * axes)
         times[name] = 1e9 / rate
     return times

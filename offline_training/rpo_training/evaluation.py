@@ -22,7 +22,7 @@ from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import ARRIVAL_WINDOW_S, window_ticks
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
-from rpo_training import batch
+from rpo_training import batch, lanes
 from rpo_training.genes import Ints, Population
 
 Floats = NDArray[np.float64]
@@ -93,11 +93,11 @@ def _loops(case: Case, *, odd: bool) -> Loops:
 
     planar, pushed, which_planar = distinct([0, 1, 3, 4])
     vertical, lifted, which_vertical = distinct([2, 5])
-    lanes = 2 * len(planar) + len(vertical)
-    if lanes > batch.STRIDE:
+    axes = 2 * len(planar) + len(vertical)
+    if axes > lanes.STRIDE:
         raise InputError(
-            f'scenario {case.base.name} has {lanes} axis loops; at most '
-            f'{batch.STRIDE} fit, as with eight positions per axis'
+            f'scenario {case.base.name} has {axes} axis loops; at most '
+            f'{lanes.STRIDE} fit, as with eight positions per axis'
         )
     d = case.disturbances
     forces = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
@@ -180,24 +180,24 @@ class Simulator:
             pass
         return outcomes
 
-    def _scratch(self, tail: int) -> tuple[batch.Law, Floats, Floats, Floats]:
+    def _scratch(self, tail: int) -> tuple[lanes.Law, Floats, Floats, Floats]:
         local = self._local
         if not hasattr(local, 'law'):
-            local.law = batch.make_law(self.samples)
+            local.law = lanes.make_law(self.samples)
             local.rows, local.figures = (
-                batch.make_scratch(),
-                np.empty((batch.STRIDE**2, batch.FIGURES)),
+                lanes.make_scratch(batch.ROWS),
+                np.empty((lanes.STRIDE**2, batch.FIGURES)),
             )
-            local.norms = np.empty((2, 0, batch.STRIDE))
+            local.norms = np.empty((2, 0, lanes.STRIDE))
         if local.norms.shape[1] < tail:
-            local.norms = np.empty((2, tail, batch.STRIDE))
+            local.norms = np.empty((2, tail, lanes.STRIDE))
         return local.law, local.rows, local.norms, local.figures
 
     def _fly_one(
         self, population: Population, index: int, case: Case, loops: Loops, outcome: Floats
     ) -> None:
         law, rows, norms, figures = self._scratch(case.times.tail)
-        batch.set_law(
+        lanes.set_law(
             law, population.scales[index], population.functions[index], population.rules[index]
         )
         base, block = case.base, loops.block

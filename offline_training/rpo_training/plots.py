@@ -17,7 +17,7 @@ import numpy as np
 
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS
-from rpo_training import batch
+from rpo_training import lanes
 from rpo_training.genes import population_of
 from rpo_training.training import FRONT, HISTORY
 
@@ -124,14 +124,14 @@ def draw_rules(controller: FuzzyController) -> Any:
 def draw_surface(controller: FuzzyController, points: int = 121) -> Any:
     """Draw the force over the two errors."""
     population, errors = population_of(controller), np.linspace(-1.0, 1.0, points)
-    law, rows = batch.make_law(controller.system.samples), batch.make_scratch()
-    batch.set_law(law, *(field[0] for field in population))
+    law, rows = lanes.make_law(controller.system.samples), lanes.make_scratch()
+    lanes.set_law(law, *(field[0] for field in population))
     surface = np.empty((points, points))
     for i, velocity in enumerate(errors):
-        rows[batch.E_R : batch.E_R + points] = errors
-        rows[batch.E_V : batch.E_V + points] = velocity
-        batch.infer_lanes(rows, points, law)
-        surface[i] = rows[batch.OUTPUT : batch.OUTPUT + points]
+        rows[lanes.E_R : lanes.E_R + points] = errors
+        rows[lanes.E_V : lanes.E_V + points] = velocity
+        lanes.infer_lanes(rows, points, law)
+        surface[i] = rows[lanes.OUTPUT : lanes.OUTPUT + points]
     r, v, f = controller.scales
     figure, axes = plt.subplots(figsize=(6, 4.5))
     image = axes.contourf(r * errors, v * errors, f * surface, 21, cmap='RdBu_r', vmin=-f, vmax=f)

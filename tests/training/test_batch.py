@@ -14,7 +14,7 @@ from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training import batch
+from rpo_training import batch, lanes
 from rpo_training.evaluation import Simulator, case_of_flights, case_of_set
 from rpo_training.genes import GeneSpace, population_of
 
@@ -28,9 +28,9 @@ def random_controllers(rules: str, count: int, seed: int):
 
 
 def law_of(controller):
-    law = batch.make_law(controller.system.samples)
+    law = lanes.make_law(controller.system.samples)
     population = population_of(controller)
-    batch.set_law(law, population.scales[0], population.functions[0], population.rules[0])
+    lanes.set_law(law, population.scales[0], population.functions[0], population.rules[0])
     return law
 
 
@@ -45,14 +45,14 @@ def recorded(controller, case, loops):
         case.base.max_force_n,
         case.base.step,
         ticks,
-        batch.make_scratch(),
+        lanes.make_scratch(batch.ROWS),
         states,
         forces,
     )
     for row in loops.rows:
         i, j = divmod(int(row), q)
-        lanes = [i, p + i, 2 * p + j]
-        yield np.concatenate([states[:, lanes, 0], states[:, lanes, 1]], axis=1), forces[:, lanes]
+        axes = [i, p + i, 2 * p + j]
+        yield np.concatenate([states[:, axes, 0], states[:, axes, 1]], axis=1), forces[:, axes]
 
 
 @pytest.mark.parametrize(
@@ -139,23 +139,23 @@ def test_results_do_not_depend_on_the_number_of_threads():
     st.integers(0, 2**32 - 1),
     st.sampled_from(['free', 'odd']),
     st.sampled_from([3, 17, 101, 201]),
-    st.integers(1, batch.STRIDE),
+    st.integers(1, lanes.STRIDE),
 )
-def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, lanes):
+def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, count):
     rng = np.random.default_rng(seed)
     controller = random_controllers(rules, 1, seed)[0]
     system = replace(controller.system, samples=samples)
     corners = [-1.0, -0.0, 0.0, 1.0, *np.abs(population_of(controller).functions[0, :10])]
     errors = np.where(
-        rng.random((2, lanes)) < 0.3,
-        rng.choice(corners, (2, lanes)),
-        rng.uniform(-1.0, 1.0, (2, lanes)),
+        rng.random((2, count)) < 0.3,
+        rng.choice(corners, (2, count)),
+        rng.uniform(-1.0, 1.0, (2, count)),
     )
-    rows = batch.make_scratch()
-    rows[batch.E_R : batch.E_R + lanes], rows[batch.E_V : batch.E_V + lanes] = errors
-    batch.infer_lanes(rows, lanes, law_of(replace(controller, system=system)))
+    rows = lanes.make_scratch(batch.ROWS)
+    rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
+    lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
-    np.testing.assert_array_equal(rows[batch.OUTPUT : batch.OUTPUT + lanes], expected)
+    np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
 
 
 def test_more_starts_than_lanes_are_refused():

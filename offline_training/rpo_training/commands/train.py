@@ -29,7 +29,9 @@ def train(
     preset: Annotated[str, typer.Option(help='paper, best or front')] = 'paper',
     config: Annotated[Path | None, typer.Option(help='YAML file, instead of a preset')] = None,
     seed: Annotated[int | None, typer.Option(help='seed of the random numbers')] = None,
-    algorithm: Annotated[str | None, typer.Option(help='ga, cmaes, ga-cmaes or nsga2')] = None,
+    algorithm: Annotated[
+        str | None, typer.Option(help='ga, cmaes, ga-cmaes, race or nsga2')
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option('--set', metavar='KEY=VALUE', help='any setting, as --show names it'),
@@ -54,15 +56,9 @@ def train(
             raise InputError('`--resume` takes its configuration from the run folder: give none')
         _fly(Training.resume(resume, workers), plots)
         return
-    chosen = _configuration(
-        preset,
-        config,
-        [
-            *([f'seed={seed}'] if seed is not None else []),
-            *([f'algorithm={algorithm}'] if algorithm is not None else []),
-            *(settings or []),
-        ],
-    )
+    given = {'seed': seed, 'algorithm': algorithm}
+    named = [f'{key}={value}' for key, value in given.items() if value is not None]
+    chosen = configs.override(_base(preset, config), [*named, *(settings or [])])
     if show:
         typer.echo(configs.dumps(chosen), nl=False)
         return
@@ -70,14 +66,13 @@ def train(
     _fly(Training.create(chosen, folder, workers), plots)
 
 
-def _configuration(preset: str, path: Path | None, settings: list[str]) -> TrainingConfig:
+def _base(preset: str, path: Path | None) -> TrainingConfig:
     from rpo_core.validation import choice
     from rpo_training import config as configs
 
-    base = (
-        configs.load(path) if path else configs.PRESETS[choice('--preset', preset, configs.PRESETS)]
-    )
-    return configs.override(base, settings)
+    if path is not None:
+        return configs.load(path)
+    return configs.PRESETS[choice('--preset', preset, configs.PRESETS)]
 
 
 def _fly(training: Training, plots: bool) -> None:
