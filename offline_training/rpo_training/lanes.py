@@ -3,8 +3,8 @@
 """Fuzzy inference in lanes: many axes of one controller side by side, the bits of the kernel.
 
 The scratch is one flat array of rows of `STRIDE` lanes. Every inner loop runs over lanes, which the
-compiler turns into SIMD. Each lane does the arithmetic of `rpo_core.kernels.infer` in its order: the
-centroid's eight partial sums one after the other, padded with zero grades where the samples end
+compiler turns into SIMD. Each lane does the arithmetic of `rpo_core.kernels.infer` in its order:
+the centroid's eight partial sums one after the other, padded with zero grades where the samples end
 (adding +0 changes no bit).
 """
 
