@@ -9,6 +9,7 @@ Each step is a process of its own; its CPU time and its peak memory are what the
 
 from __future__ import annotations
 
+import resource
 import subprocess
 import sys
 import tempfile
@@ -68,6 +69,7 @@ def write(hours: float, log: Path, split: bool) -> None:
     from rpo_log.writer import RunLogWriter
 
     run = day(hours)
+    before = resident_mb()
     writer = RunLogWriter(log, run.base, TOPICS, run.attachments, split_s=3600.0 if split else 0.0)
     spent = 0.0
     for tick in range(run.base.last_tick + 1):
@@ -76,10 +78,20 @@ def write(hours: float, log: Path, split: bool) -> None:
         for name, data in messages:
             writer.write(name, tick, data)
         spent += time.perf_counter() - begun
+    grown = resident_mb() - before
     summary = writer.close()
     total = sum(summary.messages.values())
     size = sum(path.stat().st_size for path in log.glob('*.mcap'))
-    print(f'{total} messages, {size / 1e6:.0f} MB, {spent / total * 1e6:.1f} us a message')
+    print(
+        f'{total} messages, {size / 1e6:.0f} MB, {spent / total * 1e6:.1f} us a message; '
+        f'the writer had grown to {grown:.0f} MB'
+    )
+
+
+def resident_mb() -> float:
+    """Return the memory of this process now."""
+    fields = Path('/proc/self/statm').read_text().split()
+    return int(fields[1]) * resource.getpagesize() / 2**20
 
 
 def rosbags(log: Path) -> None:

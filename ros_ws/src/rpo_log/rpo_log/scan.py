@@ -10,6 +10,7 @@ out whole chunks.
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -32,6 +33,16 @@ _CHUNK = struct.Struct('<QQQII')
 _FOOTER = struct.Struct('<QQI')
 _OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _Parsed = TypeVar('_Parsed')
+
+
+class _Own(threading.local):
+    """A decompressor takes longer to make than to use, and serves one thread at a time."""
+
+    def __init__(self) -> None:
+        self.decompressor = zstandard.ZstdDecompressor()
+
+
+_own = _Own()
 
 
 class Record(NamedTuple):
@@ -150,7 +161,7 @@ def _decompress(compression: bytes, data: bytes, size: int) -> bytes:
     if compression == b'zstd':
         if zstandard.frame_content_size(data) not in (size, -1):  # a damaged size may be terabytes
             raise ValueError('its sizes disagree')
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        return _own.decompressor.decompress(data, max_output_size=size)
     if compression == b'lz4':
         import lz4.frame  # type: ignore[import-untyped]  # comes with mcap
 
