@@ -184,18 +184,21 @@ class PlantNode(FlightNode):
 
     def _abort(self, reason: str) -> None:
         self.exit_code = EXIT_ABORTED
-        self.get_logger().error(f'aborted: {reason}')
         self._end('aborted', reason, health.ERROR)
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self._report(level, phase, reason)
         self._progress = time.monotonic()
-        if phase == 'finished':
-            figures = self.plant.figures()
-            self.get_logger().info(
-                f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m, '
-                f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
-            )
+        if phase == 'aborted':
+            said = f'aborted at tick {self.plant.tick}: {reason}'
+            log = self.get_logger()
+            log.error(said) if level == health.ERROR else log.info(said)
+            return
+        figures = self.plant.figures()
+        self.get_logger().info(
+            f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m, '
+            f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
+        )
 
     def _report(self, level: bytes, phase: str, reason: str) -> None:
         """Publish run_status: simulated facts only, so that two runs say the same."""

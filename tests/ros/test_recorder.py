@@ -1,0 +1,111 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recorder when it is killed, and when the disk fails it: what is left, and what is said."""
+
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from processes import flight
+
+from rpo_core import closed_loop
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_log.reader import read_run
+
+KILL_BOUND = 0.95
+"""Share of the ticks so far that is left after `kill -9`."""
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with flight(ros_env, tmp_path) as started:
+        yield started
+
+
+def start(ros, output, **parameters):
+    """Start controller, recorder and plant on `approach`; return the last two, in flight."""
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    plant = ros.node('rpo_sim', 'plant', wait_for_recorder='true', **parameters)
+    plant.says('flying')
+    return recorder, plant
+
+
+def end_in_flight(ros, number, after_s, **parameters):
+    """End the recorder by a signal, the plant held still meanwhile; return (ticks flown, log)."""
+    output = ros.folder / 'run'
+    recorder, plant = start(ros, output, **parameters)
+    time.sleep(after_s)
+    plant.process.send_signal(signal.SIGSTOP)
+    time.sleep(0.3)  # what is on its way arrives
+    recorder.process.send_signal(number)
+    code = recorder.wait()
+    assert code == (-signal.SIGKILL if number == signal.SIGKILL else 0), recorder.output
+    plant.process.send_signal(signal.SIGCONT)
+    plant.stop()
+    tick = re.search(r'(?:aborted at tick |finished at )(\d+)', plant.output)
+    assert tick, plant.output
+    return int(tick[1]), read_run(output)
+
+
+def check(flown, log, number):
+    expected = closed_loop.fly(load_scenario('approach'), load_controller('handmade'))
+    count = len(log.ticks)
+    if np.isnan(log.states[-1]).any():  # the plant was held between /clock and state
+        count -= 1
+    np.testing.assert_array_equal(log.states[:count], expected.states[:count])
+    least = KILL_BOUND * flown if number == signal.SIGKILL else flown - 1
+    assert count >= least, f'{count} of {flown} ticks are left'
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM])
+def test_the_recorder_ended_in_flight_leaves_what_was_flown(ros, number):
+    flown, log = end_in_flight(ros, number, after_s=1.5, real_time_factor=40.0)
+    check(flown, log, number)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize('trial', range(20))
+def test_the_recorder_ended_at_any_moment(ros, number, trial):
+    moment = random.Random(1000 * trial + number).uniform(0.05, 4.0)
+    flown, log = end_in_flight(ros, number, after_s=moment, real_time_factor=80.0)
+    check(flown, log, number)
+
+
+def test_a_vanished_folder_ends_the_log_not_the_flight(ros):
+    output = ros.folder / 'run'
+    recorder, plant = start(ros, output, real_time_factor=80.0)
+    time.sleep(0.5)
+    shutil.rmtree(output)
+    assert plant.wait() == 0, plant.output
+    plant.says('finished at 400 s')
+    assert recorder.wait() == 1
+    assert 'the log failed' in recorder.output
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_the_log_not_the_flight(ros):
+    if os.geteuid() != 0:
+        pytest.skip('a tmpfs can be mounted by root only')
+    disk = ros.folder / 'disk'
+    disk.mkdir()
+    subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=256k', 'tmpfs', str(disk)], check=True)
+    try:
+        recorder, plant = start(ros, disk / 'run', real_time_factor=80.0)
+        assert plant.wait() == 0, plant.output
+        assert recorder.wait() == 1
+        assert 'No space left' in recorder.output
+        log = read_run(disk / 'run')
+        check(len(log.ticks), log, signal.SIGKILL)
+        assert len(log.ticks) > 100
+    finally:
+        subprocess.run(['umount', str(disk)], check=True)
