@@ -209,6 +209,9 @@ def test_health_log(tmp_path):
         reader = make_reader(file, validate_crcs=True)
         messages = list(reader.iter_messages())
         assert reader.get_header().profile == 'ros2'
+        said = [yaml.safe_load(r.metadata['serialized_metadata']) for r in reader.iter_metadata()]
+    assert [document['message_count'] for document in said] == [0, 20]
+    assert said[1]['duration'] == {'nanoseconds': 19 * 10**9}
     assert len(messages) == health.messages == 20
     assert messages[0][0].name == 'diagnostic_msgs/msg/DiagnosticArray'
     assert messages[3][2].log_time == 3 * 10**9

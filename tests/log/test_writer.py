@@ -93,13 +93,14 @@ def test_summary_counts_what_is_wrong(short_run, tmp_path):
     sent.append((FORCE, last, other))  # one contradicts
     sent.append((STATE, last + 1, short_run.messages[1][2]))  # one is of no tick
     sent.append((STATE, 3, b'\x00\x01\x00\x00 nonsense'))  # one is no odometry
+    sent.append(('/tf', 3, other))  # one is of a topic that is not recorded
     sent.append((FORCE, 20, other))  # one is far too late
     summary = short_run.write(tmp_path, sent)
     assert summary.missing == {FORCE: (1, 20)}
     assert sum(summary.duplicates.values()) == 1
     assert summary.conflicts == {FORCE: 1}
     assert summary.late == {FORCE: 1}
-    assert summary.foreign == 2
+    assert summary.foreign == 3
     assert summary.lost == 0 and summary.failure is None
     assert not summary.whole
     assert f'1 missing on {FORCE}, the first at tick 20' in summary.sentence()

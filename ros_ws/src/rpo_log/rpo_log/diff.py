@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -69,18 +68,56 @@ def _shown(value: float | None) -> str:
     return 'missing' if value is None else repr(value)
 
 
+class _Side:
+    """One of the two logs, read block by block.
+
+    last : last tick so far
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.reader = RunReader(path)
+        self.statuses: list[tuple[int, cdr.Status]] = []
+        self.last = -1
+        self.held: Block | None = None
+        self._blocks = self.reader.blocks()
+
+    def fill(self) -> Block | None:
+        """Return the ticks that were not taken yet, more if there are none; None at the end."""
+        while self.held is None or not len(self.held.ticks):
+            self.held = next(self._blocks, None)
+            if self.held is None:
+                return None
+            self.statuses.extend(self.held.statuses)
+        return self.held
+
+    def take(self, block: Block, ticks: NDArray[np.int64]) -> Block:
+        """Take the next ticks out of what `fill` returned; NaN for those that this log lacks."""
+        self.held = _after(block, int(ticks[-1]))
+        taken = block.ticks[: len(block.ticks) - len(self.held.ticks)]
+        self.last = int(taken[-1]) if len(taken) else self.last
+        return _at(block, ticks)
+
+    def drain(self) -> None:
+        """Read to the end."""
+        while (block := self.fill()) is not None:
+            self.last = int(block.ticks[-1])
+            self.held = None
+
+
 def diff(a: str | Path, b: str | Path) -> LogDiff:
     """Compare two logs tick by tick, bit for bit, in bounded memory; raises LogError."""
-    readers = RunReader(a), RunReader(b)
-    found = LogDiff((readers[0].path, readers[1].path))
-    _compare_heads(readers, found)
-    statuses: tuple[list[object], list[object]] = ([], [])
-    last = [0, 0]
-    for pair in _pairs(readers, statuses, last):
-        _compare_blocks(pair, found)
-    if last[0] != last[1]:
-        found.remarks.append(f'they end at ticks {last[0]} and {last[1]}')
-    if statuses[0] != statuses[1]:
+    left, right = _Side(a), _Side(b)
+    found = LogDiff((left.reader.path, right.reader.path))
+    _compare_heads((left.reader, right.reader), found)
+    while (one := left.fill()) is not None and (other := right.fill()) is not None:
+        upto = min(one.ticks[-1], other.ticks[-1])
+        ticks = np.union1d(one.ticks[one.ticks <= upto], other.ticks[other.ticks <= upto])
+        _compare_blocks((left.take(one, ticks), right.take(other, ticks)), found)
+    left.drain()
+    right.drain()
+    if left.last != right.last:
+        found.remarks.append(f'they end at ticks {left.last} and {right.last}')
+    if left.statuses != right.statuses:
         found.remarks.append(f'{topics.STATUS} differs')
     return found
 
@@ -95,38 +132,6 @@ def _compare_heads(readers: tuple[RunReader, RunReader], found: LogDiff) -> None
     for name in sorted({*a.attachments, *b.attachments}):
         if a.attachments.get(name) != b.attachments.get(name):
             found.remarks.append(f'{name} differs')
-
-
-def _pairs(
-    readers: tuple[RunReader, RunReader],
-    statuses: tuple[list[object], list[object]],
-    last: list[int],
-) -> Iterator[tuple[Block, Block]]:
-    """Yield both logs in pieces with the same ticks; a tick that one lacks is a piece of NaN."""
-    streams = [reader.blocks() for reader in readers]
-    held: list[Block | None] = [None, None]
-    while True:
-        for i, stream in enumerate(streams):
-            while held[i] is None or not len(held[i].ticks):  # type: ignore[union-attr]
-                block = next(stream, None)
-                if block is None:
-                    break
-                statuses[i].extend(block.statuses)
-                held[i] = block
-        a, b = held
-        if a is None or b is None or not len(a.ticks) or not len(b.ticks):
-            break
-        upto = min(a.ticks[-1], b.ticks[-1])
-        ticks = np.union1d(a.ticks[a.ticks <= upto], b.ticks[b.ticks <= upto])
-        yield _at(a, ticks), _at(b, ticks)
-        last[:] = [int(upto), int(upto)]
-        held = [_after(a, upto), _after(b, upto)]
-    for i, stream in enumerate(streams):
-        for block in [held[i], *stream]:
-            if block is not None and len(block.ticks):
-                last[i] = int(block.ticks[-1])
-                if block is not held[i]:
-                    statuses[i].extend(block.statuses)
 
 
 def _at(block: Block, ticks: NDArray[np.int64]) -> Block:

@@ -47,6 +47,7 @@ class LogError(InputError):
 
     kind : Kind
     path : Path, the file or folder concerned
+    sentence : what is wrong, without the path
     """
 
     exit_code = ExitCode.BAD_INPUT
@@ -54,4 +55,5 @@ class LogError(InputError):
     def __init__(self, kind: Kind, path: str | Path, sentence: str) -> None:
         super().__init__(f'{path}: {sentence}')
         self.kind = kind
+        self.sentence = sentence
         self.path = Path(path)

@@ -118,7 +118,7 @@ class _Source:
             try:
                 yield list(self._messages(record))
             except LogError as error:
-                self.damage = _why(error)
+                self.damage = error.sentence
                 self.lost_chunks += 1
 
     def records(self) -> Iterator[Record]:
@@ -129,7 +129,7 @@ class _Source:
             try:
                 self._learn(record)
             except LogError as error:  # what it says may be said again in the summary
-                self.damage = _why(error)
+                self.damage = error.sentence
                 continue
             yield record
         self.damage = scan.damage or self.damage
@@ -153,10 +153,6 @@ class _Source:
         elif record.opcode == Opcode.CHANNEL:
             channel = parse(self.path, record, Channel.read)
             self.channels[channel.id] = channel
-
-
-def _why(error: LogError) -> str:
-    return str(error).partition(': ')[2]
 
 
 def examine(path: Path) -> FileRepair:

@@ -204,7 +204,7 @@ class RunReader:
                 except LogError as error:
                     if any(_is_sound(scan.path, rest) for rest in records) or not scan.damage:
                         raise
-                    scan.damage = str(error).partition(': ')[2]
+                    scan.damage = error.sentence
 
     def _alike(
         self, path: Path, decoder: SlowDecoder, chunks: list[tuple[Record, bytes]]

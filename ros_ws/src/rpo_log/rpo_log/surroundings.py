@@ -39,12 +39,10 @@ class HealthLogWriter:
         definition = schemas.definition(HEALTH_TYPE)
         path = Path(folder) / HEALTH_FILE
         self._file = McapFile(path)
-        topic = rosbag2.BagTopic(name, HEALTH_TYPE, definition.type_hash, [Qos().to_document()])
+        self._name = name
+        self._stamps = (0, 0)
         try:
-            self._file.add_metadata(
-                rosbag2.RECORD,
-                rosbag2.record_values(rosbag2.metadata([topic], [rosbag2.BagFile(HEALTH_FILE)])),
-            )
+            self._add_rosbag2_record()
             schema = self._file.add_schema(HEALTH_TYPE, definition.text.encode())
             self._channel = self._file.add_channel(
                 name,
@@ -65,6 +63,7 @@ class HealthLogWriter:
             return
         try:
             self._file.add_message(self._channel, stamp_ns, self.messages, data)
+            self._stamps = (self._stamps[0] if self.messages else stamp_ns, stamp_ns)
             self.messages += 1
             now_s = time.monotonic()
             if now_s - self._closed_s >= CHUNK_S:
@@ -77,10 +76,19 @@ class HealthLogWriter:
         """End the file; never raises."""
         try:
             if self.failure is None:
+                self._add_rosbag2_record()
                 self._file.finish()
         except (OSError, LogError) as error:
             self.failure = getattr(error, 'strerror', None) or str(error)
         self._file.close()
+
+    def _add_rosbag2_record(self) -> None:
+        type_hash = schemas.definition(HEALTH_TYPE).type_hash
+        qos = [Qos().to_document()]
+        topic = rosbag2.BagTopic(self._name, HEALTH_TYPE, type_hash, qos, self.messages)
+        file = rosbag2.BagFile(HEALTH_FILE, *self._stamps, self.messages)
+        document = rosbag2.metadata([topic], [file])
+        self._file.add_metadata(rosbag2.RECORD, rosbag2.record_values(document))
 
 
 def machine_facts() -> dict[str, Any]:

@@ -78,9 +78,8 @@ class RunLogWriter:
 
         Its tick is that of its stamp; of a run_status, the value `tick`.
         """
-        topic = self.topics[self._indices[name]]
         try:
-            if topic.role == topics.STATUS:
+            if topics.role_of(name) == topics.STATUS:
                 tick = int(dict(cdr.decode_status(data).values)['tick'])
             else:
                 found = self.base.tick_of(cdr.stamp_ns(data))
@@ -92,15 +91,16 @@ class RunLogWriter:
     def write(self, name: str, tick: int, data: bytes) -> None:
         """Take one message of a tick, in any order; never raises.
 
-        Repeated ones are dropped; those of no tick of this run, or not of their type, are foreign.
+        Repeated ones are dropped. Those of no tick of this run, not of their type, or of a topic
+        that is not recorded, are foreign.
         """
-        index = self._indices[name]
         if self.failure is not None or self._closed:
             self._unwanted += 1
             return
         try:
+            index = self._indices[name]
             data = cdr.canonical(self.topics[index].type, data)
-        except cdr.CdrError:
+        except (KeyError, cdr.CdrError):  # not recorded, or not of its type
             tick = -1
         if not 0 <= tick <= self.base.last_tick:
             self._foreign += 1
