@@ -220,7 +220,8 @@ class _Progress:
                 print(text, flush=True)
         elif line.startswith('Installing collected packages'):
             self.end()
-            print('  unpacking', flush=True)
+            if self._total > 10:
+                print('  unpacking', flush=True)
 
     def end(self) -> None:
         """Leave the counting line."""
