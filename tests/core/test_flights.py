@@ -57,10 +57,11 @@ def test_a_flight_is_another_implementations(handmade, paper_test):
     a_d, b_d = block[:6, :6], block[:6, 6:]
     flight = fly(short, handmade)
     state, n = np.array(short.start), short.mean_motion_rad_s
+    position_scale, velocity_scale, force_scale = handmade.scales
     for tick in range(short.ticks + 1):
         np.testing.assert_allclose(flight.states[tick], state, rtol=0, atol=1e-10)
-        errors = np.clip([-state[:3] / 70.0, -state[3:] / 0.9], -1, 1)
-        force = [0.5 * mamdani(handmade.system, e, v) for e, v in errors.T]
+        errors = np.clip([-state[:3] / position_scale, -state[3:] / velocity_scale], -1, 1)
+        force = [force_scale * mamdani(handmade.system, e, v) for e, v in errors.T]
         np.testing.assert_allclose(flight.forces_n[tick], force, rtol=0, atol=1e-10)
         angle = np.pi * n * tick * 0.5
         push = [-1.1 * np.cos(angle), -2.2 * np.sin(angle) + np.pi / 3, 1.4 * np.cos(angle)]

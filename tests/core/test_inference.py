@@ -231,6 +231,23 @@ def test_table_flags_are_what_they_say(rules):
     assert rules.is_monotone == all(rising)
 
 
+def test_a_table_must_rise_along_both_errors():
+    rising = np.tile(np.arange(5), (5, 1))
+    assert RuleTable.from_codes(rising).is_monotone
+    assert RuleTable.from_codes(rising.T).is_monotone
+    assert not RuleTable.from_codes(rising[:, ::-1]).is_monotone
+    assert not RuleTable.from_codes(rising.T[::-1]).is_monotone
+
+
+@given(*[st.floats(-300, 300)] * 3, *[st.floats(-3, 3)] * 3)
+def test_controller_scales_and_saturates_each_axis(handmade, x, y, z, vx, vy, vz):
+    position_scale, velocity_scale, force_scale = handmade.scales
+    forces = handmade.force_n((x, y, z), (vx, vy, vz))
+    for force, r, v in zip(forces, (x, y, z), (vx, vy, vz), strict=True):
+        e, de = np.clip([-r / position_scale, -v / velocity_scale], -1, 1)
+        assert force == pytest.approx(force_scale * mamdani(handmade.system, e, de), abs=1e-14)
+
+
 GOOD = [0.5, 0.0, 0.5, 1.0, 0.5] * 3 + [3.0] * 15
 
 
