@@ -6,7 +6,10 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterable
+import resource
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -157,3 +160,16 @@ def _copy(file, record, schemas, channels, change: Change) -> None:
         data = change(topic, record.sequence, record.data)
         if data is not None:
             file.add_message(number, record.log_time, record.sequence, data)
+
+
+@contextmanager
+def file_size_limit(size: int) -> Iterator[None]:
+    """Let no file grow beyond `size`: what a full disk does, for this process alone."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)

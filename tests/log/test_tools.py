@@ -12,9 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
 from mcap.reader import make_reader
-from test_writer import file_size_limit
 
 from rpo_log import cdr, stream
 from rpo_log.diff import diff

@@ -5,17 +5,14 @@
 from __future__ import annotations
 
 import hashlib
-import resource
 import shutil
-import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
-from log_runs import FORCE, STATE, STATUS, TOPICS, make_run
+from log_runs import FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
 
 from rpo_log import cdr
 from rpo_log.errors import Kind, LogError
@@ -153,19 +150,6 @@ def test_messages_after_the_end_are_counted(short_run, tmp_path):
     first = writer.close()
     writer.write(*short_run.messages[0])
     assert writer.close().lost == first.lost + 1
-
-
-@contextmanager
-def file_size_limit(size: int):
-    """Let no file grow beyond `size`: what a full disk does, for this process alone."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
 
 
 @pytest.mark.parametrize('size', [20_000, 40_001, 70_003])

@@ -19,6 +19,7 @@ from rpo_log import cdr, rosbag2, topics
 from rpo_log.bag_file import BagFileWriter, bag_topics
 from rpo_log.errors import LogError
 from rpo_log.orderer import TickOrderer
+from rpo_log.rosbag2 import BagFile
 from rpo_log.run import METADATA_FILE, RunSummary, TimeBase, cannot_write, prepare_folder
 
 SYNC_INTERVAL_S = 1.0
@@ -60,7 +61,7 @@ class RunLogWriter:
         self._attachments = dict(sorted(attachments.items()))
         self._split_ticks = round(split_s * _NS) // base.dt_ns
         self._split_bytes = split_bytes
-        self._finished: list[BagFileWriter] = []
+        self._finished: list[tuple[BagFile, list[int]]] = []
         self._foreign = self._unwanted = 0
         self._closed = False
         self._synced_s = time.monotonic()
@@ -136,7 +137,7 @@ class RunLogWriter:
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
         return RunSummary(
-            files=tuple(file.entry.path for file in self._files()),
+            files=tuple(entry.path for entry, _ in self._files()),
             messages=dict(zip(counts, logged, strict=True)),
             missing={
                 name: (c.missing, c.first_missing or 0) for name, c in counts.items() if c.missing
@@ -149,13 +150,12 @@ class RunLogWriter:
             failure=self.failure,
         )
 
-    def _files(self) -> list[BagFileWriter]:
-        return [*self._finished, self._file]
+    def _files(self) -> list[tuple[BagFile, list[int]]]:
+        """Each file as rosbag2 describes it, and its messages per topic."""
+        return [*self._finished, (self._file.entry, self._file.counts)]
 
     def _logged(self) -> list[int]:
-        return [
-            sum(column) for column in zip(*(file.counts for file in self._files()), strict=True)
-        ]
+        return [sum(c) for c in zip(*(counts for _, counts in self._files()), strict=True)]
 
     def _begin_file(self, number: int, ticks_before: int) -> BagFileWriter:
         split = self._split_ticks > 0 or self._split_bytes > 0
@@ -174,7 +174,7 @@ class RunLogWriter:
             file.finish()
             file.close()
             following = self._begin_file(len(self._finished) + 1, file.ticks)
-            self._finished.append(file)
+            self._finished.append((file.entry, file.counts))
             self._file = file = following
         file.add_tick(tick, messages)
         now_s = time.monotonic()
@@ -188,7 +188,7 @@ class RunLogWriter:
     def _write_metadata_yaml(self) -> None:
         """Write the file whole or not at all."""
         document = rosbag2.metadata(
-            bag_topics(self.topics, self._logged()), [file.entry for file in self._files()]
+            bag_topics(self.topics, self._logged()), [entry for entry, _ in self._files()]
         )
         path = self.folder / METADATA_FILE
         draft = path.with_suffix('.part')
