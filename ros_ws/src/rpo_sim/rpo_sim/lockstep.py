@@ -98,18 +98,20 @@ class LockstepPlant:
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
 
     def _account(self, command: tuple[float, float, float]) -> None:
-        applied = [kernels.saturate(force, self._limit) for force in command]
-        self.saturated_ticks += applied != list(command)
-        self.energy_n2s += sum(force * force for force in applied) * self.scenario.dt_s
+        limit = self._limit
+        x, y, z = (kernels.saturate(force, limit) for force in command)
+        self.saturated_ticks += (x, y, z) != command
+        # Neither sum() nor hypot(): they round differently from one Python to another.
+        self.energy_n2s += (x * x + y * y + z * z) * self.scenario.dt_s
 
     def figures(self) -> dict[str, float | int]:
         """Return the run's figures so far: simulated facts only."""
-        position, velocity = self.state[:3], self.state[3:]
+        x, y, z, vx, vy, vz = self.state
         return {
             'tick': self.tick,
             'time_s': self.scenario.time_s(self.tick),
             'energy_n2s': self.energy_n2s,
-            'distance_m': math.hypot(*position),
-            'speed_m_s': math.hypot(*velocity),
+            'distance_m': math.sqrt(x * x + y * y + z * z),
+            'speed_m_s': math.sqrt(vx * vx + vy * vy + vz * vz),
             'saturated_ticks': self.saturated_ticks,
         }
