@@ -1,0 +1,239 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo explain`."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_core.controller import DEFAULT_CONTROLLER
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rpo_core.certificate import Certificate
+    from rpo_core.controller import FuzzyController
+    from rpo_core.explain import Decision
+
+EXAMPLES = """
+Examples: `rpo explain handmade` | `rpo explain handmade --certify` |
+`rpo explain runs/first --at 37.5` | `rpo explain --state 10,60,-40,0,0,0` |
+`rpo explain --state=-5,0,0,0.02,0,0 --controller mine.yaml`
+"""
+
+
+def explain(
+    target: Annotated[
+        str, typer.Argument(help='controller (shipped name or file), or run (folder or .mcap)')
+    ] = '',
+    at: Annotated[float | None, typer.Option(help='time in a run [s]')] = None,
+    state: Annotated[
+        str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state [m, m/s], target LVLH')
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(help=f'controller that a state is given to  [{DEFAULT_CONTROLLER}]'),
+    ] = None,
+    certify: Annotated[
+        bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
+    ] = False,
+) -> None:
+    """Say in words why the controller fires: its rules, or one decision of a run or a state."""
+    from rich.console import Console
+
+    from rpo_core.controller import load_controller
+    from rpo_core.explain import decisions, state_of
+    from rpo_core.validation import InputError
+
+    console = Console()
+    if state is not None:
+        if target or at is not None or certify:
+            raise InputError('`--state` goes with `--controller` alone')
+        loaded = load_controller(controller or DEFAULT_CONTROLLER)
+        _print_decisions(console, decisions(loaded, state_of(state)))
+        return
+    if controller is not None:
+        raise InputError('`--controller` goes with `--state`; a run carries its own')
+    if at is not None:
+        if certify or not target:
+            raise InputError('`--at` needs a run, and nothing else')
+        _explain_run(console, target, at)
+        return
+    if not target:
+        raise InputError('say what to explain: a controller, a run with --at, or --state')
+    if os.path.isdir(target) or target.endswith('.mcap'):
+        raise InputError(f'{target}: say which instant of the run, like --at 37.5')
+    _explain_controller(console, load_controller(target), certify)
+
+
+def _explain_run(console: Console, path: str, at: float) -> None:
+    """Print the decisions at the tick at or before a time, and check them against the log."""
+    import math
+
+    import numpy as np
+
+    from rpo_core.explain import decisions
+    from rpo_core.validation import InputError
+    from rpo_log.reader import controller_of, read_run
+
+    log = read_run(path)
+    times = log.times_s
+    if not (math.isfinite(at) and times[0] <= at <= times[-1]):
+        raise InputError(
+            f'`--at` must be within the log, {times[0]:g} to {times[-1]:g} s; got {at:g}'
+        )
+    row = int(np.searchsorted(times, at + 1e-9, side='right')) - 1
+    if not np.isfinite(log.states[row]).all():
+        raise InputError(f'{path}: has no state at {times[row]:g} s')
+    found = decisions(controller_of(log), log.states[row].tolist())
+    console.print(f'{path}, tick {int(log.ticks[row])}, {times[row]:g} s', highlight=False)
+    _print_decisions(console, found)
+    logged, same = log.forces_n[row], tuple(decision.force_n for decision in found)
+    if not np.isfinite(logged).all():
+        console.print('The log holds no force for this tick.')
+    elif tuple(logged.tolist()) == same:
+        console.print('The logged force is the same, bit for bit.')
+    else:
+        console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
+        raise typer.Exit(1)
+
+
+def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
+    from rich.table import Table
+
+    for decision in found:
+        saturated = ' (saturated)'
+        console.print(
+            f'\n[bold]{decision.axis}[/bold]: position {decision.position_m:g} m, velocity '
+            f'{decision.velocity_m_s:g} m/s; position error {decision.position_error:.4f}'
+            f'{saturated if decision.position_saturated else ""}, velocity error '
+            f'{decision.velocity_error:.4f}{saturated if decision.velocity_saturated else ""}',
+            highlight=False,
+            soft_wrap=True,
+        )
+        console.print(decision.sentence, highlight=False, soft_wrap=True)
+        table = Table('position error', 'velocity error', 'force', 'strength', '')
+        for rule in decision.rules:
+            grades = (
+                _graded(rule.position, decision.position_grades),
+                _graded(rule.velocity, decision.velocity_grades),
+            )
+            note = 'decides' if rule.decides else ''
+            table.add_row(*grades, rule.force, f'{rule.strength:.4f}', note)
+        console.print(table)
+        strengths = ', '.join(_all_graded(decision.strengths)) or 'none'
+        console.print(
+            f'force words: {strengths} → centroid {decision.output:.4f} → {decision.force_n:.6f} N',
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def _graded(word: str, grades: tuple[float, ...]) -> str:
+    from rpo_core.fuzzy import WORDS
+
+    return f'{word} {grades[WORDS.index(word)]:.4f}'
+
+
+def _all_graded(grades: tuple[float, ...]) -> list[str]:
+    from rpo_core.fuzzy import WORDS
+
+    return [f'{word} {g:.4f}' for word, g in zip(WORDS, grades, strict=True) if g > 0.0]
+
+
+def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> None:
+    from rpo_core.certificate import certify as examine
+    from rpo_core.explain import warnings
+
+    position, velocity, force = controller.scales
+    console.print(f'[bold]{controller.name}[/bold]: {controller.description}', highlight=False)
+    console.print(
+        f'An error of 1 is {position:g} m of position, {velocity:g} m/s of velocity; '
+        f'a force of 1 is {force:g} N. {controller.system.samples} samples.',
+        highlight=False,
+    )
+    console.print(_rules(controller))
+    console.print(_functions(controller))
+    found = warnings(controller.system)
+    for warning in found:
+        console.print(f'[yellow]warning[/yellow]: {warning}', highlight=False, soft_wrap=True)
+    if not found:
+        console.print('No warnings: every rule decides somewhere, no hole, the rules are monotone.')
+    if certify:
+        certificate = examine(controller.system)
+        _print_certificate(console, controller, certificate)
+        if not certificate.holds:
+            raise typer.Exit(1)
+
+
+def _rules(controller: FuzzyController) -> Table:
+    from rich.table import Table
+
+    from rpo_core.explain import SPOKEN, activities
+    from rpo_core.fuzzy import WORDS
+
+    table = Table(title='Rules: force', title_justify='left')
+    table.add_column('velocity error ↓  position error →')
+    shares = activities(controller.system)
+    for word in WORDS:
+        table.add_column(word, justify='right')
+    for row, word in enumerate(WORDS):
+        cells = shares[5 * row : 5 * row + 5]
+        table.add_row(
+            f'{word} ({SPOKEN[word]})', *(f'{cell.force} {cell.decides:4.0%}' for cell in cells)
+        )
+    table.caption = 'percent of the input square where the rule decides its word'
+    return table
+
+
+def _functions(controller: FuzzyController) -> Table:
+    from rich.table import Table
+
+    from rpo_training.export.parts import variables
+
+    table = Table(title='Membership functions: left foot, peak, right foot', title_justify='left')
+    units = ('m', 'm/s', 'N')
+    table.add_column('word')
+    parts = variables(controller)
+    for part, unit in zip(parts, units, strict=True):
+        table.add_column(f'{part.name.replace("_", " ")} [{unit}]'.replace('[', r'\['))
+    for terms in zip(*(part.terms for part in parts), strict=True):
+        cells = [
+            ', '.join(f'{scale * x:.4g}' if abs(x) <= 1.0 else '–' for x in feet)
+            for (_, feet), scale in zip(terms, controller.scales, strict=True)
+        ]
+        table.add_row(terms[0][0], *cells)
+    return table
+
+
+def _print_certificate(
+    console: Console, controller: FuzzyController, certificate: Certificate
+) -> None:
+    from rich.table import Table
+
+    marks = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
+    table = Table(title='Certificate over the whole input square', title_justify='left')
+    for heading in ('claim', 'verdict', 'statement', 'found at (e, v) → u'):
+        table.add_column(heading, overflow='fold')
+    for claim in certificate.claims:
+        points = '\n'.join(
+            f'({p.position_error!r}, {p.velocity_error!r}) → {p.output!r}' for p in claim.points
+        )
+        color = marks[claim.verdict]
+        table.add_row(claim.name, f'[{color}]{claim.verdict}[/{color}]', claim.statement, points)
+    console.print(table)
+    position, velocity, force = controller.scales
+    by_name = {claim.name: claim for claim in certificate.claims}
+    console.print(
+        f'In units: |force| <= {by_name["output"].bound * force:.4g} N; at most '
+        f'{by_name["slope in position error"].bound * force / position:.4g} N/m and '
+        f'{by_name["slope in velocity error"].bound * force / velocity:.4g} N/(m/s).\n'
+        f'{certificate.boxes} boxes; the kernel is within {certificate.rounding:.1e} of the exact '
+        f'surface. The certificate {"holds" if certificate.holds else "FAILS"}.',
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -1,0 +1,42 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXAMPLES = """
+Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output force.c` |
+`rpo export mine.yaml --to python --output -`
+"""
+
+
+def export(
+    controller: Annotated[str, typer.Argument(help='shipped name or file')],
+    to: Annotated[str, typer.Option(help='fis, fll, fcl, json, python or c')],
+    output: Annotated[
+        Path | None,
+        typer.Option('--output', '-o', help='file, - for the terminal  [NAME.SUFFIX]'),
+    ] = None,
+) -> None:
+    """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.
+
+    The Python and the C function need nothing else, and give the bits of the flown controller.
+    """
+    from rpo_core.controller import load_controller
+    from rpo_training.export import SUFFIXES, text_of
+    from rpo_training.export.parts import identifier
+    from rpo_training.importing import write
+
+    loaded = load_controller(controller)
+    text = text_of(loaded, to)
+    if output == Path('-'):
+        typer.echo(text, nl=False)
+        return
+    path = output or Path(identifier(loaded.name) + SUFFIXES[to])
+    write(path, text)
+    typer.echo(path)

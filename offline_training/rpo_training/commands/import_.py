@@ -1,0 +1,41 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo import`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXAMPLES = """
+Examples: `rpo import handmade.fis --output mine.yaml` |
+`rpo import tuned.fll -o tuned.yaml --position-scale 70 --velocity-scale 0.9 --force-scale 0.5`
+"""
+
+_HELP = 'that errors (force) of 1 stand for, if the file does not say'
+
+
+def import_controller(
+    file: Annotated[Path, typer.Argument(help='.fis or .fll file')],
+    output: Annotated[Path, typer.Option('--output', '-o', help='controller file to write')],
+    position_scale: Annotated[float | None, typer.Option(help=f'metres {_HELP}')] = None,
+    velocity_scale: Annotated[float | None, typer.Option(help=f'm/s {_HELP}')] = None,
+    force_scale: Annotated[float | None, typer.Option(help=f'newtons {_HELP}')] = None,
+) -> None:
+    """Make a controller file of a MATLAB .fis or FuzzyLite .fll file of the paper's shape.
+
+    Two inputs and one output of five mirrored triangles each, 25 rules, min-max, centroid.
+    """
+    from dataclasses import replace
+
+    from rpo_core.controller import dumps
+    from rpo_core.explain import warnings
+    from rpo_training.importing import load, write
+
+    loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
+    write(output, dumps(loaded))
+    for warning in warnings(loaded.system):
+        typer.echo(f'warning: {warning}', err=True)
+    typer.echo(output)

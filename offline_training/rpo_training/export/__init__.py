@@ -1,0 +1,29 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A controller in the formats of other tools, and as source code without dependencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rpo_core.controller import FuzzyController
+from rpo_core.validation import choice
+from rpo_training.export import c, fcl, fis, fll, json, python
+
+FORMATS: dict[str, Callable[[FuzzyController], str]] = {
+    'fis': fis.text,
+    'fll': fll.text,
+    'fcl': fcl.text,
+    'json': json.text,
+    'python': python.text,
+    'c': c.text,
+}
+"""MATLAB, FuzzyLite, IEC 61131-7; JSON; Python and C99 functions with the bits of the kernels."""
+
+SUFFIXES = {'python': '.py', **{name: f'.{name}' for name in FORMATS if name != 'python'}}
+"""File name suffix of each format."""
+
+
+def text_of(controller: FuzzyController, name: str) -> str:
+    """Return a controller in one of `FORMATS`; raises InputError."""
+    return FORMATS[choice('--to', name, FORMATS)](controller)

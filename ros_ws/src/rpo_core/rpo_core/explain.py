@@ -1,0 +1,291 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Why the controller fires: one axis's decision in tables and words; what a rule base lacks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rpo_core import kernels, surface
+from rpo_core.controller import FuzzyController
+from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
+from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S
+from rpo_core.validation import InputError, real
+
+AXES = ('x', 'y', 'z')
+
+SPOKEN = {
+    'LN': 'large negative',
+    'SN': 'small negative',
+    'Z': 'zero',
+    'SP': 'small positive',
+    'LP': 'large positive',
+}
+"""The words as a sentence says them."""
+
+STATE = ('x', 'y', 'z', 'vx', 'vy', 'vz')
+
+
+@dataclass(frozen=True)
+class FiredRule:
+    """If the velocity error is `velocity` and the position error is `position`, force is `force`.
+
+    strength : the lesser of the two grades, in (0, 1]
+    decides : whether no rule with the same consequent is stronger
+    """
+
+    position: str
+    velocity: str
+    force: str
+    strength: float
+    decides: bool
+
+    @property
+    def sentence(self) -> str:
+        """The rule in words, with its strength."""
+        return (
+            f'position error is {SPOKEN[self.position]} and velocity error is '
+            f'{SPOKEN[self.velocity]} → force {SPOKEN[self.force]}, {self.strength:.2f}'
+        )
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the controller decided on one axis.
+
+    position_m, velocity_m_s : of the chaser, target LVLH
+    position_error, velocity_error : normalised, saturated to [-1, 1]
+    position_saturated, velocity_saturated : whether the error was beyond its scale
+    position_grades, velocity_grades : (5,) memberships, in the order of `WORDS`
+    rules : that fire, the strongest first
+    strengths : (5,) of the output words, in the order of `WORDS`
+    output : normalised force
+    force_n : commanded force
+    """
+
+    axis: str
+    position_m: float
+    velocity_m_s: float
+    position_error: float
+    velocity_error: float
+    position_saturated: bool
+    velocity_saturated: bool
+    position_grades: kernels.Five
+    velocity_grades: kernels.Five
+    rules: tuple[FiredRule, ...]
+    strengths: kernels.Five
+    output: float
+    force_n: float
+
+    @property
+    def sentence(self) -> str:
+        """The strongest rule in words; those that tie with it are left to the table."""
+        return self.rules[0].sentence if self.rules else 'no rule fires → no force, 0.00'
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the decision as plain names, numbers, texts and lists, to be published."""
+        data = asdict(self)
+        for name in ('position_grades', 'velocity_grades', 'strengths'):
+            data[name] = dict(zip(WORDS, data[name], strict=True))
+        return {**data, 'rules': list(data['rules']), 'sentence': self.sentence}
+
+
+def decide(
+    controller: FuzzyController, position_m: float, velocity_m_s: float, axis: str = ''
+) -> Decision:
+    """Return the decision on one axis of a finite position [m] and velocity [m/s], target LVLH."""
+    system, tables = controller.system, controller.system.tables
+    errors = (
+        -position_m / controller.position_scale_m,
+        -velocity_m_s / controller.velocity_scale_m_s,
+    )
+    e, v = (kernels.saturate(error, 1.0) for error in errors)
+    position = kernels.memberships(e, tables.position)
+    velocity = kernels.memberships(v, tables.velocity)
+    strengths = kernels.fire_rules(position, velocity, tables.rules)
+    return Decision(
+        axis=axis,
+        position_m=position_m,
+        velocity_m_s=velocity_m_s,
+        position_error=e,
+        velocity_error=v,
+        position_saturated=abs(errors[0]) > 1.0,
+        velocity_saturated=abs(errors[1]) > 1.0,
+        position_grades=_floats(position),
+        velocity_grades=_floats(velocity),
+        rules=_fired(system, position, velocity, strengths),
+        strengths=_floats(strengths),
+        output=float(kernels.centroid(strengths, tables)),
+        force_n=float(kernels.axis_force(position_m, velocity_m_s, *controller.scales, tables)),
+    )
+
+
+def _floats(five: kernels.Five) -> kernels.Five:
+    ln, sn, z, sp, lp = (float(value) for value in five)
+    return ln, sn, z, sp, lp
+
+
+def _fired(
+    system: FuzzySystem, position: kernels.Five, velocity: kernels.Five, strengths: kernels.Five
+) -> tuple[FiredRule, ...]:
+    fired = []
+    for row, velocity_word in enumerate(WORDS):
+        for column, position_word in enumerate(WORDS):
+            strength = float(min(position[column], velocity[row]))
+            word = system.rules.words[row][column]
+            if strength > 0.0:
+                decides = strength == strengths[WORDS.index(word)]
+                fired.append(FiredRule(position_word, velocity_word, word, strength, decides))
+    return tuple(sorted(fired, key=lambda rule: -rule.strength))
+
+
+def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Decision, ...]:
+    """Return the decisions of the three axes in a state (6,): x, y, z [m], vx, vy, vz [m/s].
+
+    Raises
+    ------
+    InputError
+        If the state is not six finite numbers in the domain of the scenarios.
+    """
+    if len(state) != 6:
+        raise InputError(f'`state` must be 6 numbers {",".join(STATE)}; got {len(state)}')
+    values = [
+        real(name, float(value), unit, least=-bound, most=bound)
+        for name, value, (unit, bound) in zip(
+            STATE,
+            state,
+            [('m', MAX_POSITION_M)] * 3 + [('m/s', MAX_VELOCITY_M_S)] * 3,
+            strict=True,
+        )
+    ]
+    return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
+
+
+def holes(functions: MembershipFunctions) -> tuple[tuple[float, float], ...]:
+    """Return the intervals of |x| in [0, 1] where no word has membership; exact.
+
+    An interval may be a single point. The negative side mirrors the positive.
+    """
+    f = functions
+    points = np.unique([*np.clip(astuple(f), 0.0, 1.0), 0.0, 1.0])
+    bare = [
+        (float(a), float(b)) for a, b in pairwise(points) if not functions.grades((a + b) / 2).any()
+    ]
+    bare += [(float(p), float(p)) for p in points if not functions.grades(p).any()]
+    merged: list[tuple[float, float]] = []
+    for low, high in sorted(bare):
+        if merged and low <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(high, merged[-1][1])
+        else:
+            merged.append((low, high))
+    return tuple(merged)
+
+
+@dataclass(frozen=True)
+class Activity:
+    """Where a rule acts, as shares of the input square (of a grid that holds every breakpoint).
+
+    fires : strength > 0
+    decides : and no other rule with the same consequent is as strong
+    """
+
+    position: str
+    velocity: str
+    force: str
+    fires: float
+    decides: float
+
+
+GRID = 1 / 100
+"""Widest step of the grid on which `activities` counts."""
+
+
+def activities(system: FuzzySystem) -> tuple[Activity, ...]:
+    """Return the activity of the 25 rules, row by row of the table."""
+    e = surface.divided(surface.breakpoints(system.position), GRID)
+    v = surface.divided(surface.breakpoints(system.velocity), GRID)
+    position, velocity = system.position.grades(e).T, system.velocity.grades(v).T
+    codes = system.rules.codes
+    strengths = {
+        (i, j): np.minimum(velocity[i][:, None], position[j]) for i in range(5) for j in range(5)
+    }
+    found = []
+    for (i, j), own in strengths.items():
+        rivals = [strengths[k] for k in strengths if k != (i, j) and codes[k] == codes[i, j]]
+        rival = np.maximum.reduce(rivals) if rivals else np.zeros_like(own)
+        word = WORDS[codes[i, j]]
+        fires, decides = float((own > 0.0).mean()), float((own > rival).mean())
+        found.append(Activity(WORDS[j], WORDS[i], word, fires, decides))
+    return tuple(found)
+
+
+def warnings(system: FuzzySystem) -> tuple[str, ...]:
+    """Return what a designer should know of a rule base, a sentence each; empty if all is well."""
+    return (*_hole_warnings(system), *_rule_warnings(system), *_order_warnings(system))
+
+
+def _hole_warnings(system: FuzzySystem) -> list[str]:
+    found = []
+    for name, functions in (('position', system.position), ('velocity', system.velocity)):
+        for low, high in holes(functions):
+            place = f'is {low:g}' if low == high else f'is between {low:g} and {high:g}'
+            found.append(
+                f'hole in coverage: no word fits a {name} error whose size {place}; '
+                'no rule fires there, and the force is 0'
+            )
+    tables = system.tables
+    for grades, words in ((tables.sp, 'SN and SP'), (tables.lp, 'LN and LP')):
+        if not any(grades):
+            found.append(
+                f'force words {words} fall between the output samples: they have no effect'
+            )
+    return found
+
+
+def _rule_warnings(system: FuzzySystem) -> list[str]:
+    found = []
+    for rule in activities(system):
+        place = f'rule (velocity {rule.velocity}, position {rule.position}) → {rule.force}'
+        if rule.fires == 0.0:
+            found.append(f'{place} never fires')
+        elif rule.decides == 0.0:
+            found.append(f'{place} never decides: others that say {rule.force} are as strong')
+    return found
+
+
+def _order_warnings(system: FuzzySystem) -> list[str]:
+    found = []
+    words, codes = system.rules.words, system.rules.codes
+    for i in range(5):
+        for j in range(5):
+            for other, k, m in (('position', i, j + 1), ('velocity', i + 1, j)):
+                if k < 5 and m < 5 and codes[k, m] < codes[i, j]:
+                    found.append(
+                        f'not monotone: as the {other} error grows from (velocity {WORDS[i]}, '
+                        f'position {WORDS[j]}) to (velocity {WORDS[k]}, position {WORDS[m]}), '
+                        f'the force falls from {words[i][j]} to {words[k][m]}'
+                    )
+    for name, functions in (('position', system.position), ('velocity', system.velocity)):
+        if not surface.is_continuous(functions):
+            found.append(f'{name} word SP has a vertical edge: the force jumps there')
+    return found
+
+
+def state_of(text: str) -> tuple[float, ...]:
+    """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
+    parts = text.split(',')
+    try:
+        values = tuple(float(part) for part in parts)
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise InputError(
+            f'`state` must be 6 finite numbers {",".join(STATE)} in m and m/s; got {text!r}'
+        )
+    return values
