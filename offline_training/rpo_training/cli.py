@@ -11,7 +11,18 @@ from typer.core import TyperGroup
 
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
-from rpo_training.commands import bench, evaluate, log, optimal, simulate, train
+from rpo_training.commands import (
+    bench,
+    campaign,
+    evaluate,
+    explain,
+    export,
+    import_,
+    log,
+    optimal,
+    simulate,
+    train,
+)
 
 
 class _Commands(TyperGroup):
@@ -37,6 +48,10 @@ app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
+app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
+app.command(epilog=explain.EXAMPLES)(explain.explain)
+app.command(epilog=export.EXAMPLES)(export.export)
+app.command('import', epilog=import_.EXAMPLES)(import_.import_controller)
 app.add_typer(log.log, name='log')
 app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)

@@ -1,0 +1,296 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration of a campaign: what is flown, what is dispersed by how much, what success means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from rpo_core import files
+from rpo_core.controller import FuzzyController
+from rpo_core.controller import parse as parse_controller
+from rpo_core.disturbance import Disturbance
+from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.scenario import parse as parse_scenario
+from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
+
+SCHEMA = 'rpo/campaign/1'
+
+SAMPLINGS = ('latin_hypercube', 'random')
+"""Blocks of 1000 runs, each a Latin hypercube; or every run by itself."""
+
+CUT = 3.0
+"""Normal dispersions are cut at so many standard deviations."""
+
+MAX_RUNS = 100_000_000
+
+
+class Kind(NamedTuple):
+    """A quantity that can be dispersed; `most` is the largest deviation that makes sense."""
+
+    components: int
+    unit: str
+    distributions: tuple[str, ...]
+    most: float
+
+
+_SPREADS = ('uniform', 'normal')
+KINDS = {
+    'initial_position_m': Kind(3, 'm', _SPREADS, 1e4),
+    'initial_velocity_m_s': Kind(3, 'm/s', _SPREADS, 1e2),
+    'mass_share': Kind(1, '', _SPREADS, 0.99),
+    'thrust_share': Kind(3, '', _SPREADS, 1.0),
+    'misalignment_deg': Kind(3, 'deg', _SPREADS, 90.0),
+    'navigation_position_bias_m': Kind(3, 'm', _SPREADS, 1e4),
+    'navigation_velocity_bias_m_s': Kind(3, 'm/s', _SPREADS, 1e2),
+    'disturbance_amplitude_share': Kind(1, '', _SPREADS, 1e3),
+    'disturbance_phase_rad': Kind(1, 'rad', _SPREADS, 10.0),
+    'disturbance_frequency_share': Kind(1, '', _SPREADS, 1e3),
+    'orbit_altitude_m': Kind(1, 'm', _SPREADS, 1e8),
+    'delay_ticks': Kind(1, 'ticks', ('whole',), 1000),
+    'navigation_position_noise_m': Kind(1, 'm', ('white',), 1e4),
+    'navigation_velocity_noise_m_s': Kind(1, 'm/s', ('white',), 1e2),
+}
+"""What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
+
+FIGURES = {
+    'energy_n2s': 'N^2 s',
+    'arrival_speed_m_s': 'm/s',
+    'slew_n_s': 'N/s',
+    'arrival_distance_m': 'm',
+    'late_position_m': 'm',
+    'late_velocity_m_s': 'm/s',
+    'late_force_n': 'N',
+    'arrival_time_s': 's',
+    'delta_v_m_s': 'm/s',
+}
+"""Figures of a run, the smaller the better: those of `rpo_core.metrics` over the forces flown, the
+largest values of an axis over the last 200 s, the time after which every axis stays within 0.5 m,
+and the integral of |f_x| + |f_y| + |f_z| over the mass."""
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """How one quantity deviates from the scenario's.
+
+    distribution : 'uniform', within +- spread; 'normal', spread = 1 sigma, cut at 3 sigma; 'whole',
+        0..spread with equal chance; 'white', noise of 1 sigma = spread, new at each tick
+    spread : one number per component
+    """
+
+    distribution: str
+    spread: tuple[float, ...]
+
+    @property
+    def extreme(self) -> tuple[float, ...]:
+        """Largest deviation of each component."""
+        return tuple(s * (CUT if self.distribution == 'normal' else 1.0) for s in self.spread)
+
+
+@dataclass(frozen=True)
+class CampaignConfig:
+    """All that decides the outcome of a campaign, but the scenario and the controller themselves.
+
+    success : figure -> limit; a run succeeds that keeps them all
+    """
+
+    name: str
+    scenario: str
+    controller: str
+    runs: int
+    seed: int
+    sampling: str
+    dispersions: Mapping[str, Dispersion]
+    success: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        text('name', self.name)
+        if not self.name.replace('_', '').replace('-', '').isalnum():
+            raise InputError(
+                f'`name` must be letters, digits, - and _, to name a folder; got {shown(self.name)}'
+            )
+        text('scenario', self.scenario)
+        text('controller', self.controller)
+        whole('runs', self.runs, least=1, most=MAX_RUNS)
+        whole('seed', self.seed, least=0, most=2**63 - 1)
+        choice('sampling', self.sampling, SAMPLINGS)
+
+    def spread(self, name: str) -> tuple[float, ...]:
+        """Return the spread of a quantity, zeros where it is not dispersed."""
+        found = self.dispersions.get(name)
+        return found.spread if found else (0.0,) * KINDS[name].components
+
+    @property
+    def most_delay(self) -> int:
+        """Longest delay [ticks]."""
+        return int(self.spread('delay_ticks')[0])
+
+
+def parse(document: Any) -> CampaignConfig:
+    """Return the configuration of a parsed YAML document; raises InputError."""
+    names = ['name', 'scenario', 'controller', 'runs', 'dispersions', 'success']
+    data = mapping('', document, ['schema', *names], ['seed', 'sampling'])
+    if data['schema'] != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
+    dispersions = mapping('dispersions', data['dispersions'], [], KINDS)
+    success = mapping('success', data['success'], [], FIGURES)
+    if not success:
+        raise InputError(f'`success` must limit at least one of {", ".join(FIGURES)}; got none')
+    return CampaignConfig(
+        name=data['name'],
+        scenario=data['scenario'],
+        controller=data['controller'],
+        runs=data['runs'],
+        seed=data.get('seed', 1),
+        sampling=data.get('sampling', SAMPLINGS[0]),
+        dispersions={name: _dispersion(name, dispersions[name]) for name in dispersions},
+        success={
+            name: real(f'success.{name}', limit, FIGURES[name], least=0.0)
+            for name, limit in success.items()
+        },
+    )
+
+
+def _dispersion(name: str, value: Any) -> Dispersion:
+    kind, place = KINDS[name], f'dispersions.{name}'
+    data = mapping(place, value, [], kind.distributions)
+    if len(data) != 1:
+        raise InputError(
+            f'`{place}` must give one of {", ".join(kind.distributions)}; got {shown(value)}'
+        )
+    distribution, spread = next(iter(data.items()))
+    place = f'{place}.{distribution}'
+    if distribution == 'whole':
+        return Dispersion(distribution, (whole(place, spread, least=0, most=int(kind.most)),))
+    most = kind.most / (CUT if distribution == 'normal' else 1.0)
+    if not isinstance(spread, list):
+        spread = [spread] * kind.components
+    if len(spread) != kind.components:
+        raise InputError(
+            f'`{place}` must be one number or a list of {kind.components} in {kind.unit or "1"}; '
+            f'got {shown(spread)}'
+        )
+    return Dispersion(
+        distribution, tuple(real(place, s, kind.unit, least=0.0, most=most) for s in spread)
+    )
+
+
+def to_document(config: CampaignConfig) -> dict[str, Any]:
+    """Return the configuration as the document that `parse` reads."""
+    plain = asdict(config)
+    plain['dispersions'] = {
+        name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
+        for name, d in config.dispersions.items()
+    }
+    plain['success'] = dict(config.success)
+    return {'schema': SCHEMA, **plain}
+
+
+def dumps(config: CampaignConfig) -> str:
+    """Return the YAML text of a configuration."""
+    return yaml.safe_dump(to_document(config), sort_keys=False, default_flow_style=None, width=100)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A configuration with the scenario and the controller it names; plain texts, to be sent.
+
+    texts : YAML of the configuration, of the scenario, of the controller
+    """
+
+    config: CampaignConfig
+    scenario: Scenario
+    controller: FuzzyController
+    texts: tuple[str, str, str]
+
+    def __post_init__(self) -> None:
+        with within('dispersions'):
+            _check_effects(self.config, self.scenario)
+            _check_extremes(self.config, self.scenario)
+
+    @classmethod
+    def of_texts(cls, texts: tuple[str, str, str], names: tuple[str, str, str]) -> Campaign:
+        """Return the campaign of three YAML texts; an InputError names the source of its text."""
+        config = files.loads(texts[0], parse, names[0])
+        scenario = files.loads(texts[1], parse_scenario, names[1])
+        if isinstance(scenario, ScenarioSet):
+            raise InputError(f'`scenario` must be a single flight; {config.scenario} is a set')
+        controller = files.loads(texts[2], parse_controller, names[2])
+        with within(names[0]):
+            return cls(config, scenario, controller, texts)
+
+
+def load(path: str | Path, **changes: Any) -> Campaign:
+    """Return the campaign of a YAML file, with some fields changed; raises InputError."""
+    found = files.load(Path(path), parse)
+    if changes:
+        found = replace(found, **changes)
+    with within(str(path)):
+        sources = files.find('scenario', found.scenario), files.find('controller', found.controller)
+    scenario, controller = (files.read_text(source) for source in sources)
+    names = (str(path), str(sources[0]), str(sources[1]))
+    return Campaign.of_texts((dumps(found), scenario, controller), names)
+
+
+def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
+    """Refuse a dispersion that cannot change any flight."""
+    acting = {
+        'disturbance_amplitude_share': not scenario.disturbance.is_zero,
+        'disturbance_phase_rad': any(h.amplitude_n for h in scenario.disturbance.harmonics),
+        'disturbance_frequency_share': any(h.amplitude_n for h in scenario.disturbance.harmonics),
+    }
+    for name, has_effect in acting.items():
+        if name in config.dispersions and not has_effect:
+            raise InputError(
+                f'`{name}` has no effect: scenario {scenario.name} has no such disturbance'
+            )
+
+
+def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
+    """Let the scenario judge the corners of what is dispersed."""
+    for sign in (1.0, -1.0):
+
+        def off(name: str, sign: float = sign) -> tuple[float, ...]:
+            found = config.dispersions.get(name)
+            extreme = found.extreme if found else (0.0,) * KINDS[name].components
+            return tuple(sign * e for e in extreme)
+
+        share, phase, frequency = (
+            off(f'disturbance_{name}')[0]
+            for name in ('amplitude_share', 'phase_rad', 'frequency_share')
+        )
+        replace(
+            scenario,
+            mass_kg=scenario.mass_kg * (1.0 + off('mass_share')[0]),
+            orbit_radius_m=scenario.orbit_radius_m + off('orbit_altitude_m')[0],
+            initial_position_m=_sum(scenario.initial_position_m, off('initial_position_m')),
+            initial_velocity_m_s=_sum(scenario.initial_velocity_m_s, off('initial_velocity_m_s')),
+            disturbance=dispersed(scenario.disturbance, share, phase, frequency),
+        )
+
+
+def _sum(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, z = (p + q for p, q in zip(a, b, strict=True))
+    return x, y, z
+
+
+def dispersed(nominal: Disturbance, share: float, phase: float, frequency: float) -> Disturbance:
+    """Return a disturbance (1 + share) as strong, shifted in phase, (1 + frequency) as fast."""
+    x, y, z = (c * (1.0 + share) for c in nominal.constant_n)
+    return Disturbance(
+        (x, y, z),
+        tuple(
+            replace(
+                h,
+                amplitude_n=h.amplitude_n * (1.0 + share),
+                angular_rate_rad_s=h.angular_rate_rad_s * (1.0 + frequency),
+                phase_rad=h.phase_rad + phase,
+            )
+            for h in nominal.harmonics
+        ),
+    )

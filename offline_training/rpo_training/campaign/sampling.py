@@ -1,0 +1,186 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What each run of a campaign flies: drawn from the seed and the number of the run alone."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
+from rpo_core import cw
+from rpo_core.disturbance import Disturbance
+from rpo_core.kernels import CwStep
+from rpo_training.campaign.config import CUT, KINDS, Campaign, dispersed
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STRATA = 1000
+"""Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
+
+_DRAWN = [name for name, kind in KINDS.items() if kind.distributions != ('white',)]
+_OFFSETS = dict(zip(_DRAWN, np.cumsum([0, *(KINDS[n].components for n in _DRAWN)]), strict=False))
+DIMENSIONS = sum(KINDS[name].components for name in _DRAWN)
+"""Numbers drawn per run, dispersed or not: adding a dispersion leaves the others' draws alone."""
+
+_HYPERCUBE, _RUN, _NOISE = 0, 1, 2  # first words of the spawn keys of the seed sequences
+
+PARAMETERS = (
+    *(f'initial_{axis}_m' for axis in 'xyz'),
+    *(f'initial_v{axis}_m_s' for axis in 'xyz'),
+    'mass_kg',
+    *(f'thrust_share_{axis}' for axis in 'xyz'),
+    *(f'misalignment_{axis}_rad' for axis in 'xyz'),
+    *(f'bias_{axis}_m' for axis in 'xyz'),
+    *(f'bias_v{axis}_m_s' for axis in 'xyz'),
+    'disturbance_amplitude_share',
+    'disturbance_phase_rad',
+    'disturbance_frequency_share',
+    'orbit_radius_m',
+    'delay_ticks',
+)
+"""Columns of `Runs.parameters`."""
+
+
+class Runs(NamedTuple):
+    """Runs as they are flown.
+
+    numbers : (n,) int
+    parameters : (n, 24), see `PARAMETERS`
+    keys : (n, 2) int, of the noise
+    """
+
+    numbers: Ints
+    parameters: Floats
+    keys: Ints
+
+    @property
+    def starts(self) -> Floats:
+        """Initial states (n, 6) [m, m/s], target LVLH."""
+        return self.parameters[:, :6]
+
+    @property
+    def masses_kg(self) -> Floats:
+        """Masses (n,)."""
+        return self.parameters[:, 6]
+
+    @property
+    def biases(self) -> Floats:
+        """Navigation biases (n, 6) [m, m/s]."""
+        return self.parameters[:, 13:19]
+
+    @property
+    def delays(self) -> Ints:
+        """Delays (n,) [ticks]."""
+        return self.parameters[:, 23].astype(np.int64)
+
+    def step(self, index: int, dt_s: float) -> CwStep:
+        """Exact step of the relative dynamics of a run."""
+        mean_motion = cw.mean_motion(float(self.parameters[index, 22]))
+        return cw.discretise(mean_motion, float(self.parameters[index, 6]), dt_s)
+
+    def thrust(self, index: int) -> Floats:
+        """Matrix (3, 3) from commanded to given force: shares of each axis, then misalignment."""
+        shares, misalignment = self.parameters[index, 7:10], self.parameters[index, 10:13]
+        return rotation(misalignment) * (1.0 + shares)
+
+    def disturbance(self, index: int, nominal: Disturbance) -> Disturbance:
+        """Disturbance of a run."""
+        share, phase, frequency = self.parameters[index, 19:22].tolist()
+        return dispersed(nominal, share, phase, frequency)
+
+
+def rotation(vector_rad: Floats) -> Floats:
+    """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
+
+    sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
+    """
+    x, y, z = vector_rad.tolist()
+    _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    square = np.array(
+        [
+            [-(y * y + z * z), x * y, x * z],
+            [x * y, -(x * x + z * z), y * z],
+            [x * z, y * z, -(x * x + y * y)],
+        ]
+    )
+    return np.eye(3) + c1 * cross + c2 * square
+
+
+def draw(campaign: Campaign, first: int, count: int) -> Runs:
+    """Return `count` runs from number `first`."""
+    config, scenario = campaign.config, campaign.scenario
+    numbers = np.arange(first, first + count)
+    unit = _unit_draws(campaign, numbers)
+
+    def off(name: str) -> Floats:
+        """Deviations (n, components) of a quantity."""
+        offset, components = _OFFSETS[name], KINDS[name].components
+        u = unit[:, offset : offset + components]
+        found = config.dispersions.get(name)
+        if found is None:
+            return np.zeros((count, components))
+        if found.distribution == 'whole':
+            return np.minimum(np.floor(u * (found.spread[0] + 1.0)), found.spread[0])
+        shape = 2.0 * u - 1.0
+        if found.distribution == 'normal':
+            shape = ndtri(ndtr(-CUT) + u * (ndtr(CUT) - ndtr(-CUT)))
+        return shape * np.array(found.spread)
+
+    parameters = np.hstack(
+        [
+            scenario.initial_position_m + off('initial_position_m'),
+            scenario.initial_velocity_m_s + off('initial_velocity_m_s'),
+            scenario.mass_kg * (1.0 + off('mass_share')),
+            off('thrust_share'),
+            off('misalignment_deg') * (math.pi / 180.0),
+            off('navigation_position_bias_m'),
+            off('navigation_velocity_bias_m_s'),
+            off('disturbance_amplitude_share'),
+            off('disturbance_phase_rad'),
+            off('disturbance_frequency_share'),
+            scenario.orbit_radius_m + off('orbit_altitude_m'),
+            off('delay_ticks'),
+        ]
+    )
+    return Runs(numbers, parameters, _keys(campaign, numbers))
+
+
+def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
+    """Return draws (n, DIMENSIONS) in [0, 1)."""
+    config = campaign.config
+    if config.sampling == 'random':
+        return np.array([_generator(config.seed, _RUN, int(i)).random(DIMENSIONS) for i in numbers])
+    rows = np.empty((len(numbers), DIMENSIONS))
+    for block in np.unique(numbers // STRATA).tolist():
+        size = min(STRATA, config.runs - block * STRATA)
+        rng = _generator(config.seed, _HYPERCUBE, block)
+        cube = qmc.LatinHypercube(DIMENSIONS, rng=rng).random(size)
+        mine = numbers // STRATA == block
+        rows[mine] = cube[numbers[mine] - block * STRATA]
+    return rows
+
+
+def _keys(campaign: Campaign, numbers: Ints) -> Ints:
+    """Return keys (n, 2) of the noise; zeros where there is none."""
+    config = campaign.config
+    noisy = any(d.distribution == 'white' for d in config.dispersions.values())
+    keys = np.zeros((len(numbers), 2), np.int64)
+    if noisy:
+        for row, number in zip(keys, numbers.tolist(), strict=True):
+            row[:] = _sequence(config.seed, _NOISE, number).generate_state(2)
+    return keys
+
+
+def _sequence(seed: int, purpose: int, number: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(purpose, number))
+
+
+def _generator(seed: int, purpose: int, number: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(_sequence(seed, purpose, number)))

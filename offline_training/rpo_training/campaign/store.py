@@ -1,0 +1,158 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign's folder: what is flown, the results as they come in, and at the end.
+
+campaign.yaml, scenario.yaml, controller.yaml
+    All that decides the outcome: the folder alone repeats any run.
+results.part, done.part
+    While it flies: columns one after the other, float64; and a byte per unit, 1 when it is in.
+    Units are written where they belong, in any order, and nothing is kept in memory.
+results.npz, summary.yaml
+    At the end: one array per column, which `numpy.load` opens; rates, intervals, quantiles. The
+    same bytes on any number of workers, interrupted or not.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.validation import InputError
+from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.fleet import COLUMNS, UNIT, units
+from rpo_training.ledger import write_aside
+
+Floats = NDArray[np.float64]
+
+_TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
+_RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'
+_VERSIONS = 'versions.yaml'
+_BYTES = 8
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that the bits of results depend on."""
+    return {name: version(name) for name in ('numba', 'numpy', 'scipy')}
+
+
+class Store:
+    """The folder of one campaign."""
+
+    def __init__(self, folder: Path, campaign: Campaign) -> None:
+        self.folder, self.campaign = folder, campaign
+
+    @classmethod
+    def create(cls, folder: Path, campaign: Campaign) -> Store:
+        """Make the folder.
+
+        Raises
+        ------
+        InputError
+            If it holds something already: this campaign, another, or anything else.
+        """
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            if not (folder / _TEXTS[0]).is_file():
+                raise InputError(f'{folder}: must be a new or empty folder; it holds other things')
+            same = cls._texts(folder) == campaign.texts
+            state = 'this campaign: go on with --resume' if same else 'another configuration'
+            raise InputError(f'{folder}: holds a campaign already, of {state}')
+        store = cls(folder, campaign)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
+        runs = campaign.config.runs
+        store._reserve(_PART, len(COLUMNS) * runs * _BYTES)
+        store._reserve(_DONE, units(runs))
+        store._write(_VERSIONS, yaml.safe_dump(versions()))
+        for name, text in zip(reversed(_TEXTS), reversed(campaign.texts), strict=True):
+            store._write(name, text)  # campaign.yaml last: with it, the folder is one
+        return store
+
+    @classmethod
+    def open(cls, folder: Path) -> Store:
+        """Return the campaign of a folder, finished or not; raises InputError."""
+        if not (folder / _TEXTS[0]).is_file():
+            raise InputError(f'{folder}: must be the folder of a campaign; it holds no {_TEXTS[0]}')
+        names = tuple(str(folder / name) for name in _TEXTS)
+        store = cls(folder, Campaign.of_texts(cls._texts(folder), names))  # type: ignore[arg-type]
+        theirs = files.load(folder / _VERSIONS, lambda document: document)
+        if theirs != versions():
+            raise InputError(
+                f'{folder}: was begun with {theirs}; its bits need the same, not {versions()}'
+            )
+        return store
+
+    @staticmethod
+    def _texts(folder: Path) -> tuple[str, ...]:
+        return tuple(files.read_text(folder / name) for name in _TEXTS)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all runs are in."""
+        return (self.folder / _RESULTS).is_file()
+
+    def pending(self) -> list[int]:
+        """Return the units that are still to be flown."""
+        if self.finished:
+            return []
+        done = np.fromfile(self.folder / _DONE, np.uint8)
+        size = (self.folder / _PART).stat().st_size
+        runs = self.campaign.config.runs
+        if len(done) != units(runs) or size != len(COLUMNS) * runs * _BYTES:
+            raise InputError(
+                f'{self.folder}: its results are damaged; start anew in another folder'
+            )
+        return np.flatnonzero(done == 0).tolist()
+
+    def put(self, unit: int, results: Floats) -> None:
+        """Store results (len(COLUMNS), n) of a unit; what is in stays in after kill -9."""
+        runs = self.campaign.config.runs
+        with self._opened(_PART) as part, self._opened(_DONE) as done:
+            for column, values in enumerate(results):
+                offset = (column * runs + unit * UNIT) * _BYTES
+                os.pwrite(part.fileno(), values.astype('<f8').tobytes(), offset)
+            os.pwrite(done.fileno(), b'\1', unit)
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Turn what came in into `results.npz`, with the summary beside it."""
+        self._write(_SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
+        write_aside(self.folder / _RESULTS, self._archive)
+        for name in (_PART, _DONE):
+            (self.folder / name).unlink()
+
+    def column(self, name: str) -> Floats:
+        """Return a column (runs,); of a campaign that still flies, zeros where nothing came in."""
+        if self.finished:
+            with np.load(self.folder / _RESULTS, allow_pickle=False) as results:
+                return np.asarray(results[name])
+        runs = self.campaign.config.runs
+        offset = COLUMNS.index(name) * runs * _BYTES
+        return np.fromfile(self.folder / _PART, '<f8', count=runs, offset=offset)
+
+    def _archive(self, file: IO[bytes]) -> None:
+        """Write an .npz, column by column, without the time of day."""
+        with zipfile.ZipFile(file, 'w', allowZip64=True) as archive:
+            for name in COLUMNS:
+                entry = zipfile.ZipInfo(f'{name}.npy')
+                with archive.open(entry, 'w', force_zip64=True) as member:
+                    np.lib.format.write_array(member, self.column(name), allow_pickle=False)
+
+    def _opened(self, name: str) -> IO[bytes]:
+        return (self.folder / name).open('r+b', buffering=0)
+
+    def _reserve(self, name: str, size: int) -> None:
+        with (self.folder / name).open('wb') as file:
+            file.truncate(size)
+
+    def _write(self, name: str, text: str) -> None:
+        write_aside(self.folder / name, lambda file: file.write(text.encode()))

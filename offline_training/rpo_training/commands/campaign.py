@@ -1,0 +1,173 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo campaign`."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rpo_core.closed_loop import Flight
+    from rpo_training.campaign.config import Campaign
+    from rpo_training.campaign.store import Store
+
+EXAMPLES = """
+Examples: `rpo campaign offline_training/campaigns/paper_test.yaml` | `rpo campaign mine.yaml
+--runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
+runs/million --run 1234 --csv run.csv` | `rpo campaign mine.yaml --cluster tcp://127.0.0.1:8786`
+"""
+
+
+def campaign(
+    source: Annotated[
+        Path | None, typer.Argument(help='campaign file, or the folder of a campaign')
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/NAME_SEED]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    run: Annotated[
+        int | None, typer.Option(min=0, help='fly this run alone, bit for bit, and show it')
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
+    runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
+    seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
+    controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    cluster: Annotated[
+        str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
+    ] = '',
+) -> None:
+    """Fly dispersed closed loops, and say how often and how surely they succeed.
+
+    Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on.
+    """
+    from rpo_core.validation import InputError
+    from rpo_training.campaign.store import Store
+
+    given = {'runs': runs, 'seed': seed, 'controller': controller}
+    changes = {name: value for name, value in given.items() if value is not None}
+    if resume is not None:
+        if source is not None or output is not None or run is not None or changes:
+            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        _fly(Store.open(resume), workers, cluster)
+        return
+    if source is None:
+        raise InputError(
+            'a campaign file, a folder of a campaign with --run, or --resume is needed'
+        )
+    if csv is not None and run is None:
+        raise InputError('`--csv` writes the flight of one run: give --run too')
+    if run is not None:
+        _show_run(*_of_source(source, changes), run, csv)
+        return
+    chosen, store = _of_source(source, changes)
+    if store is not None:
+        _print(store)
+        return
+    folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
+    _fly(Store.create(folder, chosen), workers, cluster)
+
+
+def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
+    from rpo_core.validation import InputError
+    from rpo_training.campaign import config
+    from rpo_training.campaign.store import Store
+
+    if not source.is_dir():
+        return config.load(source, **changes), None
+    if changes:
+        raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that was flown')
+    store = Store.open(source)
+    if not store.finished:
+        raise InputError(f'{source}: is not finished: go on with --resume')
+    return store.campaign, store
+
+
+def _fly(store: Store, workers: int, cluster: str) -> None:
+    from rpo_training.campaign.flying import fly
+    from rpo_training.campaign.progress import Display
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with Display(store) as display:
+            fly(store, workers, cluster, display.advance)
+    except KeyboardInterrupt:
+        again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
+        typer.echo(f'Interrupted; what was flown is saved. Go on with: {again}', err=True)
+        raise typer.Exit(130) from None
+    _print(store)
+    typer.echo(store.folder / 'results.npz')
+
+
+def _print(store: Store) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    from rpo_training.campaign.statistics import QUANTILES, rates, spreads
+
+    console, config = Console(), store.campaign.config
+    title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
+    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ('', 'runs', 'share', 'Wilson 95 %'):
+        table.add_column(heading, justify='right' if heading else 'left', no_wrap=True)
+    for r in rates(store):
+        interval = f'{100 * r.low:.2f} to {100 * r.high:.2f} %'
+        table.add_row(r.name, f'{r.kept} / {r.runs}', f'{100 * r.kept / r.runs:.2f} %', interval)
+    console.print(table)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'in run'):
+        table.add_column(heading, justify='right' if heading else 'left', no_wrap=True)
+    for s in spreads(store):
+        numbers = (f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst))
+        table.add_row(s.name, *numbers, str(s.worst_run))
+    console.print(table)
+
+
+def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rpo_core.validation import InputError
+    from rpo_training.campaign.config import FIGURES
+    from rpo_training.campaign.fleet import fly_runs
+    from rpo_training.campaign.single import fly_run
+
+    if number >= chosen.config.runs:
+        raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
+    columns = fly_runs(chosen, number, 1)
+    flight = fly_run(chosen, number)
+    table = Table(title=f'{chosen.config.name}, run {number}', title_justify='left')
+    for heading in ('', 'value', 'limit'):
+        table.add_column(heading, justify='right' if heading else 'left')
+    for name, (value,) in columns.items():
+        limit = chosen.config.success.get(name)
+        unit = FIGURES.get(name, '')
+        table.add_row(name, f'{value:.6g} {unit}', '' if limit is None else f'{limit:g}')
+    Console().print(table)
+    _compare(flight, columns, store, number)
+    if csv:
+        from rpo_training.commands.simulate import _write_csv
+
+        _write_csv(flight, csv)
+
+
+def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
+    """Say that the core flew the same bits, and that they are those of the folder."""
+    from rpo_core.validation import InputError
+    from rpo_training.campaign.fleet import FINAL
+
+    final = [float(columns[name][0]) for name in FINAL]
+    same = final == flight.states[-1].tolist()
+    if store is not None:
+        same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
+    if not same:
+        raise InputError(f'run {number} was flown again to other bits: this is a defect')
+    what = 'the core' if store is None else 'the core and of the campaign'
+    typer.echo(f'The bits are those of {what}.')

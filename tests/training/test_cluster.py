@@ -1,0 +1,132 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+
+import pytest
+from typer.testing import CliRunner
+
+from rpo_training.campaign import config, flying
+from rpo_training.campaign.store import Store
+from rpo_training.cli import app
+
+CAMPAIGN = """
+schema: rpo/campaign/1
+name: cluster
+scenario: quick
+controller: handmade
+runs: 12000
+dispersions:
+  initial_position_m: {uniform: 5.0}
+  mass_share: {normal: 0.03}
+  navigation_position_noise_m: {white: 0.01}
+success: {late_position_m: 100.0}
+"""
+
+
+def start(*arguments):
+    return subprocess.Popen(
+        [sys.executable, '-m', 'distributed.cli.' + arguments[0], *arguments[1:]],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def drain(process):
+    threading.Thread(target=process.stderr.read, daemon=True).start()
+
+
+@contextmanager
+def cluster(workers, folder):
+    """Start a scheduler and workers as processes; yield its address and all of them."""
+    local = ['--host', '127.0.0.1']
+    scheduler = start('dask_scheduler', *local, '--port', '0', '--no-dashboard')
+    processes = [scheduler]
+    try:
+        address = next(
+            found.group()
+            for line in scheduler.stderr
+            if (found := re.search(r'tcp://127.0.0.1:\d+', line))
+        )
+        drain(scheduler)
+        for _ in range(workers):
+            worker = start(
+                *('dask_worker', address, *local, '--nthreads', '1', '--no-nanny'),
+                *('--no-dashboard', '--local-directory', str(folder)),
+            )
+            processes.append(worker)
+            drain(worker)
+        yield address, processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    path = tmp_path / 'campaign.yaml'
+    path.write_text(CAMPAIGN)
+    return config.load(path)
+
+
+def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
+    flying.fly(Store.create(tmp_path / 'alone', campaign))
+    with cluster(2, tmp_path) as (address, (_, first, second)):
+        store, came_in = Store.create(tmp_path / 'together', campaign), []
+
+        def kill_after_some(runs, successful):
+            came_in.append(runs)
+            if len(came_in) == 5:
+                first.send_signal(signal.SIGKILL)
+
+        flying.fly(store, cluster=address, progress=kill_after_some)
+        assert first.wait() == -signal.SIGKILL
+        assert second.poll() is None
+    assert sum(came_in) == campaign.config.runs
+    for name in ('results.npz', 'summary.yaml'):
+        alone, together = ((tmp_path / run / name).read_bytes() for run in ('alone', 'together'))
+        assert alone == together, name
+
+
+def test_a_killed_scheduler_is_one_sentence_and_nothing_is_lost(tmp_path):
+    path = tmp_path / 'campaign.yaml'
+    path.write_text(CAMPAIGN.replace('12000', '1000000'))
+    campaign = config.load(path)
+    with cluster(1, tmp_path) as (address, (scheduler, _)):
+        store, came_in = Store.create(tmp_path / 'f', campaign), []
+
+        def kill_after_some(runs, successful):
+            came_in.append(runs)
+            if len(came_in) == 5:
+                scheduler.send_signal(signal.SIGKILL)
+
+        with pytest.raises(flying.InputError, match=f'cluster {address} was lost.*--resume'):
+            flying.fly(store, cluster=address, progress=kill_after_some)
+    assert len(Store.open(store.folder).pending()) == 5000 - len(came_in)
+
+
+@pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nowhere', 'http://127.0.0.1:9'])
+def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monkeypatch):
+    monkeypatch.setattr(flying, 'CONNECT_S', 1)
+    path = tmp_path / 'campaign.yaml'
+    path.write_text(CAMPAIGN)
+    arguments = ['campaign', str(path), '-o', str(tmp_path / 'f'), '--cluster', address]
+    result = CliRunner().invoke(app, arguments, env={'COLUMNS': '300'})
+    assert result.exit_code == 2, result.output
+    assert f'got {address}' in result.output.splitlines()[-1]
+    assert 'Traceback' not in result.output
+
+
+@pytest.mark.slow
+def test_a_local_cluster_flies_the_same_bytes(campaign, tmp_path):
+    flying.fly(Store.create(tmp_path / 'alone', campaign))
+    flying.fly(Store.create(tmp_path / 'local', campaign), 2, 'local')
+    alone, local = ((tmp_path / run / 'results.npz').read_bytes() for run in ('alone', 'local'))
+    assert alone == local
