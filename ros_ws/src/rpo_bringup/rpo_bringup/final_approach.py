@@ -90,7 +90,7 @@ def _report(folder: Path, wall_s: float) -> None:
     print(f'flew {flight.scenario.duration_s:g} s in {wall_s:.2f} s: {folder}')
     report.print_table(flight, name)
     picture = report.draw(flight, folder / 'report', name)
-    print(picture or 'no picture: matplotlib is not installed (`make report` installs it)')
+    print(picture or 'no picture: matplotlib is not installed (`make setup LAYERS=report` installs it)')
 
 
 def main() -> int:

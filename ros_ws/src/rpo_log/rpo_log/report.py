@@ -18,7 +18,7 @@ from rpo_core.closed_loop import Flight
 
 AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
 AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')
-"""Okabe and Ito's blue, vermillion and green: told apart by colour-blind readers too."""
+"""Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers too."""
 
 PICTURE = 'time_histories.png'
 
