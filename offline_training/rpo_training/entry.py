@@ -1,0 +1,40 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `rpo`, or a sentence where what it needs is not installed."""
+
+from __future__ import annotations
+
+import sys
+
+# Module that is missing -> layer of `make setup` that brings it.
+_LAYERS = {
+    'typer': 'report',
+    'rich': 'report',
+    'matplotlib': 'report',
+    'numba': 'train',
+    'pymoo': 'train',
+    'cma': 'train',
+    'scipy': 'train',
+    'cvxpy': 'campaign',
+    'distributed': 'campaign',
+    'dask': 'campaign',
+    'fuzzylite': 'test',
+    'skfuzzy': 'test',
+}
+
+
+def main() -> None:
+    """Entry point of `rpo`."""
+    try:
+        from rpo_training.cli import app
+
+        app()
+    except ModuleNotFoundError as error:
+        layer = _LAYERS.get((error.name or '').partition('.')[0])
+        if layer is None:
+            raise
+        print(
+            f'rpo: this command needs {error.name}; `make setup LAYERS={layer}` installs it',
+            file=sys.stderr,
+        )
+        sys.exit(2)
