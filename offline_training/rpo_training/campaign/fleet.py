@@ -102,7 +102,7 @@ def make_fleet(campaign: Campaign, runs: Runs, start: int) -> loops.Fleet:
     fleet = loops.Fleet(
         starts=padded(6),
         biases=padded(6),
-        keys=np.zeros((loops.RUNS, 2), np.int64),
+        keys=np.zeros((2, loops.RUNS), np.int64),
         delays=np.zeros(loops.RUNS, np.int64),
         masses=padded() + 1.0,
         thrust=padded(9),
@@ -111,7 +111,7 @@ def make_fleet(campaign: Campaign, runs: Runs, start: int) -> loops.Fleet:
         waves=np.zeros((len(nominal.harmonics), 3, loops.RUNS)),
     )
     fleet.starts[:n], fleet.biases[:n] = runs.starts[chosen], runs.biases[chosen]
-    fleet.keys[:n], fleet.delays[:n] = runs.keys[chosen], runs.delays[chosen]
+    fleet.keys[:, :n], fleet.delays[:n] = runs.keys[chosen].T, runs.delays[chosen]
     fleet.masses[:n] = runs.masses_kg[chosen]
     share, phase, frequency = runs.parameters[chosen, 19:22].T
     for axis, constant in enumerate(nominal.constant_n):

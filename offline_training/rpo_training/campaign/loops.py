@@ -44,7 +44,7 @@ OUTCOMES = 15
 class Fleet(NamedTuple):
     """Up to 40 runs as the kernels read them.
 
-    starts, biases : (40, 6) [m, m/s]; keys : (40, 2); delays, masses : (40,)
+    starts, biases : (40, 6) [m, m/s]; keys : (2, 40); delays, masses : (40,)
     thrust : (40, 9); steps : (40, 26) fields of CwStep
     constant : (3, 40) [N]; waves : (harmonics, 3, 40) amplitude [N], rate [rad/s], phase [rad]
     """
@@ -98,8 +98,9 @@ def place(w, fleet):  # type: ignore[no-untyped-def]
 def measure(w, keys, tick, sigma_r, sigma_v):  # type: ignore[no-untyped-def]
     """Fill the controller's rows: truth plus bias plus noise."""
     if sigma_r > 0.0 or sigma_v > 0.0:
+        first, second = keys[0], keys[1]
         for s in range(RUNS):
-            n = six_normals(tick, keys[s, 0], keys[s, 1])
+            n = six_normals(tick, first[s], second[s])
             w[NOISE_R + s], w[NOISE_R + RUNS + s], w[NOISE_R + 2 * RUNS + s] = n[0], n[1], n[2]
             w[NOISE_V + s], w[NOISE_V + RUNS + s], w[NOISE_V + 2 * RUNS + s] = n[3], n[4], n[5]
     for s in range(AXES):

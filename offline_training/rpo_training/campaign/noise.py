@@ -9,10 +9,13 @@ below 2^63, so that it runs interpreted, compiled and in SIMD lanes with the sam
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import sqrt
+from typing import Any, TypeVar
 
-from rpo_core.jit import kernel
+from rpo_core.jit import COMPILED
 
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 Words = tuple[int, int, int, int]
 
 _MASK = 0xFFFFFFFF
@@ -20,6 +23,17 @@ _ROUND_A, _ROUND_B = 0xD2511F53, 0xCD9E8D57
 _KEY_A, _KEY_B = 0x9E3779B9, 0xBB67AE85
 _LN_2 = 0.6931471805599453
 _HALF_PI = 1.5707963267948966
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile as the core does, and inline: only then do loops over lanes become SIMD."""
+    if not COMPILED:
+        return function
+    import numba
+
+    options = {'cache': True, 'error_model': 'numpy', 'fastmath': False, 'forceinline': True}
+    compiled: Kernel = numba.njit(**options)(function)
+    return compiled
 
 
 @kernel
