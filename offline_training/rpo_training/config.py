@@ -70,8 +70,8 @@ PRESETS = {
         name='best',
         algorithm='race',
         genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.001),
-        cmaes=CmaSettings(population=20, evaluations=12_000, descents=2),
+        fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0),
+        cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
     ),
     'front': TrainingConfig(
         name='front',

@@ -35,10 +35,10 @@ class RaceSettings:
     """
 
     rounds: int = 3
-    entrants: int = 12
+    entrants: int = 8
     population: int = 14
     sigma: float = 0.05
-    evaluations: int = 2500
+    evaluations: int = 2000
     gain: float = 0.01
 
     def __post_init__(self) -> None:

@@ -1,0 +1,75 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The controllers that ship: what their files claim, the targets, and how they were trained."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rpo_core import metrics
+from rpo_core.closed_loop import fly
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_training import config as configs
+from rpo_training.assessment import assess
+from rpo_training.training import Training
+
+EXPECTED = Path(__file__).with_name('expected')
+
+SHORT = {
+    'paper': ['ga.generations=8'],
+    'best': ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400'],
+}
+"""What shortens a preset to a few seconds; `expected/` holds the controllers it then trains."""
+
+
+def short(preset, folder):
+    """Return the controller of a shortened preset; also how `expected/` is made."""
+    config = configs.override(configs.PRESETS[preset], [*SHORT[preset], f'name={preset}_short'])
+    return Training.create(config, folder, 1).run()
+
+
+@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+def test_a_file_is_as_good_as_it_says(name):
+    controller = load_controller(name)
+    found = assess(controller)
+    assert found.mean_energy_n2s == controller.provenance['mean_energy_n2s']
+    reached = {mark.what: mark.reached for mark in found.marks()}
+    assert reached == controller.provenance['targets']
+    assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
+
+
+def test_trained_reaches_every_target():
+    assert [mark for mark in assess(load_controller('trained')).marks() if not mark.holds] == []
+
+
+@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+@pytest.mark.parametrize('scenario', ['paper_test', 'paper_test_phase'])
+def test_the_papers_claims_hold(name, scenario):
+    flight = fly(load_scenario(scenario), load_controller(name))
+    assert [claim for claim in metrics.claims(flight) if not claim.holds] == []
+
+
+@pytest.mark.parametrize('preset', SHORT)
+def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
+    trained, expected = (
+        short(preset, tmp_path / 'run'),
+        load_controller(EXPECTED / f'{preset}_short.yaml'),
+    )
+    assert trained == expected
+    assert trained.provenance['fitness_n2s'] == expected.provenance['fitness_n2s']
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
+    shipped = load_controller(name)
+    *_, preset, _, seed = shipped.provenance['command'].split()
+    config = replace(configs.PRESETS[preset], seed=int(seed))
+    assert configs.command(config) == shipped.provenance['command']
+    trained = Training.create(config, tmp_path / 'run').run()
+    assert trained.system == shipped.system
+    assert trained.scales == shipped.scales
+    assert trained.provenance['fitness_n2s'] == shipped.provenance['fitness_n2s']
