@@ -160,8 +160,12 @@ class Program:
     def __init__(
         self, scenario: Scenario, conditions: Conditions | None = None, relaxed: str = ''
     ) -> None:
-        import cvxpy as cp
-
+        try:
+            import cvxpy as cp
+        except ImportError:
+            raise InputError(
+                'an optimum under conditions needs cvxpy and clarabel: `make setup LAYERS=campaign`'
+            ) from None
         self.scenario, self.conditions = scenario, conditions or Conditions.of(scenario)
         self._start = cp.Parameter(6)
         self._states = cp.Variable((scenario.ticks + 1, 6))

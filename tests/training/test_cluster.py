@@ -95,6 +95,7 @@ def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
         assert alone == together, name
 
 
+@pytest.mark.slow
 def test_a_killed_scheduler_is_one_sentence_and_nothing_is_lost(tmp_path):
     path = tmp_path / 'campaign.yaml'
     path.write_text(CAMPAIGN.replace('12000', '1000000'))
@@ -122,6 +123,12 @@ def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monke
     assert result.exit_code == 2, result.output
     assert f'got {address}' in result.output.splitlines()[-1]
     assert 'Traceback' not in result.output
+
+
+def test_without_dask_it_says_what_to_install(campaign, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    with pytest.raises(flying.InputError, match='make setup LAYERS=campaign'):
+        flying.fly(Store.create(tmp_path / 'f', campaign), cluster='local')
 
 
 @pytest.mark.slow

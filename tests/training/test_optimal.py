@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The limits of the problem, each against another way to find it and the mission's figures."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -155,6 +156,13 @@ def test_an_infeasible_optimum_names_what_would_have_to_give():
 def test_a_condition_must_be_positive():
     with pytest.raises(InputError, match=r'`conditions.slew` must be .* > 0 N/s; got -1'):
         optimal.Conditions(0.5, slew=-1.0)
+
+
+def test_without_the_solver_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'cvxpy', None)
+    with pytest.raises(InputError, match='make setup LAYERS=campaign'):
+        optimal.constrained(TRAINING.base)
+    assert optimal.least_energy(TRAINING.base, STARTS).mean() > 0.0
 
 
 @pytest.mark.parametrize(

@@ -104,8 +104,13 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
     InputError
         If the cluster does not answer, is lost, or has other versions of what bits depend on.
     """
-    from distributed import KilledWorker, as_completed
-    from distributed.comm import CommClosedError
+    try:
+        from distributed import KilledWorker, as_completed
+        from distributed.comm import CommClosedError
+    except ImportError:
+        raise InputError(
+            '`--cluster` needs dask.distributed: `make setup LAYERS=campaign`'
+        ) from None
 
     mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
     with _client(address, workers) as client:

@@ -100,7 +100,7 @@ def measure(w, keys, tick, sigma_r, sigma_v):  # type: ignore[no-untyped-def]
     if sigma_r > 0.0 or sigma_v > 0.0:
         first, second = keys[0], keys[1]
         for s in range(RUNS):
-            n = six_normals(tick, first[s], second[s])
+            n = six_normals(tick, int(first[s]), int(second[s]))
             w[NOISE_R + s], w[NOISE_R + RUNS + s], w[NOISE_R + 2 * RUNS + s] = n[0], n[1], n[2]
             w[NOISE_V + s], w[NOISE_V + RUNS + s], w[NOISE_V + 2 * RUNS + s] = n[3], n[4], n[5]
     for s in range(AXES):
