@@ -13,7 +13,7 @@ import yaml
 from processes import flight
 
 from rpo_core import closed_loop
-from rpo_core.controller import load_controller
+from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight, read_run
 
@@ -86,7 +86,7 @@ def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
     assert node.stop(number) == 0, node.output
     assert 'Traceback' not in node.output
     log = read_run(output)
-    expected = closed_loop.fly(load_scenario('paper_test'), load_controller('handmade'))
+    expected = closed_loop.fly(load_scenario('paper_test'), load_controller(DEFAULT_CONTROLLER))
     count = len(log.ticks)
     np.testing.assert_array_equal(log.states, expected.states[:count])
     assert dict(log.statuses[-1][1].values)['phase'] == 'aborted'
@@ -191,7 +191,7 @@ def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
     plant.process.kill()
     recorder.says('the plant is gone')
     assert recorder.wait() == 1
-    expected = closed_loop.fly(load_scenario('approach'), load_controller('handmade'))
+    expected = closed_loop.fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
     log = read_run(output)
     np.testing.assert_array_equal(log.states, expected.states[: len(log.ticks)])
 

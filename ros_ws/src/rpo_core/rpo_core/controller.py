@@ -17,7 +17,7 @@ from rpo_core.validation import InputError, choice, mapping, real, shown, store,
 
 SCHEMA = 'rpo/controller/1'
 
-DEFAULT_CONTROLLER = 'handmade'
+DEFAULT_CONTROLLER = 'trained'
 """The shipped controller that flies when none is named."""
 
 SYMMETRIES = ('free', 'transpose', 'odd')
