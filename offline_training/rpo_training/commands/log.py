@@ -91,10 +91,7 @@ def repair(
 
 def report(run: RunArgument) -> None:
     """Print a run's figures beside the paper's claims, and draw its time histories."""
-    from rpo_log.reader import read_flight
-    from rpo_log.report import draw, print_table
+    from rpo_log.report import show
 
-    flight = read_flight(run)
-    print_table(flight, flight.scenario.name)
-    folder = run if run.is_dir() else run.parent
-    typer.echo(str(draw(flight, folder / 'report', flight.scenario.name)))
+    picture = show(run)
+    typer.echo(picture or 'no picture: `make setup LAYERS=report` installs matplotlib')

@@ -19,7 +19,6 @@ from rpo_core.validation import InputError, real
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log import report
 from rpo_log.errors import LogError
-from rpo_log.reader import read_flight
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
@@ -84,13 +83,11 @@ def _both_done(nodes: Sequence[FlightNode]) -> bool:
     return plant.done and recorder.done
 
 
-def _report(folder: Path, wall_s: float) -> None:
-    flight = read_flight(folder)
-    name = flight.scenario.name
-    print(f'flew {flight.scenario.duration_s:g} s in {wall_s:.2f} s: {folder}')
-    report.print_table(flight, name)
-    picture = report.draw(flight, folder / 'report', name)
-    print(picture or 'no picture: matplotlib is not installed (`make setup LAYERS=report` installs it)')
+def _report(folder: Path, plant: PlantNode, wall_s: float) -> None:
+    flown_s = plant.plant.scenario.duration_s
+    print(f'flew {flown_s:g} s in {wall_s:.2f} s, start included: {folder}')
+    picture = report.show(folder)
+    print(picture or 'no picture: `make setup LAYERS=report` installs matplotlib')
 
 
 def main() -> int:
@@ -109,7 +106,7 @@ def main() -> int:
     flown = code == 0 and nodes[0].phase == 'finished'
     if flown and not options.no_report:
         try:
-            _report(folder, time.monotonic() - begun)
+            _report(folder, nodes[0], time.monotonic() - begun)
         except (InputError, LogError) as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT

@@ -15,6 +15,9 @@ import numpy as np
 
 from rpo_core import metrics
 from rpo_core.closed_loop import Flight
+from rpo_log.reader import controller_of, read_flight
+from rpo_log.run import CONTROLLER
+from rpo_log.stream import RunReader
 
 AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
 AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')
@@ -31,6 +34,19 @@ TRAINING = 'conditions of training'
 
 Row = tuple[str, str, str, str]
 """Figure, flown, limit, verdict."""
+
+
+def show(run: Path) -> Path | None:
+    """Print the table of a run, draw its picture into `report/`; return the picture's path.
+
+    Raises LogError if the log is not that of a whole flight.
+    """
+    flight, reader = read_flight(run), RunReader(run)
+    title = flight.scenario.name
+    if CONTROLLER in reader.attachments:
+        title += f', controller {controller_of(reader).name}'
+    print_table(flight, title)
+    return draw(flight, (run if run.is_dir() else run.parent) / 'report', title)
 
 
 def rows(flight: Flight) -> dict[str, list[Row]]:
