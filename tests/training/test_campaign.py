@@ -3,6 +3,7 @@
 """Campaigns: the bits of the core, dispersions that act, statistics, files that survive."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -423,10 +424,29 @@ def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):
         Store.create(tmp_path / 'g', campaign)
     with pytest.raises(InputError, match='must be the folder of a campaign'):
         Store.open(tmp_path / 'g')
+    with (
+        Store.open(folder).alone(),
+        pytest.raises(InputError, match='another process flies this campaign'),
+    ):
+        flying.fly(Store.open(folder))
     with (folder / 'done.part').open('ab') as file:
         file.write(b'\1')
     with pytest.raises(InputError, match='results are damaged'):
         Store.open(folder).pending()
+
+
+def test_a_disk_that_is_too_small_says_so_at_once(write, tmp_path):
+    campaign = config.load(write(runs=1_000_000))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        with pytest.raises(InputError, match=r'results.part: cannot reserve 312000000 bytes'):
+            Store.create(tmp_path / 'f', campaign)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    Store.create(tmp_path / 'f', config.load(write()))  # nothing is in the way
 
 
 def test_the_command_flies_repeats_and_refuses(write, tmp_path):

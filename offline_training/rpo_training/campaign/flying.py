@@ -51,10 +51,20 @@ def fly(
     cluster : '', on threads; 'local', or the address of a scheduler, tcp://host:port
     progress : is told the runs that came in and how many of them succeeded
     """
-    campaign, pending = store.campaign, store.pending()
-    if store.finished:
-        return
-    workers = workers or len(os.sched_getaffinity(0))
+    with store.alone():
+        pending = store.pending()
+        if not store.finished:
+            _fly(store, pending, workers or len(os.sched_getaffinity(0)), cluster, progress)
+
+
+def _fly(
+    store: Store,
+    pending: list[int],
+    workers: int,
+    cluster: str,
+    progress: Callable[[int, int], None],
+) -> None:
+    campaign = store.campaign
     source = (
         on_cluster(campaign, pending, cluster, workers)
         if cluster

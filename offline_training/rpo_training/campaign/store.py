@@ -14,9 +14,11 @@ results.npz, summary.yaml
 
 from __future__ import annotations
 
+import fcntl
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any
@@ -114,6 +116,16 @@ class Store:
             )
         return np.flatnonzero(done == 0).tolist()
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Hold the folder; raises InputError if another process flies it."""
+        with self._opened(_TEXTS[0]) as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(f'{self.folder}: another process flies this campaign') from None
+            yield
+
     def put(self, unit: int, results: Floats) -> None:
         """Store results (len(COLUMNS), n) of a unit; what is in stays in after kill -9."""
         runs = self.campaign.config.runs
@@ -151,8 +163,16 @@ class Store:
         return (self.folder / name).open('r+b', buffering=0)
 
     def _reserve(self, name: str, size: int) -> None:
-        with (self.folder / name).open('wb') as file:
-            file.truncate(size)
+        """Make a file of zeros; a disk that is too small says so now."""
+        path = self.folder / name
+        try:
+            with path.open('wb') as file:
+                os.posix_fallocate(file.fileno(), 0, size)
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            raise InputError(
+                f'{path}: cannot reserve {size} bytes: {error.strerror or error}'
+            ) from None
 
     def _write(self, name: str, text: str) -> None:
         write_aside(self.folder / name, lambda file: file.write(text.encode()))

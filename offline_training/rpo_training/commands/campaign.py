@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import shlex
 import signal
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -94,6 +95,7 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
     from rpo_training.campaign.progress import Display
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    began, cpu = time.perf_counter(), time.process_time()
     try:
         with Display(store) as display:
             fly(store, workers, cluster, display.advance)
@@ -101,7 +103,9 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
         again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
         typer.echo(f'Interrupted; what was flown is saved. Go on with: {again}', err=True)
         raise typer.Exit(130) from None
+    began, cpu = time.perf_counter() - began, time.process_time() - cpu
     _print(store)
+    typer.echo(f'flown in {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     typer.echo(store.folder / 'results.npz')
 
 
