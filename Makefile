@@ -15,7 +15,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests
 
-.PHONY: help setup demo test test-slow lint format lock clean
+.PHONY: help setup demo test test-slow bench lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -34,6 +34,10 @@ test: lint  ## style, types and all quick tests (ARGS='-k plant' is passed to py
 test-slow:  ## the slow tests
 	$(SETUP) test
 	$(ENV) pytest -m slow $(ARGS)
+
+bench:  ## measure speed beside pyfuzzylite and scikit-fuzzy, and the paper's training at full budget
+	$(SETUP) test train
+	$(ENV) rpo bench inference && rpo bench training
 
 lint:  ## ruff and mypy
 	$(SETUP) lint
