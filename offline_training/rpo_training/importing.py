@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import DEFAULT_SAMPLES, WORDS, FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.fuzzy import (
+    DEFAULT_SAMPLES,
+    WORDS,
+    FuzzySystem,
+    MembershipFunctions,
+    RuleTable,
+    odd_samples,
+)
 from rpo_core.validation import InputError, choice, quoted, shown, within
 
 SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
@@ -115,13 +122,13 @@ def controller_of(
         sizes.append(size)
         orders.append(order)
     facts = described.facts
-    samples = int(facts.get('samples', DEFAULT_SAMPLES))
+    samples = facts.get('samples', float(DEFAULT_SAMPLES))
     system = FuzzySystem(
         position=parts[0],
         velocity=parts[1],
         force=parts[2],
         rules=_table(described.rules, orders),
-        samples=samples,
+        samples=int(samples) if samples.is_integer() else odd_samples('samples', samples),
     )
     position, velocity, force = (
         _scale(name, given, size, facts)

@@ -30,13 +30,13 @@ def explain(
     target: Annotated[
         str, typer.Argument(help='controller (shipped name or file), or run (folder or .mcap)')
     ] = '',
-    at: Annotated[float | None, typer.Option(help='time in a run [s]')] = None,
+    at: Annotated[float | None, typer.Option(help='seconds into a run')] = None,
     state: Annotated[
-        str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state [m, m/s], target LVLH')
+        str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state in m and m/s, target LVLH')
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help=f'controller that a state is given to  [{DEFAULT_CONTROLLER}]'),
+        typer.Option(help=f'controller that a state is given to; {DEFAULT_CONTROLLER} if none'),
     ] = None,
     certify: Annotated[
         bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
@@ -105,13 +105,15 @@ def _explain_run(console: Console, path: str, at: float) -> None:
 def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
     from rich.table import Table
 
+    def error(value: float, saturated: bool) -> str:
+        return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
+
     for decision in found:
-        saturated = ' (saturated)'
         console.print(
             f'\n[bold]{decision.axis}[/bold]: position {decision.position_m:g} m, velocity '
-            f'{decision.velocity_m_s:g} m/s; position error {decision.position_error:.4f}'
-            f'{saturated if decision.position_saturated else ""}, velocity error '
-            f'{decision.velocity_error:.4f}{saturated if decision.velocity_saturated else ""}',
+            f'{decision.velocity_m_s:g} m/s; position error '
+            f'{error(decision.position_error, decision.position_saturated)}, velocity error '
+            f'{error(decision.velocity_error, decision.velocity_saturated)}',
             highlight=False,
             soft_wrap=True,
         )
@@ -213,27 +215,22 @@ def _functions(controller: FuzzyController) -> Table:
 def _print_certificate(
     console: Console, controller: FuzzyController, certificate: Certificate
 ) -> None:
-    from rich.table import Table
+    def say(line: str) -> None:
+        console.print(line, highlight=False, soft_wrap=True)
 
     marks = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
-    table = Table(title='Certificate over the whole input square', title_justify='left')
-    for heading in ('claim', 'verdict', 'statement', 'found at (e, v) → u'):
-        table.add_column(heading, overflow='fold')
+    say('\n[bold]Certificate[/bold] over all position errors e and velocity errors v in \\[-1, 1]')
     for claim in certificate.claims:
-        points = '\n'.join(
-            f'({p.position_error!r}, {p.velocity_error!r}) → {p.output!r}' for p in claim.points
-        )
         color = marks[claim.verdict]
-        table.add_row(claim.name, f'[{color}]{claim.verdict}[/{color}]', claim.statement, points)
-    console.print(table)
+        say(f'[{color}]{claim.verdict:9s}[/{color}] {claim.name}: {claim.statement}')
+        for p in claim.points:
+            say(f'            u({p.position_error!r}, {p.velocity_error!r}) = {p.output!r}')
     position, velocity, force = controller.scales
     by_name = {claim.name: claim for claim in certificate.claims}
-    console.print(
+    say(
         f'In units: |force| <= {by_name["output"].bound * force:.4g} N; at most '
         f'{by_name["slope in position error"].bound * force / position:.4g} N/m and '
         f'{by_name["slope in velocity error"].bound * force / velocity:.4g} N/(m/s).\n'
         f'{certificate.boxes} boxes; the kernel is within {certificate.rounding:.1e} of the exact '
-        f'surface. The certificate {"holds" if certificate.holds else "FAILS"}.',
-        highlight=False,
-        soft_wrap=True,
+        f'surface. The certificate {"holds" if certificate.holds else "FAILS"}.'
     )

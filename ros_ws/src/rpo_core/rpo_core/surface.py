@@ -152,7 +152,7 @@ class _Words:
 
 def _triangle(x: Floats, left: float, centre: float, right: float) -> Floats:
     """Return the kernel's `triangle` of many points, bit for bit."""
-    with np.errstate(divide='ignore', invalid='ignore'):
+    with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
         rising = np.where(x > left, (x - left) / (centre - left), 0.0)
         falling = np.where(x < right, (right - x) / (right - centre), 0.0)
     return np.where(x < centre, rising, np.where(x > centre, falling, 1.0))

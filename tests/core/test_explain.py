@@ -1,0 +1,123 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Explaining: what is said of a decision is what was decided; warnings where they are due."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_oracles import grade, mamdani, triangles
+from core_strategies import functions, systems
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpo_core import explain
+from rpo_core.controller import FuzzyController
+from rpo_core.fuzzy import WORDS, MembershipFunctions, RuleTable
+from rpo_core.validation import InputError
+
+component = st.floats(-300, 300)
+
+
+@given(systems(), st.lists(component, min_size=6, max_size=6))
+def test_decisions_are_what_is_commanded(system, state):
+    controller = FuzzyController('any', system, 70.0, 0.9, 0.5)
+    found = explain.decisions(controller, state)
+    assert tuple(d.force_n for d in found) == controller.force_n(state[:3], state[3:])
+    for decision in found:
+        e, v = decision.position_error, decision.velocity_error
+        positions, velocities = triangles(system.position), triangles(system.velocity)
+        expected = {}
+        for i, row in enumerate(WORDS):
+            for j, column in enumerate(WORDS):
+                strength = min(grade(e, positions[column]), grade(v, velocities[row]))
+                if strength > 0:
+                    expected[column, row, system.rules.words[i][j]] = strength
+        said = {(r.position, r.velocity, r.force): r.strength for r in decision.rules}
+        assert said == pytest.approx(expected, abs=1e-12)
+        assert decision.output == pytest.approx(mamdani(system, e, v), abs=1e-12)
+        for word, strength in zip(WORDS, decision.strengths, strict=True):
+            deciding = [r.strength for r in decision.rules if r.force == word and r.decides]
+            assert set(deciding) == ({strength} if strength else set())
+        json.dumps(decision.as_dict(), allow_nan=False)
+
+
+def test_the_sentence_of_the_issue(handmade):
+    """At 10 m, at rest: e = -1/7 is SN to 5/7, Z to 2/7."""
+    decision = explain.decide(handmade, 10.0, 0.0)
+    assert decision.sentence == (
+        'position error is small negative and velocity error is zero → force small negative, 0.71'
+    )
+    assert decision.rules[0].strength == pytest.approx(5 / 7)
+    assert [rule.force for rule in decision.rules] == ['SN', 'Z', 'LN']
+    assert decision.force_n < 0
+
+
+def test_saturated_errors_are_said(handmade):
+    decision = explain.decide(handmade, -500.0, 0.9)
+    assert (decision.position_error, decision.velocity_error) == (1.0, -1.0)
+    assert decision.position_saturated and not decision.velocity_saturated
+
+
+def test_without_a_rule_there_is_no_force(handmade):
+    bare = replace(handmade.system, position=MembershipFunctions(0.1, 0.5, 0.6, 0.7, 0.8))
+    decision = explain.decide(replace(handmade, system=bare), -0.3 * 70.0, 0.0)
+    assert (decision.rules, decision.force_n) == ((), 0.0)
+    assert decision.sentence == 'no rule fires → no force, 0.00'
+
+
+@pytest.mark.parametrize(
+    ('state', 'message'),
+    [
+        ([0.0] * 5, '`state` must be 6 numbers'),
+        ([1e6, 0, 0, 0, 0, 0], '`x` must be a finite number >= -100000 and <= 100000 m; got'),
+        ([0, 0, 0, 0, np.nan, 0], '`vy` must be a finite number'),
+    ],
+)
+def test_states_outside_the_domain_are_refused(handmade, state, message):
+    with pytest.raises(InputError, match=message):
+        explain.decisions(handmade, state)
+
+
+@given(functions, st.floats(0, 1))
+def test_holes_are_where_no_word_fits(parts, size):
+    inside = any(low <= size <= high for low, high in explain.holes(parts))
+    edge = any(abs(size - foot) < 1e-12 for hole in explain.holes(parts) for foot in hole)
+    assert edge or inside == (parts.grades(size).max() == 0.0)
+
+
+def test_shipped_rules_have_no_warnings(handmade):
+    assert explain.warnings(handmade.system) == ()
+
+
+def test_every_fault_has_its_warning(handmade):
+    def said(**parts):
+        return ' | '.join(explain.warnings(replace(handmade.system, **parts)))
+
+    codes = handmade.system.rules.codes.copy()
+    codes[4, 4] = 3
+    assert (
+        'as the position error grows from (velocity LP, position SP) to (velocity LP, '
+        'position LP), the force falls from LP to SP'
+    ) in said(rules=RuleTable.from_codes(codes))
+    assert 'no word fits a position error whose size is between 0.2 and 0.3' in said(
+        position=MembershipFunctions(0.2, 0.3, 0.4, 0.9, 0.5)
+    )
+    # SP lies under LP, and the two say the same of a large velocity error: SP never decides.
+    nested = said(position=MembershipFunctions(0.5, 0.3, 1.0, 1.0, 0.2))
+    assert 'rule (velocity LP, position SP) → LP never decides' in nested
+    assert 'position word SP has a vertical edge' in nested
+    assert 'force words SN and SP fall between the output samples' in said(
+        force=MembershipFunctions(0.1, 0.303, 0.305, 0.307, 0.4)
+    )
+
+
+def test_shares_of_the_square_add_up(handmade):
+    found = explain.activities(handmade.system)
+    assert [(rule.velocity, rule.position) for rule in found] == [
+        (row, column) for row in WORDS for column in WORDS
+    ]
+    assert all(0 < rule.decides <= rule.fires <= 1 for rule in found)

@@ -1,0 +1,131 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo explain`: from a controller, a state, a log; its verdicts as exit codes."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from log_runs import FORCE, make_run, rewrite
+from typer.testing import CliRunner
+
+from rpo_core.controller import DEFAULT_CONTROLLER, dumps, load_controller
+from rpo_core.explain import decisions
+from rpo_core.fuzzy import RuleTable
+from rpo_log import cdr
+from rpo_log.run import TimeBase
+from rpo_training.cli import app
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ['explain', *map(str, arguments)], env={'COLUMNS': '200'})
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """The log of the first five seconds of the paper's test."""
+    path = tmp_path_factory.mktemp('flown')
+    made = make_run(5.0)
+    assert made.write(path).whole
+    return path, made.flight
+
+
+def test_a_controller_is_a_table(tmp_path):
+    done = run('handmade')
+    assert done.exit_code == 0
+    rows = [re.findall(r'\b(LN|SN|Z|SP|LP) +\d+%', line) for line in done.stdout.splitlines()]
+    assert (
+        tuple(tuple(row) for row in rows if row) == load_controller('handmade').system.rules.words
+    )
+    assert '-70, 0' in done.stdout and 'No warnings' in done.stdout
+
+
+def test_warnings_of_a_controller_are_shown(tmp_path):
+    done = run(broken(tmp_path))
+    assert done.exit_code == 0
+    assert 'the force falls from Z to SN' in done.stdout and 'No warnings' not in done.stdout
+
+
+def broken(tmp_path):
+    """Return a file whose rules push away from the target at rest."""
+    shipped = load_controller('handmade')
+    codes = shipped.system.rules.codes.copy()
+    codes[2, 1], codes[2, 3] = 3, 1
+    system = replace(shipped.system, rules=RuleTable.from_codes(codes))
+    path = tmp_path / 'broken.yaml'
+    path.write_text(dumps(replace(shipped, name='broken', system=system)))
+    return path
+
+
+def test_a_broken_controller_fails_with_a_true_counterexample(tmp_path):
+    path = broken(tmp_path)
+    done = run(path, '--certify')
+    assert done.exit_code == 1 and 'The certificate FAILS.' in done.stdout
+    found = re.search(r'refuted +pull:.*\n +u\((.+), (.+)\) = (.+)\n', done.stdout)
+    e, v, u = map(float, found.groups())
+    assert load_controller(path).system.output(e, v) == u and v == 0.0 and e * u <= 0.0
+
+
+def test_a_state_is_explained():
+    done = run('--state', '10,60,-40,0.1,0,0')
+    assert done.exit_code == 0
+    for decision in decisions(load_controller(DEFAULT_CONTROLLER), (10, 60, -40, 0.1, 0, 0)):
+        assert decision.sentence in done.stdout and f'{decision.force_n:.6f} N' in done.stdout
+
+
+def test_a_state_is_explained_by_the_controller_named(tmp_path):
+    state = (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    done = run('--state=10,0,0,0,0,0', '--controller', broken(tmp_path))
+    (x, _, _) = decisions(load_controller(broken(tmp_path)), state)
+    assert x.sentence in done.stdout and x.force_n > 0.0
+
+
+def test_an_instant_of_a_run_is_explained_with_the_bits_of_the_log(folder):
+    path, flight = folder
+    done = run(path, '--at', 3.7)
+    assert done.exit_code == 0
+    assert 'tick 37, 3.7 s' in done.stdout and 'the same, bit for bit' in done.stdout
+    for decision in decisions(load_controller('handmade'), flight.states[37]):
+        assert decision.sentence in done.stdout
+    assert 'tick 37, 3.7 s' in run(path / 'run.mcap', '--at', 3.79).stdout
+
+
+def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
+    scenario = folder[1].scenario
+    base = TimeBase(scenario.epoch_ns, scenario.dt_ns, scenario.ticks)
+
+    def change(topic, tick, data):
+        if topic != FORCE or tick != 20:
+            return data
+        other = folder[1].forces_n[20] + [0.0, 0.001, 0.0]
+        return cdr.encode_wrench(base.stamp_ns(20), 'target_lvlh', other.tolist())
+
+    rewrite(folder[0] / 'run.mcap', tmp_path / 'run.mcap', change)
+    assert run(tmp_path / 'run.mcap', '--at', 1.9).exit_code == 0
+    done = run(tmp_path / 'run.mcap', '--at', 2.0)
+    assert done.exit_code == 1 and 'The logged force differs' in done.stdout
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ([], 'say what to explain: a controller, a run with --at, or --state'),
+        (['nobody'], '`controller` must be one of'),
+        (['--state', '1,2,3'], '`state` must be 6 finite numbers x,y,z,vx,vy,vz'),
+        (['--state', '1,2,3,4,5,six'], '`state` must be 6 finite numbers'),
+        (['--state', '1e9,0,0,0,0,0'], '`x` must be a finite number >= -100000 and <= 100000 m'),
+        (['--state', '1,2,3,0,0,0', '--at', '3'], '`--state` goes with `--controller` alone'),
+        (['--controller', 'handmade'], '`--controller` goes with `--state`'),
+        (['--at', '3'], '`--at` needs a run'),
+        (['/no/such/run', '--at', '3'], '/no/such/run'),
+        (['FOLDER'], 'say which instant of the run, like --at 37.5'),
+        (['FOLDER', '--at', '5.5'], '`--at` must be within the log, 0 to 5 s; got 5.5'),
+        (['FOLDER', '--at', '-1'], '`--at` must be within the log'),
+    ],
+)
+def test_bad_arguments_are_a_sentence(arguments, message, folder):
+    done = run(*(str(folder[0]) if a == 'FOLDER' else a for a in arguments))
+    assert done.exit_code == 2
+    assert message in done.stderr and done.stderr.count('\n') == 1

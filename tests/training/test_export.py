@@ -1,0 +1,327 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Exports say the same as the kernel: read by others, compiled, run without us, read back."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import fuzzylite
+import numpy as np
+import pytest
+from core_oracles import mamdani
+from core_strategies import functions, systems
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from rpo_core.controller import FuzzyController, load_controller, parse
+from rpo_core.fuzzy import FuzzySystem
+from rpo_core.validation import InputError
+from rpo_training import importing
+from rpo_training.cli import app
+from rpo_training.export import FORMATS, SUFFIXES, text_of
+
+CONTROLLERS = ['trained', 'paper_ga']
+GRID = np.linspace(-1.0, 1.0, 201)
+
+
+@pytest.fixture(params=CONTROLLERS)
+def controller(request):
+    return load_controller(request.param)
+
+
+def surface_of(system):
+    """Return the kernel's outputs (201, 201), a row for each velocity error."""
+    return np.array([[system.output(e, v) for e in GRID] for v in GRID])
+
+
+def test_pyfuzzylite_reads_fll_and_agrees_on_the_grid(controller):
+    engine = fuzzylite.FllImporter().from_string(text_of(controller, 'fll'))
+    e, v = np.meshgrid(GRID, GRID)
+    engine.input_variable('position_error').value = e.ravel()
+    engine.input_variable('velocity_error').value = v.ravel()
+    engine.process()
+    theirs = np.asarray(engine.output_variable('force').value).reshape(e.shape)
+    assert np.abs(theirs - surface_of(controller.system)).max() < 1e-13
+
+
+def states(seed=5, count=3000):
+    """Return (position [m], velocity [m/s]) pairs: near, far, and awkward."""
+    rng = np.random.default_rng(seed)
+    near = rng.normal(size=(count, 2)) * [30.0, 0.4]
+    tiny = rng.normal(size=(200, 2)) * 10.0 ** rng.uniform(-12, -2, (200, 1))
+    odd = [(0.0, 0.0), (-0.0, 0.0), (70.0, -0.9), (-1e5, 1e3), (14.0, 0.0), (1e-300, -1e-300)]
+    return [*map(tuple, near.tolist()), *map(tuple, tiny.tolist()), *odd]
+
+
+def bits(forces):
+    return np.array(forces, dtype=np.float64).view(np.uint64).tolist()
+
+
+def commanded(controller):
+    return bits([controller.force_n((r, 0, 0), (v, 0, 0))[0] for r, v in states()])
+
+
+def test_python_gives_the_bits_without_us(controller, tmp_path):
+    (tmp_path / 'exported.py').write_text(text_of(controller, 'python'))
+    program = (
+        'import json, sys\n'
+        'import exported\n'
+        'known = set(sys.stdlib_module_names)\n'
+        'assert not [m for m in sys.modules if m.partition(".")[0] not in known | {"exported", '
+        '"__main__"}], sys.modules\n'
+        'print(json.dumps([exported.force(r, v) for r, v in json.load(sys.stdin)]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-I', '-S', '-B', '-c', f'sys_path = {str(tmp_path)!r}\nimport sys\n'
+         f'sys.path.insert(0, sys_path)\n{program}'],
+        input=json.dumps(states()), capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert bits(json.loads(done.stdout)) == commanded(controller)
+
+
+MAIN = """
+#include <stdio.h>
+void NAME_force(const double r[3], const double v[3], double f[3]);
+double NAME_axis_force(double r, double v);
+int main(void)
+{
+    double r, v;
+    while (scanf("%lf %lf", &r, &v) == 2) {
+        double state[3] = {0.0, r, 0.0}, rate[3] = {0.0, v, 0.0}, force[3];
+        NAME_force(state, rate, force);
+        if (force[1] != NAME_axis_force(r, v)) return 1;
+        printf("%.17g\\n", force[1]);
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
+@pytest.mark.parametrize('optimise', ['-O0', '-O2'])
+def test_c99_gives_the_bits(controller, optimise, tmp_path):
+    (tmp_path / 'force.c').write_text(text_of(controller, 'c'))
+    (tmp_path / 'main.c').write_text(MAIN.replace('NAME', controller.name))
+    flags = ['-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-ffp-contract=off', optimise]
+    built = subprocess.run(
+        ['cc', *flags, '-o', 'force', 'force.c', 'main.c'],
+        cwd=tmp_path, capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    lines = '\n'.join(f'{r!r} {v!r}' for r, v in states())
+    done = subprocess.run(
+        [tmp_path / 'force'], input=lines, capture_output=True, text=True, timeout=50
+    )
+    assert done.returncode == 0
+    assert bits(list(map(float, done.stdout.split()))) == commanded(controller)
+
+
+@settings(max_examples=60)
+@given(
+    systems(parts=functions, samples=st.sampled_from([3, 101, 201])),
+    st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
+    st.sampled_from(['fis', 'fll']),
+    st.text(max_size=30).filter(str.isprintable),
+)
+def test_any_controller_is_read_back_bit_for_bit(tmp_path_factory, system, scales, suffix, note):
+    built = FuzzyController('mine', system, *scales, description=note)
+    path = tmp_path_factory.mktemp('back') / f'mine.{suffix}'
+    path.write_text(text_of(built, suffix), encoding='utf-8')
+    assert importing.load(path) == built
+
+
+def test_json_holds_the_controller_file(controller):
+    document = json.loads(text_of(controller, 'json'))
+    assert parse(document['controller']) == controller
+    assert document['triangles']['force']['Z'][1] == 0.0
+    assert len(document['rules']) == 25
+
+
+def read_fcl(text):
+    """Return terms and rules of an FCL text, by the grammar of IEC 61131-7."""
+    text = re.sub(r'\(\*.*?\*\)', '', text)
+    blocks = re.findall(r'(?:DE)?FUZZIFY (\w+)(.*?)END_(?:DE)?FUZZIFY', text, re.DOTALL)
+    terms = {
+        name: {
+            word: [tuple(map(float, p)) for p in re.findall(r'\(([^,]+), ([^)]+)\)', points)]
+            for word, points in re.findall(r'TERM (\w+) :=(.*?);', body)
+        }
+        for name, body in blocks
+    }
+    rule = r'RULE \d+ : IF position_error IS (\w+) AND velocity_error IS (\w+) THEN force IS (\w+);'
+    return terms, re.findall(rule, text)
+
+
+def test_fcl_says_the_same(controller):
+    text = text_of(controller, 'fcl')
+    terms, rules = read_fcl(text)
+    assert text.count('END_FUZZIFY') == 2 and 'METHOD : COG;' in text and len(rules) == 25
+    y = np.linspace(-1, 1, 101)
+
+    def grade(x, points):
+        return np.interp(x, *zip(*points, strict=True))
+
+    for e, v in np.random.default_rng(6).uniform(-1, 1, (40, 2)):
+        total = np.zeros(101)
+        for position, velocity, force in rules:
+            strength = min(
+                grade(e, terms['position_error'][position]),
+                grade(v, terms['velocity_error'][velocity]),
+            )
+            total = np.fmax(total, np.fmin(strength, grade(y, terms['force'][force])))
+        assert (y * total).sum() / total.sum() == pytest.approx(
+            mamdani(controller.system, e, v), abs=1e-12
+        )
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)), env={'COLUMNS': '300'})
+
+
+@pytest.mark.parametrize('name', FORMATS)
+def test_the_command_writes_the_text(name, tmp_path):
+    path = tmp_path / f'mine{SUFFIXES[name]}'
+    done = run('export', 'handmade', '--to', name, '--output', path)
+    assert (done.exit_code, done.stdout) == (0, f'{path}\n')
+    assert path.read_text() == text_of(load_controller('handmade'), name)
+    assert run('export', 'handmade', '--to', name, '-o', '-').stdout == path.read_text()
+
+
+@pytest.mark.parametrize('suffix', ['fis', 'fll'])
+def test_export_then_import_is_the_same_controller(suffix, tmp_path):
+    file, back = tmp_path / f'h.{suffix}', tmp_path / 'back.yaml'
+    assert run('export', 'handmade', '--to', suffix, '-o', file).exit_code == 0
+    assert run('import', file, '--output', back).exit_code == 0
+    assert load_controller(back) == replace(load_controller('handmade'), name='back')
+
+
+FIS = text_of(load_controller('handmade'), 'fis')
+PLAIN = re.sub('%.*', '', FIS)
+FLL = text_of(load_controller('handmade'), 'fll')
+
+
+def test_a_file_in_units_brings_its_scales(tmp_path):
+    """As a MATLAB user would write it: other words, ranges in units, feet within them."""
+    rows = [line for line in PLAIN.splitlines() if not re.match(r'MF\d|Range|Name', line)]
+    system = load_controller('handmade').system
+    blocks, text = {}, []
+    for header, part, scale in (
+        ('[Input1]', system.position, 60.0),
+        ('[Input2]', system.velocity, 0.8),
+        ('[Output1]', system.force, 0.25),
+    ):
+        feet = [0, part.z_half_width], [part.sp_left, part.sp_centre, part.sp_right], [part.lp_left]
+        (_, z), small, (large,) = (np.array(group) * scale for group in feet)
+        triangles = {
+            'NB': [-scale, -scale, -large], 'PB': [large, scale, scale], 'ZE': [-z, 0, z],
+            'NS': [-small[2], -small[1], -small[0]], 'PS': list(small),
+        }  # fmt: skip
+        lines = [f"Name='{header[1:3]}'", f'Range=[{-scale!r} {scale!r}]']
+        for number, word in enumerate(['NB', 'NS', 'ZE', 'PS', 'PB'], 1):
+            points = ' '.join(f'{float(x)!r}' for x in triangles[word])
+            lines.append(f"MF{number}='{word}':'trimf',[{points}]")
+        blocks[header] = lines
+    for line in rows:
+        text += [line, *blocks.get(line, [])]
+    path = tmp_path / 'plant.fis'
+    path.write_text('\n'.join(text))
+    read = importing.load(path)
+    assert read.scales == (60.0, 0.8, 0.25)
+    for e, v in np.random.default_rng(2).uniform(-1, 1, (50, 2)):
+        assert read.system.output(e, v) == pytest.approx(system.output(e, v), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('suffix', 'text', 'message'),
+    [
+        ('fis', PLAIN, 'does not say `position_scale_m`: give --position-scale'),
+        ('fis', '', 'not a .fis file: it has no [System]'),
+        ('fis', 'hello', "not a .fis line: 'hello'"),
+        ('fis', FIS.replace("'mamdani'", "'sugeno'"), "must be one of mamdani; got 'sugeno'"),
+        ('fis', FIS.replace("ImpMethod='min'", "ImpMethod='prod'"), '`implication` must be one of'),
+        ('fis', FIS.replace('[Input2]', '[Input3]'), 'must have two inputs and one output'),
+        ('fis', FIS.replace("'trimf'", "'gaussmf'", 1), 'term `LN` must be a triangle of 3 points'),
+        ('fis', FIS.replace('-0.75 -0.2', '-0.75 -0.3'), 'term `SN` must mirror its opposite'),
+        ('fis', FIS.replace('3 3, 3 (1) : 1\n', ''), 'must have 25 rules; it has 24'),
+        ('fis', FIS.replace('3 3, 3 (1) : 1', '3 4, 3 (1) : 1'), 'position Z) has two'),
+        ('fis', FIS.replace('3 3, 3 (1)', '3 3, 3 (0.5)'), 'words 1 to 5, weight 1, joined by AND'),
+        ('fis', FIS.replace('3 3, 3 (1)', '3 0, 3 (1)'), 'words 1 to 5, weight 1, joined by AND'),
+        ('fis', FIS.replace('Range=[-1 1]', 'Range=[0 1]', 1), 'its range must be [-S, S]'),
+        ('fis', FIS.replace('samples = 101', 'samples = 100'), '`samples` must be odd'),
+        ('fll', '', 'it has none'),
+        ('fll', FLL.replace('InputVariable', 'OutputVariable', 1), 'must be one Engine with two'),
+        ('fll', FLL.replace('Triangle', 'Gaussian', 1), 'term `LN` must be a triangle of 3 points'),
+        ('fll', FLL.replace('Centroid 101', 'Bisector 101'), '`defuzzification` must be one of'),
+        ('fll', FLL.replace('is LN and', 'is LN or', 1), 'a rule must be like'),
+        ('fll', FLL.replace('range: -1.0 1.0', 'range: -1.0', 1), 'must be two numbers'),
+        ('fll', FLL.replace('-2.0 -1.0 0.0', '-2.0 x 0.0', 1), 'must be a finite number; got'),
+        ('xml', FIS, '`file name suffix` must be one of .fis, .fll'),
+    ],
+)  # fmt: skip
+def test_files_of_another_shape_are_refused(suffix, text, message, tmp_path):
+    path = tmp_path / f'other.{suffix}'
+    path.write_text(text)
+    done = run('import', path, '-o', tmp_path / 'mine.yaml')
+    assert done.exit_code == 2
+    assert done.stderr.startswith(f'rpo: {path}: ') and message in done.stderr
+    assert done.stderr.count('\n') == 1 and not (tmp_path / 'mine.yaml').exists()
+
+
+def test_scales_may_be_given(tmp_path):
+    path = tmp_path / 'plain.fis'
+    path.write_text(PLAIN)
+    scales = ('--position-scale', 50, '--velocity-scale', 0.7, '--force-scale', 0.4)
+    assert run('import', path, '-o', tmp_path / 'mine.yaml', *scales).exit_code == 0
+    assert load_controller(tmp_path / 'mine.yaml').scales == (50.0, 0.7, 0.4)
+
+
+@settings(max_examples=150)
+@given(st.data(), st.sampled_from([(importing.read_fis, FIS), (importing.read_fll, FLL)]))
+def test_spoilt_texts_are_read_or_refused(data, case):
+    """Anything but an InputError would be a traceback for the user."""
+    reader, text = case
+    lines = text.splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        i = data.draw(st.integers(0, len(lines) - 1))
+        change = data.draw(st.sampled_from(['cut', 'drop', 'twice', 'replace', 'character']))
+        line = lines[i]
+        at = data.draw(st.integers(0, max(len(line) - 1, 0)))
+        lines[i : i + 1] = {
+            'cut': [line[:at]],
+            'drop': [],
+            'twice': [line, line],
+            'replace': [data.draw(st.text(max_size=12))],
+            'character': [line[:at] + data.draw(st.characters()) + line[at + 1 :]],
+        }[change]
+        lines = lines or ['']
+    try:
+        built = importing.controller_of(reader('\n'.join(lines)), 'spoilt', (1.0, 1.0, 1.0))
+    except InputError as error:
+        assert str(error)
+    else:
+        assert isinstance(built.system, FuzzySystem)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (
+            ['export', 'handmade', '--to', 'xml'],
+            '`--to` must be one of fis, fll, fcl, json, python',
+        ),
+        (['export', 'nobody', '--to', 'fis'], '`controller` must be one of'),
+        (['export', 'handmade', '--to', 'c', '-o', '/no/such/place.c'], 'cannot be written'),
+        (['import', '/no/such.fis', '-o', 'x.yaml'], '/no/such.fis: No such file or directory'),
+    ],
+)
+def test_bad_arguments_are_a_sentence(arguments, message):
+    done = run(*arguments)
+    assert done.exit_code == 2 and message in done.stderr and done.stderr.count('\n') == 1
