@@ -10,6 +10,7 @@ from __future__ import annotations
 import platform
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -273,6 +274,6 @@ def breakdown(count: int = 20_000) -> dict[str, float]:
     for part, name in enumerate(BREAKDOWN):
         _repeat(part, 1, *arguments)
         batch.place(rows, block)
-        rate = _measure(lambda part=part: _repeat(part, count, *arguments), count * axes)
+        rate = _measure(partial(_repeat, part, count, *arguments), count * axes)
         times[name] = 1e9 / rate
     return times
