@@ -126,7 +126,7 @@ def _print(store: Store) -> None:
         table.add_row(r.name, f'{r.kept} / {r.runs}', f'{100 * r.kept / r.runs:.2f} %', interval)
     console.print(table)
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'in run'):
+    for heading in ('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'):
         table.add_column(heading, justify='right' if heading else 'left', no_wrap=True)
     for s in spreads(store):
         numbers = (f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst))
