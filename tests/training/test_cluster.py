@@ -126,7 +126,7 @@ def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monke
 
 
 def test_without_dask_it_says_what_to_install(campaign, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, 'distributed', None)
+    monkeypatch.setattr(flying, 'find_spec', lambda name: None)
     with pytest.raises(flying.InputError, match='make setup LAYERS=campaign'):
         flying.fly(Store.create(tmp_path / 'f', campaign), cluster='local')
 

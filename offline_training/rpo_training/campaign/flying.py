@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
 from functools import lru_cache
+from importlib.util import find_spec
 from itertools import islice
 from typing import Any
 
@@ -65,6 +66,8 @@ def _fly(
     progress: Callable[[int, int], None],
 ) -> None:
     campaign = store.campaign
+    if cluster and find_spec('distributed') is None:
+        raise InputError('`--cluster` needs dask.distributed: `make setup LAYERS=campaign`')
     source = (
         on_cluster(campaign, pending, cluster, workers)
         if cluster
@@ -114,13 +117,8 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
     InputError
         If the cluster does not answer, is lost, or has other versions of what bits depend on.
     """
-    try:
-        from distributed import KilledWorker, as_completed
-        from distributed.comm import CommClosedError
-    except ImportError:
-        raise InputError(
-            '`--cluster` needs dask.distributed: `make setup LAYERS=campaign`'
-        ) from None
+    from distributed import KilledWorker, as_completed
+    from distributed.comm import CommClosedError
 
     mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
     with _client(address, workers) as client:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
+    from rpo_core.closed_loop import Flight
     from rpo_core.scenario import Scenario, ScenarioSet
 
 EXAMPLES = """
@@ -82,10 +83,6 @@ def _with_start(base: Scenario, text: str) -> Scenario:
 
 
 def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from rpo_core import metrics
     from rpo_core.closed_loop import fly
     from rpo_core.controller import load_controller
     from rpo_training import optimal as limits
@@ -101,6 +98,15 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> N
         _write_csv(flights[_BEST], csv)
     if controller is not None:
         flights[controller] = fly(scenario, load_controller(controller))
+    _print(scenario, flights)
+
+
+def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from rpo_core import metrics
+
     best = metrics.assess(flights[_BEST]).energy_n2s
     position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
     table = Table(

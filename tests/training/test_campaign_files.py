@@ -1,0 +1,231 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Campaigns on disk and by command: the same bytes, interrupted or killed; bad input."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaign_documents import SHORT, write_campaign
+from typer.testing import CliRunner
+
+from rpo_core.validation import InputError
+from rpo_training.campaign import config, fleet, flying
+from rpo_training.campaign.store import Store
+from rpo_training.cli import app
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml'
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes a campaign of a short flight and returns its path."""
+    return partial(write_campaign, tmp_path)
+
+
+def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_path):
+    campaign = config.load(write(runs=1250))
+    for name, workers in (('one', 1), ('two', 2)):
+        flying.fly(Store.create(tmp_path / name, campaign), workers)
+
+    class Interrupt(Exception):
+        pass
+
+    def stop(runs, successful):
+        raise Interrupt
+
+    store = Store.create(tmp_path / 'three', campaign)
+    with pytest.raises(Interrupt):
+        flying.fly(store, 2, progress=stop)
+    assert 0 < len(store.pending()) < 7
+    flying.fly(Store.open(tmp_path / 'three'), 1)
+    for name in ('results.npz', 'summary.yaml', 'campaign.yaml'):
+        contents = {(tmp_path / run / name).read_bytes() for run in ('one', 'two', 'three')}
+        assert len(contents) == 1, name
+    with np.load(tmp_path / 'one' / 'results.npz') as results:
+        assert set(results.files) == set(fleet.COLUMNS)
+        assert results['mass_kg'].shape == (1250,)
+    assert not list((tmp_path / 'one').glob('*.part'))
+
+
+def test_a_killed_campaign_goes_on(write, tmp_path):
+    folder = tmp_path / 'killed'
+    path = write(runs=20000)
+    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    process = subprocess.Popen([*command, str(path), '-o', str(folder)], stderr=subprocess.PIPE)
+    deadline = time.monotonic() + 40.0
+    while time.monotonic() < deadline:
+        done = folder / 'done.part'
+        if done.is_file() and (folder / 'campaign.yaml').is_file() and any(done.read_bytes()):
+            break
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL, 'it had ended before'
+    assert 0 < len(Store.open(folder).pending()) < 100
+    flying.fly(Store.open(folder))
+    expected = fleet.fly_runs(config.load(path), 19990, 10)
+    for name in fleet.COLUMNS:
+        np.testing.assert_array_equal(Store.open(folder).column(name)[-10:], expected[name])
+
+
+def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(write, tmp_path):
+    folder = tmp_path / 'stopped'
+    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    process = subprocess.Popen(
+        [*command, str(write(runs=1000000)), '-o', str(folder)],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'COLUMNS': '200'},
+    )
+    deadline = time.monotonic() + 40.0
+    while time.monotonic() < deadline:
+        done = folder / 'done.part'
+        if done.is_file() and any(done.read_bytes()):
+            break
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    assert f'rpo campaign --resume {folder}' in errors
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_memory_is_flat(tmp_path, write):
+    """A million runs need no more than ten thousand, but for columns of 8 MB at the end."""
+    scenario = tmp_path / 'blink.yaml'
+    scenario.write_text(SHORT.replace('duration_s: 20.0', 'duration_s: 0.1'))
+    code = (
+        'import resource, sys\n'
+        'from pathlib import Path\n'
+        'from rpo_training.campaign import config, flying\n'
+        'from rpo_training.campaign.store import Store\n'
+        'campaign = config.load(sys.argv[1], runs=int(sys.argv[2]))\n'
+        'flying.fly(Store.create(Path(sys.argv[3]), campaign), 2)\n'
+        'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n'
+    )
+    path = write(scenario=str(scenario))
+    peaks = []
+    for runs in (10_000, 1_000_000):
+        command = [sys.executable, '-c', code, str(path), str(runs), str(tmp_path / str(runs))]
+        peaks.append(int(subprocess.check_output(command)))
+    assert peaks[1] - peaks[0] < 64 * 1024  # KiB; all columns are 312 MB
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'schema': 'rpo/campaign/2'}, '`schema` must be rpo/campaign/1'),
+        ({'dispersions': {'mas_share': {'normal': 0.1}}}, 'did you mean `mass_share`'),
+        ({'dispersions': {'mass_share': {'normal': -0.1}}}, 'must be a finite number >= 0'),
+        ({'dispersions': {'mass_share': {'gauss': 0.1}}}, '`dispersions.mass_share.gauss`'),
+        ({'dispersions': {'mass_share': {'uniform': 0.1, 'normal': 0.1}}}, 'must give one of'),
+        ({'dispersions': {'mass_share': {}}}, 'must give one of'),
+        ({'dispersions': {'mass_share': {'uniform': 1.2}}}, '<= 0.99'),
+        ({'dispersions': {'thrust_share': {'normal': [0.1, 0.1]}}}, 'or a list of 3'),
+        ({'dispersions': {'delay_ticks': {'whole': 1.5}}}, 'must be a whole number'),
+        ({'dispersions': {'orbit_altitude_m': {'uniform': 4e5}}}, '`orbit_radius_m` must be'),
+        ({'success': {}}, '`success` must limit at least one of'),
+        ({'success': {'late_positon_m': 1.0}}, 'did you mean `late_position_m`'),
+        ({'success': {'late_position_m': -1.0}}, '`success.late_position_m` must be'),
+        ({'runs': 0}, '`runs` must be a whole number >= 1'),
+        ({'sampling': 'sobol'}, '`sampling` must be one of latin_hypercube, random'),
+        ({'controller': 'nobody'}, '`controller` must be one of'),
+        ({'scenario': 'paper_training'}, 'must be a single flight'),
+        ({'name': 'a/b'}, '`name` must be letters'),
+        (
+            {'scenario': 'approach', 'dispersions': {'disturbance_phase_rad': {'uniform': 1.0}}},
+            'has no effect: scenario approach has no such disturbance',
+        ),
+    ],
+)
+def test_bad_configurations_are_one_sentence(write, changes, said):
+    result = CliRunner().invoke(app, ['campaign', str(write(**changes))], env={'COLUMNS': '300'})
+    assert result.exit_code == 2
+    assert said in result.output
+    assert result.output.count('\n') == 1
+
+
+def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):
+    folder = tmp_path / 'f'
+    campaign = config.load(write())
+    Store.create(folder, campaign)
+    with pytest.raises(InputError, match='of this campaign: go on with --resume'):
+        Store.create(folder, campaign)
+    with pytest.raises(InputError, match='of another configuration'):
+        Store.create(folder, config.load(write(), seed=4))
+    (tmp_path / 'g').mkdir()
+    (tmp_path / 'g' / 'letter.txt').touch()
+    with pytest.raises(InputError, match='it holds other things'):
+        Store.create(tmp_path / 'g', campaign)
+    with pytest.raises(InputError, match='must be the folder of a campaign'):
+        Store.open(tmp_path / 'g')
+    with (
+        Store.open(folder).alone(),
+        pytest.raises(InputError, match='another process flies this campaign'),
+    ):
+        flying.fly(Store.open(folder))
+    with (folder / 'done.part').open('ab') as file:
+        file.write(b'\1')
+    with pytest.raises(InputError, match='results are damaged'):
+        Store.open(folder).pending()
+
+
+def test_a_disk_that_is_too_small_says_so_at_once(write, tmp_path):
+    campaign = config.load(write(runs=1_000_000))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
+    try:
+        with pytest.raises(InputError, match=r'results.part: cannot reserve 312000000 bytes'):
+            Store.create(tmp_path / 'f', campaign)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, ignored)
+    Store.create(tmp_path / 'f', config.load(write()))  # nothing is in the way
+
+
+def test_the_command_flies_repeats_and_refuses(write, tmp_path):
+    run = CliRunner().invoke
+    path, folder = str(write()), str(tmp_path / 'out')
+    flown = run(app, ['campaign', path, '-o', folder])
+    assert flown.exit_code == 0, flown.output
+    assert ' / 90 ' in flown.output
+    again = run(app, ['campaign', folder, '--run', '7', '--csv', str(tmp_path / 'run.csv')])
+    assert again.exit_code == 0, again.output
+    assert 'The bits are those of the core and of the campaign.' in again.output
+    table = np.loadtxt(tmp_path / 'run.csv', delimiter=',', skiprows=1)
+    np.testing.assert_array_equal(
+        table[-1, 1:7], [Store.open(Path(folder)).column(name)[7] for name in fleet.FINAL]
+    )
+    for arguments, said in (
+        ([path, '--run', '90'], '`--run` must be at most 89'),
+        ([folder, '--seed', '2'], '`--seed` cannot change'),
+        ([path, '-o', folder], 'holds a campaign already'),
+        ([], 'is needed'),
+        ([path, '--csv', 'x.csv'], 'give --run too'),
+    ):
+        refused = run(app, ['campaign', *arguments], env={'COLUMNS': '300'})
+        assert (refused.exit_code, said in refused.output) == (2, True), refused.output
+
+
+def test_the_shipped_campaign_is_valid():
+    campaign = config.load(SHIPPED)
+    assert set(campaign.config.dispersions) == set(config.KINDS)  # shows every one
+    again = config.Campaign.of_texts(campaign.texts, ('a', 'b', 'c'))
+    assert again.config == campaign.config
+    assert replace(again.config, seed=2) != campaign.config
