@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
 
+import os
 import re
 import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager
 
 import pytest
@@ -137,3 +139,30 @@ def test_a_local_cluster_flies_the_same_bytes(campaign, tmp_path):
     flying.fly(Store.create(tmp_path / 'local', campaign), 2, 'local')
     alone, local = ((tmp_path / run / 'results.npz').read_bytes() for run in ('alone', 'local'))
     assert alone == local
+
+
+@pytest.mark.slow
+def test_ctrl_c_on_a_local_cluster_leaves_no_traceback_and_no_process(tmp_path):
+    path, folder = tmp_path / 'campaign.yaml', tmp_path / 'f'
+    path.write_text(CAMPAIGN.replace('12000', '1000000'))
+    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    process = subprocess.Popen(
+        [*command, str(path), '-o', str(folder), '--cluster', 'local', '--workers', '2'],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,  # the whole group gets the signal, as from a terminal
+    )
+    deadline = time.monotonic() + 45.0
+    while time.monotonic() < deadline:
+        if (folder / 'done.part').is_file() and any((folder / 'done.part').read_bytes()):
+            break
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    assert 'Go on with: rpo campaign --resume' in errors
+    with pytest.raises(ProcessLookupError):  # the last of them need a moment
+        for _ in range(100):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)

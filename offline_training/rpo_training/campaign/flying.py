@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager
@@ -152,6 +153,16 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
 
 
 @contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Ignore SIGINT, as do the processes that are started meanwhile: it is for this one to stop."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
 def _client(address: str, workers: int) -> Iterator[Any]:
     """Yield a client of a scheduler, or of a cluster made for it."""
     import dask
@@ -159,12 +170,11 @@ def _client(address: str, workers: int) -> Iterator[Any]:
 
     with dask.config.set({'distributed.scheduler.allowed-failures': RETRIES}):
         if address == 'local':
-            with (
-                LocalCluster(
+            with _deaf_to_ctrl_c():
+                cluster = LocalCluster(
                     n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
-                ) as cluster,
-                Client(cluster) as client,
-            ):
+                )
+            with cluster, Client(cluster) as client:
                 yield client
             return
         try:
