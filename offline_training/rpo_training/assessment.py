@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
 from rpo_core.controller import FuzzyController
-from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_core.scenario import load_scenario, load_set
 from rpo_training import fitness
 from rpo_training.evaluation import (
     DISTANCE,
@@ -28,27 +27,12 @@ from rpo_training.evaluation import (
     case_of_set,
 )
 from rpo_training.genes import population_of
+from rpo_training.optimal import least_energy
 
 Floats = NDArray[np.float64]
 
 MAX_MEAN_ENERGY_N2S = 3.7
-"""Q2; the least possible under all conditions, by convex programming, is about 2.41."""
-
-
-def least_energy(scenario: Scenario, starts: Floats) -> Floats:
-    """Return the least J [N^2 s] (n,) that brings starts (n, 6) to rest at the origin in time.
-
-    Minimum of sum |f_k|^2 dt over forces held for a tick, without limits or conditions:
-    x0' (A^N)' W^-1 A^N x0 dt with W = sum A^k B B' (A^k)', by the normal equations.
-    """
-    a, b = cw.matrices(scenario.step)
-    power, gramian = np.eye(6), np.zeros((6, 6))
-    for _ in range(scenario.ticks):
-        reach = power @ b
-        gramian += reach @ reach.T
-        power = a @ power
-    drift = starts @ power.T
-    return np.einsum('ij,ij->i', drift, np.linalg.solve(gramian, drift.T).T) * scenario.dt_s
+"""Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
 
 
 class Mark(NamedTuple):

@@ -13,9 +13,10 @@ from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training.assessment import assess, least_energy
+from rpo_training.assessment import assess
 from rpo_training.fitness import Fitness, FitnessSettings, excess
 from rpo_training.genes import population_of
+from rpo_training.optimal import least_energy
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, axis_positions_m=(-50.0, 5.0, 100.0))
