@@ -26,35 +26,13 @@ def simulate(
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their figures."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from rpo_core import metrics
     from rpo_core.closed_loop import fly
     from rpo_core.controller import load_controller
     from rpo_core.scenario import load_scenario
+    from rpo_log.report import print_table
 
     flight = fly(load_scenario(scenario), load_controller(controller))
-    figures = metrics.assess(flight)
-    console = Console()
-    console.print(
-        f'{scenario}, {controller}: J {figures.energy_n2s:.4f} N^2 s; last 30 s mean speed '
-        f'{figures.arrival_speed_m_s:.4f} m/s, distance {figures.arrival_distance_m:.4f} m; '
-        f'largest slew {figures.slew_n_s:.4f} N/s',
-        highlight=False,
-        soft_wrap=True,
-    )
-    table = Table(title="The paper's claims", title_justify='left')
-    for heading in ('what', 'paper', 'flown', ''):
-        table.add_column(heading, justify='left' if heading == 'what' else 'right')
-    for claim in metrics.claims(flight):
-        table.add_row(
-            claim.statement,
-            f'{claim.paper:.4g} {claim.unit}',
-            f'{claim.flown:.4g} {claim.unit}',
-            'held' if claim.holds else 'MISSED',
-        )
-    console.print(table)
+    print_table(flight, f'{scenario}, controller {controller}')
     if csv:
         _write_csv(flight, csv)
 
