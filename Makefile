@@ -27,9 +27,10 @@ demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
 	$(SETUP) report
 	$(ENV) ros2 run rpo_bringup final_approach --scenario paper_test --output runs/demo --overwrite
 
+# More workers than cores: tests of nodes wait, for time-outs and for real time.
 test: lint  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
 	$(SETUP) test
-	$(ENV) pytest -n auto --dist worksteal $(ARGS)
+	$(ENV) pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
 
 test-slow:  ## the slow tests
 	$(SETUP) test

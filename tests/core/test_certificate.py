@@ -169,6 +169,7 @@ def test_a_rule_that_pushes_away_is_found(handmade):
     assert first.output - second.output > 0.1
 
 
+@pytest.mark.slow
 def test_a_table_that_is_not_odd_is_found(handmade):
     first, second = refuted(examined(changed(handmade.system, r44=3)), 'oddness').points
     assert (first.position_error, first.velocity_error) == (
@@ -178,6 +179,7 @@ def test_a_table_that_is_not_odd_is_found(handmade):
     assert first.output != -second.output
 
 
+@pytest.mark.slow
 def test_a_push_at_the_target_is_found(handmade):
     (point,) = refuted(examined(changed(handmade.system, r22=3)), 'equilibrium').points
     assert point[:2] == (0.0, 0.0) and point.output > 0.1
@@ -196,6 +198,7 @@ def test_a_jump_is_found(handmade, part, name):
     assert apart.sum() <= np.spacing(1.0) and abs(first.output - second.output) > 0.1
 
 
+@pytest.mark.slow
 def test_too_few_boxes_prove_less_but_nothing_false(trained, proven):
     found = claims(trained, max_fall=0.06, most_boxes=0)
     for name, claim in found.items():

@@ -51,7 +51,10 @@ def test_the_papers_claims_hold(name, scenario):
     assert [claim for claim in metrics.claims(flight) if not claim.holds] == []
 
 
-@pytest.mark.parametrize('preset', SHORT)
+@pytest.mark.parametrize(
+    'preset',
+    [pytest.param(name, marks=pytest.mark.slow if name == 'best' else ()) for name in SHORT],
+)
 def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
     trained, expected = (
         short(preset, tmp_path / 'run'),
