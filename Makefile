@@ -40,8 +40,8 @@ bench:  ## measure speed beside pyfuzzylite and scikit-fuzzy, and the paper's tr
 	$(SETUP) test train
 	$(ENV) rpo bench inference && rpo bench training
 
-lint:  ## ruff and mypy
-	$(SETUP) lint
+lint:  ## ruff and mypy, which reads the libraries that the code uses
+	$(SETUP) lint test
 	$(ENV) ruff check --quiet && ruff format --check --quiet && mypy
 
 format:  ## let ruff put the sources in order
