@@ -55,6 +55,7 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
             'ROS_DOMAIN_ID': str(domain),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'ROS_PYTHON_CHECK_FIELDS': '1',
+            'RPO_JIT': '0',  # the bits are the same, and importing numba takes half a second
             'ROS_LOG_DIR': str(tmp_path / 'ros_log'),
         }
         for name, value in variables.items():

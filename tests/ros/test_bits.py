@@ -2,8 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The same flight, bit for bit: the core's function, one process, four processes, any speed."""
 
+import fcntl
+import hashlib
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 from processes import Flight, flight
 
 from rpo_core import closed_loop
@@ -25,9 +31,9 @@ def one_process(ros: Flight, output: str) -> None:
         CONTROLLER,
         '--output',
         output,
-        '--no-report',
     )
     assert node.wait() == 0, node.output
+    assert Path(output, 'report', 'time_histories.png').stat().st_size > 10_000
 
 
 def four_processes(ros: Flight, output: str, real_time_factor: float = 0.0) -> None:
@@ -54,20 +60,36 @@ WAYS = {
 }
 
 
-@pytest.fixture(scope='module')
-def logs() -> dict[str, bytes]:
-    return {}
+def first_digest(log: bytes, shared: Path) -> str:
+    """Return the digest of the first of these logs in this session, on whatever worker it was."""
+    session = os.environ.get('PYTEST_XDIST_TESTRUNUID', str(os.getpid()))
+    path = shared / f'bits-{session}.sha256'
+    with path.open('a+') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        first = file.read()
+        if not first:
+            first = hashlib.sha256(log).hexdigest()
+            file.write(first)
+        return first
 
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize('way', WAYS)
-def test_every_state_and_force_is_that_of_the_core(way, logs, ros_env, tmp_path):
+def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_path_factory):
     expected = closed_loop.fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
-    with flight(ros_env, tmp_path) as ros:
+    compiled = '1' if way == 'four processes' else '0'
+    with flight({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
         WAYS[way](ros, str(tmp_path / 'run'))
     flown = read_flight(tmp_path / 'run')
     np.testing.assert_array_equal(flown.states, expected.states)
     np.testing.assert_array_equal(flown.forces_n, expected.forces_n)
     np.testing.assert_array_equal(flown.disturbances_n, expected.disturbances_n)
-    logs[way] = (tmp_path / 'run' / 'run.mcap').read_bytes()
-    assert logs[way] == next(iter(logs.values())), f'{way}: not the bytes of {next(iter(logs))}'
+    log = (tmp_path / 'run' / 'run.mcap').read_bytes()
+    first = first_digest(log, tmp_path_factory.getbasetemp().parent)
+    assert hashlib.sha256(log).hexdigest() == first, f'{way}: not the bytes of the first way'
+    info = yaml.safe_load((tmp_path / 'run' / 'run_info.yaml').read_text())
+    counts = dict(info['messages'])
+    assert counts.pop('/run_status') == 2
+    assert set(counts.values()) == {len(expected.states)} and len(counts) == 4
+    assert info['faults'] is None
