@@ -24,6 +24,7 @@ setup(
         'console_scripts': [
             'plant = rpo_sim.plant_node:main',
             'disturbance_injector = rpo_sim.disturbance_injector_node:main',
+            'fault_injector = rpo_sim.fault_injector_node:main',
         ],
     },
 )

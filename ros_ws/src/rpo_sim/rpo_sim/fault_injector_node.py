@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `fault_injector`: loses, delays, repeats, reorders or spoils messages between two topics.
+
+The sender is remapped to `from_topic`, so that all it says comes through here:
+  ros2 run rpo_ctrl fuzzy_controller --ros-args -r control_force:=control_force_raw
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+
+from rpo_core import files, scenario
+from rpo_core.validation import InputError
+from rpo_ros import conversions, health, names, qos
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode, run_node
+from rpo_sim.faults import (
+    CORRUPTIONS,
+    INFINITY,
+    KINDS,
+    NAN,
+    WRONG_FRAME,
+    FaultRates,
+    FaultyChannel,
+    Schedule,
+)
+
+ANY, AUTO, STATE, FORCE = 'any', 'auto', 'state', 'force'
+_LAST_TICK = 1e9
+
+PARAMETERS = (
+    Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to',
+        example='control_force_raw -p drop:=0.2 -p repeat:=0.2'),
+    Row('to_topic', names.CONTROL_FORCE, 'topic to pass messages on to'),
+    Row('message', AUTO, 'what the topics carry; auto: told from their names',
+        choices=(AUTO, STATE, FORCE)),
+    Row('seed', 0.0, 'of the random numbers; a whole number'),
+    Row('drop', 0.0, 'share of the messages lost', most=1.0),
+    Row('freeze', 0.0, 'share replaced by the message passed on before', most=1.0),
+    Row('corrupt', 0.0, 'share spoilt', most=1.0),
+    Row('delay', 0.0, 'share passed on later', most=1.0),
+    Row('reorder', 0.0, 'share passed on after its successor', most=1.0),
+    Row('repeat', 0.0, 'share passed on twice', most=1.0),
+    Row('corruption', ANY, 'how a message is spoilt', choices=(ANY, *CORRUPTIONS)),
+    Row('delay_messages', 2.0, 'how many messages later a delayed one goes out; a whole number',
+        least=1.0),
+    Row('from_tick', 0.0, 'first tick with faults', most=_LAST_TICK),
+    Row('to_tick', _LAST_TICK, 'last tick with faults', most=_LAST_TICK),
+    Row('scenario', 'approach', 'what flies, to tell a tick from a stamp'),
+)  # fmt: skip
+
+_WRONG_STAMP_NS = 1_000_000_000
+"""How far back a wrong stamp is."""
+
+
+def message_type(kind: str, topics: tuple[str, str]) -> type[Odometry] | type[WrenchStamped]:
+    """Return the type of message that the topics carry; raises InputError if not known."""
+    if kind == AUTO:
+        states = [names.RELATIVE_STATE in topic for topic in topics]
+        forces = [
+            names.CONTROL_FORCE in topic or names.DISTURBANCE_FORCE in topic for topic in topics
+        ]
+        if any(states) == any(forces):
+            raise InputError(
+                f'`message` must be {STATE} or {FORCE} where the names of the topics do not tell; '
+                f'got {AUTO} for {topics[0]} and {topics[1]}'
+            )
+        kind = STATE if any(states) else FORCE
+    return Odometry if kind == STATE else WrenchStamped
+
+
+def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | WrenchStamped:
+    """Return a spoilt copy of a message; the message itself if `corruption` is ''."""
+    if not corruption:
+        return message
+    spoilt = copy.deepcopy(message)
+    first = spoilt.pose.pose.position if isinstance(spoilt, Odometry) else spoilt.wrench.force
+    if corruption == NAN:
+        first.x = math.nan
+    elif corruption == INFINITY:
+        first.x = math.inf
+    elif corruption == WRONG_FRAME:
+        spoilt.header.frame_id = names.CHASER_FRAME
+    else:
+        stamp_ns = max(0, conversions.from_stamp(message.header.stamp) - _WRONG_STAMP_NS)
+        spoilt.header.stamp = conversions.to_stamp(stamp_ns)
+    return spoilt
+
+
+def _whole(name: str, value: float) -> int:
+    if value != int(value):
+        raise InputError(f'`{name}` must be a whole number; got {value!r}')
+    return int(value)
+
+
+class FaultInjectorNode(FlightNode):
+    """Stands between two topics and does harm by chance, the same harm for the same seed."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('fault_injector', overrides)
+        values = declare(self, PARAMETERS)
+        source, sink = (
+            self.resolve_topic_name(values[name]) for name in ('from_topic', 'to_topic')
+        )
+        if source == sink:
+            raise InputError(f'`to_topic` must differ from `from_topic`; got {sink} for both')
+        kind = message_type(values['message'], (source, sink))
+        corruption = values['corruption']
+        self.channel: FaultyChannel[Odometry | WrenchStamped] = FaultyChannel(
+            FaultRates(**{name: values[name] for name in KINDS}),
+            _whole('seed', values['seed']),
+            _whole('delay_messages', values['delay_messages']),
+            CORRUPTIONS if corruption == ANY else (corruption,),
+        )
+        last = math.inf if values['to_tick'] == _LAST_TICK else values['to_tick']
+        self._schedule = Schedule(values['from_tick'], last)
+        self._scenario = scenario.load_scenario(files.find('scenario', values['scenario']))
+        self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)
+        self.create_subscription(kind, source, self._on_message, qos.LOCKSTEP)
+        health.publish_health(self, self._health)
+        self.get_logger().info(f'faults between {source} and {sink}')
+
+    def _on_message(self, message: Odometry | WrenchStamped) -> None:
+        tick = self._scenario.tick_of(conversions.from_stamp(message.header.stamp))
+        for out, corruption in self.channel.take(message, self._schedule.covers(tick)):
+            self._out.publish(corrupted(out, corruption))
+
+    def _health(self) -> health.Health:
+        return health.OK, 'injecting faults', {**self.channel.counts, 'held': self.channel.held}
+
+    def close(self) -> None:
+        """Say what was done."""
+        done = ', '.join(f'{kind} {count}' for kind, count in self.channel.counts.items())
+        self.get_logger().info(f'faults injected: {done or "no message came"}')
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_sim fault_injector`."""
+    return run_node('ros2 run rpo_sim fault_injector', FaultInjectorNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,161 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Faults of a message channel, without ROS: what becomes of each message, from a seed alone."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, fields
+from random import Random
+from typing import Any, Generic, TypeVar
+
+from rpo_core import validation
+from rpo_core.validation import InputError
+
+Message = TypeVar('Message')
+
+# Not 'nan' and 'infinity': rcl takes these for numbers on the command line.
+NAN, INFINITY, WRONG_FRAME, WRONG_STAMP = 'not_a_number', 'infinite', 'wrong_frame', 'wrong_stamp'
+CORRUPTIONS = (NAN, INFINITY, WRONG_FRAME, WRONG_STAMP)
+
+
+@dataclass(frozen=True)
+class FaultRates:
+    """Shares in [0, 1] of the messages that each fault befalls; independent of each other.
+
+    drop : lost
+    freeze : the message passed on before comes in its place
+    corrupt : changed, see CORRUPTIONS
+    delay : passed on some messages later
+    reorder : passed on after its successor
+    repeat : passed on twice
+    """
+
+    drop: float = 0.0
+    freeze: float = 0.0
+    corrupt: float = 0.0
+    delay: float = 0.0
+    reorder: float = 0.0
+    repeat: float = 0.0
+
+    def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            field.name: validation.real(field.name, getattr(self, field.name), least=0.0, most=1.0)
+            for field in fields(self)
+        }
+        validation.store(self, **checked)
+
+
+KINDS = tuple(field.name for field in fields(FaultRates))
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Ticks at which faults happen, both ends included; `last` infinite: to the end.
+
+    A message whose stamp is that of no tick has faults only if the schedule covers all ticks.
+    """
+
+    first: float = 0.0
+    last: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.first <= self.last:
+            raise InputError(f'`to_tick` must be >= from_tick = {self.first!r}; got {self.last!r}')
+
+    def covers(self, tick: int | None) -> bool:
+        """Return whether faults may befall a message of this tick."""
+        if tick is None:
+            return self == Schedule()
+        return self.first <= tick <= self.last
+
+
+@dataclass
+class _Held(Generic[Message]):
+    """What goes out once `left` more messages have come."""
+
+    left: int
+    out: list[tuple[Message, str]]
+
+
+class FaultyChannel(Generic[Message]):
+    """Passes messages on, or not, or otherwise; the same seed gives the same faults.
+
+    Every message draws the same number of random numbers, one for each kind, whatever the rates:
+    a higher rate of one kind adds faults of that kind and moves no fault of another.
+
+    rates : how often what happens
+    seed : of the random numbers
+    delay_messages : how many messages later a delayed one is passed on, >= 1
+    corruptions : of CORRUPTIONS, those that may happen
+    """
+
+    def __init__(
+        self,
+        rates: FaultRates,
+        seed: int,
+        delay_messages: int = 2,
+        corruptions: tuple[str, ...] = CORRUPTIONS,
+    ) -> None:
+        self.rates = rates
+        self.counts: Counter[str] = Counter()
+        self._delay_messages = delay_messages
+        self._corruptions = corruptions
+        self._random = Random(seed)
+        self._held: list[_Held[Message]] = []
+        self._last: Message | None = None
+
+    @property
+    def held(self) -> int:
+        """How many messages are on their way."""
+        return sum(len(held.out) for held in self._held)
+
+    def take(self, message: Message, faulty: bool = True) -> list[tuple[Message, str]]:
+        """Return what goes out now, in this order, each with its corruption ('' if none).
+
+        faulty : whether faults may befall this message; those held back come out all the same
+        """
+        self.counts['received'] += 1
+        hit = self._draw(faulty)
+        out, wait = self._fate(message, hit)
+        due = self._due()
+        if wait:
+            self._held.append(_Held(wait, out))
+            out = []
+        out = out + due
+        self.counts['sent'] += len(out)
+        return out
+
+    def _draw(self, faulty: bool) -> dict[str, str]:
+        """Return kind -> corruption ('' for other kinds) of the faults that befall a message."""
+        # Only random(): of the generator's methods it alone is the same in every Python.
+        drawn = {kind: self._random.random() for kind in KINDS}
+        which = self._corruptions[int(self._random.random() * len(self._corruptions))]
+        return {
+            kind: which if kind == 'corrupt' else ''
+            for kind in KINDS
+            if faulty and drawn[kind] < getattr(self.rates, kind)
+        }
+
+    def _fate(self, message: Message, hit: dict[str, str]) -> tuple[list[tuple[Message, str]], int]:
+        """Return what becomes of a message, and after how many others it goes out."""
+        if 'drop' in hit:
+            self.counts['drop'] += 1
+            return [], 0
+        for kind, corruption in hit.items():
+            self.counts[corruption or kind] += 1
+        if 'freeze' in hit and self._last is not None:
+            message = self._last
+        self._last = message
+        wait = self._delay_messages if 'delay' in hit else int('reorder' in hit)
+        return [(message, hit.get('corrupt', ''))] * (1 + ('repeat' in hit)), wait
+
+    def _due(self) -> list[tuple[Message, str]]:
+        due: list[tuple[Message, str]] = []
+        for held in self._held:
+            held.left -= 1
+            if held.left == 0:
+                due += held.out
+        self._held = [held for held in self._held if held.left]
+        return due
