@@ -115,8 +115,7 @@ class RecorderNode(FlightNode):
             self._early.append((name, data))
 
     def _on_status(self, data: bytes) -> None:
-        status = deserialize_message(data, DiagnosticStatus)
-        values = {pair.key: pair.value for pair in status.values}
+        values = _values(deserialize_message(data, DiagnosticStatus))
         phase = values.get('phase', '')
         if phase not in _RECORDED:
             return
