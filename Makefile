@@ -15,7 +15,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests
 
-.PHONY: help setup demo test test-slow bench lint format lock clean
+.PHONY: help setup demo test test-slow bench compile lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -28,8 +28,9 @@ demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
 	$(ENV) ros2 run rpo_bringup final_approach --scenario paper_test --output runs/demo --overwrite
 
 # More workers than cores: tests of nodes wait, for time-outs and for real time.
-test: lint  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
-	$(SETUP) test
+test:  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
+	$(SETUP) lint test
+	@$(MAKE) --no-print-directory -j 2 lint compile
 	$(ENV) pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
 
 test-slow:  ## the slow tests
@@ -39,6 +40,10 @@ test-slow:  ## the slow tests
 bench:  ## measure speed beside pyfuzzylite and scikit-fuzzy, and the paper's training at full budget
 	$(SETUP) test train
 	$(ENV) rpo bench inference && rpo bench training
+
+compile:  ## compile the numerical kernels now, not at their first use
+	$(SETUP) train
+	$(ENV) python -m rpo_training.precompile
 
 lint:  ## ruff and mypy, which reads the libraries that the code uses
 	$(SETUP) lint test

@@ -89,13 +89,8 @@ def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_byte
     assert (faulty / 'run.mcap').read_bytes() == (clean / 'run.mcap').read_bytes()
 
 
-SLOW = pytest.mark.slow
-
-
-@pytest.mark.parametrize(
-    'corruption',
-    ['any', *(pytest.param(kind, marks=SLOW) for kind in CORRUPTIONS)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize('corruption', ['any', *CORRUPTIONS])
 def test_spoilt_messages_change_nothing(ros, corruption):
     scenario = twenty_seconds(ros.folder)
     output, injectors = fly_through(ros, scenario, corrupt=0.3, corruption=corruption)

@@ -43,21 +43,21 @@ def rewritten(name: str, folder: Path, **changes: object) -> str:
     return str(target)
 
 
-@pytest.mark.parametrize('first', ['plant', 'fuzzy_controller'])
-def test_plant_and_controller_find_each_other_and_fly_approach(ros, first):
-    nodes = {}
-    for name in sorted(('plant', 'fuzzy_controller'), key=lambda name: name != first):
-        nodes[name] = ros.node(NODES[name][0], name)
-    assert nodes['plant'].wait() == 0, nodes['plant'].output
-    nodes['plant'].says('finished at 400 s')
-    assert nodes['fuzzy_controller'].stop() == 0
+def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
+    """The README starts them the other way round."""
+    controller = ros.node('rpo_ctrl', 'fuzzy_controller')
+    controller.says('controlling with')
+    plant = ros.node('rpo_sim', 'plant')
+    assert plant.wait() == 0, plant.output
+    plant.says('finished at 400 s')
+    assert controller.stop() == 0
     assert not any('Traceback' in node.output for node in ros.nodes)
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_every_waiting_node_cleanly(ros, number):
+def test_a_signal_ends_every_node_cleanly(ros, number):
     started = [
-        (ros.node('rpo_sim', 'plant'), 'waiting for'),
+        (ros.node('rpo_sim', 'plant', wait_for_recorder='true'), 'waiting for'),
         (ros.node('rpo_sim', 'disturbance_injector'), 'disturbing as'),
         (ros.node('rpo_ctrl', 'fuzzy_controller'), 'controlling with'),
         (ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run')), 'recording'),

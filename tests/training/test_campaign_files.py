@@ -57,6 +57,7 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
     assert not list((tmp_path / 'one').glob('*.part'))
 
 
+@pytest.mark.slow
 def test_a_killed_campaign_goes_on(write, tmp_path):
     folder = tmp_path / 'killed'
     path = write(runs=20000)

@@ -78,6 +78,7 @@ def campaign(tmp_path):
     return config.load(path)
 
 
+@pytest.mark.slow
 def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
     flying.fly(Store.create(tmp_path / 'alone', campaign))
     with cluster(2, tmp_path) as (address, (_, first, second)):

@@ -239,6 +239,7 @@ def test_a_signal_stops_a_run_cleanly(number, tmp_path):
     assert len(Training.resume(tmp_path / 'run').ledger.marks) >= 1
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bits(tmp_path):
     settings = ('ga.generations=60', 'ga.stall=60')
     process = start_rpo_train(tmp_path / 'killed', *settings)

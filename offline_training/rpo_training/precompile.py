@@ -1,0 +1,32 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compile the kernels ahead of their first use: `python -m rpo_training.precompile`.
+
+numba keeps what it compiled beside the sources. Several processes that start on a fresh checkout
+at once would each compile the same kernels; one that runs before them spares them that.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rpo_core import closed_loop
+from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
+from rpo_core.scenario import load_scenario
+from rpo_training.assessment import assess
+from rpo_training.campaign import config
+from rpo_training.campaign.fleet import fly_runs
+
+_CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
+
+
+def main() -> None:
+    """Fly once through everything that is compiled."""
+    controller = load_controller(DEFAULT_CONTROLLER)
+    closed_loop.fly(load_scenario('quick'), controller)
+    assess(controller, workers=1)
+    fly_runs(config.load(_CAMPAIGN), 0, 1)
+
+
+if __name__ == '__main__':
+    main()
