@@ -176,19 +176,17 @@ def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes
     return attachments[name]
 
 
-def read_flight(path: str | Path) -> Flight:
-    """Return the flight of a run folder or .mcap file.
+def flight_of(log: RunLog) -> Flight:
+    """Return the flight that a log shows.
 
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
     last. Without a recorded disturbance it is zero.
     """
-    log = read_run(path)
     flown = scenario_of(log)
-    count = len(log.ticks)
     if not log.complete:
         raise LogError(
             Kind.TRUNCATED,
-            path,
+            log.path,
             f'must hold a whole flight, ticks 0 to {flown.ticks}, but {"; ".join(log.gaps)}',
         )
     disturbances = log.disturbances_n
@@ -196,5 +194,10 @@ def read_flight(path: str | Path) -> Flight:
         flown,
         log.states,
         log.forces_n,
-        np.zeros((count, 3)) if disturbances is None else disturbances,
+        np.zeros((len(log.ticks), 3)) if disturbances is None else disturbances,
     )
+
+
+def read_flight(path: str | Path) -> Flight:
+    """Return the flight of a run folder or .mcap file; raises LogError, as `flight_of`."""
+    return flight_of(read_run(path))

@@ -11,22 +11,18 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rpo_core import metrics
 from rpo_core.closed_loop import Flight
-from rpo_log.reader import controller_of, read_flight
+from rpo_log import style
+from rpo_log.reader import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.run import CONTROLLER
-from rpo_log.stream import RunReader
-
-AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
-AXIS_COLOURS = ('#0072B2', '#D55E00', '#009E73')
-"""Okabe and Ito's blue, vermilion and green: told apart by colour-blind readers too."""
 
 PICTURE = 'time_histories.png'
 
 CLOSE_UP_S = metrics.CLAIM_WINDOW_S
 """The picture shows the last part of a flight a second time, close up."""
+
+_CLAIMED = "the paper's claim; of force, the disturbance's level"
 
 PAPER = "the paper's claims"
 EXAMPLE = "the paper's training example (another start)"
@@ -41,12 +37,23 @@ def show(run: Path) -> Path | None:
 
     Raises LogError if the log is not that of a whole flight.
     """
-    flight, reader = read_flight(run), RunReader(run)
-    title = flight.scenario.name
-    if CONTROLLER in reader.attachments:
-        title += f', controller {controller_of(reader).name}'
+    log = read_run(run)
+    flight, title = flight_of(log), title_of(log)
     print_table(flight, title)
-    return draw(flight, (run if run.is_dir() else run.parent) / 'report', title)
+    return draw(flight, folder_of(run), title)
+
+
+def title_of(log: RunLog) -> str:
+    """Return what was flown, and by what."""
+    title = scenario_of(log).name
+    if CONTROLLER in log.attachments:
+        title += f', controller {controller_of(log).name}'
+    return title
+
+
+def folder_of(run: Path) -> Path:
+    """Return where the report of a run folder or .mcap file goes."""
+    return (run if run.is_dir() else run.parent) / 'report'
 
 
 def rows(flight: Flight) -> dict[str, list[Row]]:
@@ -111,66 +118,67 @@ def print_table(flight: Flight, title: str) -> None:
 
 
 def draw(flight: Flight, folder: Path, title: str) -> Path | None:
-    """Write the time histories of position, velocity and force, as in the paper's test figure.
+    """Draw the time histories into a folder; return the picture's path.
 
-    The right column is the last part close up, with the limits that the paper claims.
-    Returns the picture's path, or None where matplotlib is not installed.
+    None where matplotlib is not installed.
     """
     if importlib.util.find_spec('matplotlib') is None:
         return None
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / PICTURE
+    with style.applied():
+        figure = time_histories(flight)
+        figure.suptitle(title, fontsize=11)
+        figure.savefig(path)
+    return path
 
+
+def time_histories(flight: Flight) -> Any:
+    """Return the figure of position, velocity and force, as in the paper's test figure.
+
+    The right column is the last part close up, with the limits that the paper claims.
+    """
     times, level = flight.scenario.times_s, metrics.disturbance_level_n(flight)
-    disturbed = level > 0.0
-    figure = Figure(figsize=(11.0, 8.0), layout='constrained')
-    FigureCanvasAgg(figure)
+    disturbed, last = level > 0.0, metrics.window_ticks(flight.scenario, CLOSE_UP_S)
+    figure = style.new_figure(6.6)
     panels = figure.subplots(3, 2, sharex='col', width_ratios=(3, 2))
-    limits = [claim.paper if disturbed else None for claim in metrics.claims(flight)] + [None]
-    for (wide, close), values, label, limit, name in zip(
+    limits = [claim.paper for claim in metrics.claims(flight)] if disturbed else [None] * 3
+    for (wide, close), values, label, limit in zip(
         panels,
         (flight.positions_m, flight.velocities_m_s, flight.applied_forces_n),
         ('relative position [m]', 'relative velocity [m/s]', 'control force [N]'),
-        limits[:3],
-        ("the paper's claim", "the paper's claim", 'level of the disturbance'),
+        limits,
         strict=True,
     ):
-        last = metrics.window_ticks(flight.scenario, CLOSE_UP_S)
-        _panel(wide, times[: len(values)], values, label)
-        _panel(close, times[: len(values)][-last:], values[-last:])
+        by_axis(wide, times[: len(values)], values, label)
+        by_axis(close, times[: len(values)][-last:], values[-last:], '')
         if limit is not None:
-            _limit(close, limit, name)
+            limit_lines(close, limit, _CLAIMED)
     if disturbed:
-        _limit(panels[2][0], level, 'level of the disturbance')
-    panels[0][0].legend(loc='upper right', fontsize='small')
+        limit_lines(panels[2][0], level, _CLAIMED)
     panels[0][0].set_title('whole flight')
     panels[0][1].set_title(f'last {min(CLOSE_UP_S, flight.scenario.duration_s):g} s')
     for axes in panels[2]:
         axes.set_xlabel('time [s]')
-    figure.suptitle(title)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / PICTURE
-    figure.savefig(path, dpi=120)
-    return path
+    style.legend_below(figure, panels[0][0], panels[2][0])
+    return figure
 
 
-def _panel(axes: Any, times: np.ndarray, values: np.ndarray, label: str = '') -> None:
-    for name, colour, column in zip(AXIS_NAMES, AXIS_COLOURS, values.T, strict=True):
-        axes.plot(times, column, color=colour, linewidth=1.4, label=name)
-    axes.axhline(0.0, color='0.8', linewidth=0.8, zorder=0)
+def by_axis(axes: Any, times_s: Any, values: Any, label: str) -> None:
+    """Draw the columns (n, 3) of a vector over time."""
+    for name, colour, column in zip(style.AXIS_NAMES, style.AXES, values.T, strict=True):
+        axes.plot(times_s, column, color=colour, label=name)
     axes.set_ylabel(label)
-    axes.grid(color='0.92')
     axes.margins(x=0.01)
 
 
-def _limit(axes: Any, value: float, name: str) -> None:
+def limit_lines(axes: Any, value: float, name: str) -> None:
+    """Draw the limits +- value."""
     for sign in (-1.0, 1.0):
         axes.axhline(
             sign * value,
-            color='0.3',
-            linestyle='--',
+            color=style.LIGHT['ink'],
+            linestyle=(0, (4, 3)),
             linewidth=1.0,
             label=name if sign > 0 else None,
         )
-    handles, labels = axes.get_legend_handles_labels()
-    axes.legend(handles[-1:], labels[-1:], loc='upper right', fontsize='small')

@@ -1,0 +1,123 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How every picture looks: one palette, in a light and a dark form, and matplotlib's settings.
+
+The hues are Okabe and Ito's (*Color Universal Design*, 2008), which colour-blind readers tell
+apart. Pictures are drawn in the light form; where a page follows the reader's theme, each colour is
+looked up by name (`NAMES`), so a picture may use no colour that is not here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
+SHADES = 13
+"""Steps of the scale from the most negative force to the most positive."""
+
+WIDTH_IN = 9.0
+"""Width of a picture; printed on A4 its text is then about 7 pt."""
+
+
+def _mixed(a: str, b: str, share: float) -> str:
+    """Return the colour `share` of the way from a to b."""
+    pairs = zip(bytes.fromhex(a[1:]), bytes.fromhex(b[1:]), strict=True)
+    return '#' + bytes(round(p + share * (q - p)) for p, q in pairs).hex()
+
+
+def _shades(negative: str, zero: str, positive: str) -> list[str]:
+    half = SHADES // 2
+    below = [_mixed(negative, zero, i / half) for i in range(half)]
+    return [*below, zero, *(_mixed(zero, positive, (i + 1) / half) for i in range(half))]
+
+
+COLOURS = {
+    'paper': ('#ffffff', '#14161a'),
+    'ink': ('#1c1d20', '#e3e5e9'),
+    'muted': ('#5b6068', '#a2a8b2'),
+    'grid': ('#e4e6ea', '#32363e'),
+    'x': ('#0072b2', '#56b4e9'),
+    'y': ('#d55e00', '#f58a42'),
+    'z': ('#009e73', '#3ccba2'),
+    'optimum': ('#b0528a', '#e08fc0'),
+    'small_negative': ('#57b5e9', '#a8dbf7'),
+    'small_positive': ('#e69f00', '#f2c55c'),
+}
+"""Name -> (light, dark)."""
+COLOURS.update(
+    (f'shade_{i}', pair)
+    for i, pair in enumerate(
+        zip(
+            _shades('#3f94c6', '#f4f4f5', '#e07f38'),
+            _shades('#2f7fae', '#1d2026', '#b9602a'),
+            strict=True,
+        )
+    )
+)
+
+LIGHT = {name: light for name, (light, _) in COLOURS.items()}
+NAMES = {light: name for name, light in LIGHT.items()}
+"""Light colour -> name."""
+
+AXES = (LIGHT['x'], LIGHT['y'], LIGHT['z'])
+WORDS = tuple(LIGHT[n] for n in ('x', 'small_negative', 'muted', 'small_positive', 'y'))
+"""Colours of LN, SN, Z, SP, LP."""
+SCALE = tuple(LIGHT[f'shade_{i}'] for i in range(SHADES))
+
+_SETTINGS: dict[str, Any] = {
+    'figure.facecolor': LIGHT['paper'],
+    'savefig.facecolor': LIGHT['paper'],
+    'axes.facecolor': 'none',
+    'axes.edgecolor': LIGHT['muted'],
+    'axes.labelcolor': LIGHT['ink'],
+    'axes.titlecolor': LIGHT['ink'],
+    'axes.titlesize': 10.0,
+    'axes.labelsize': 10.0,
+    'axes.linewidth': 0.8,
+    'axes.grid': True,
+    'axes.axisbelow': True,
+    'axes.formatter.useoffset': False,
+    'axes.prop_cycle': f'cycler(color={list(AXES)})',
+    'font.size': 10.0,
+    'font.family': 'sans-serif',
+    'font.sans-serif': ['DejaVu Sans', 'Verdana', 'Helvetica', 'Arial'],
+    'grid.color': LIGHT['grid'],
+    'grid.linewidth': 0.8,
+    'legend.frameon': False,
+    'legend.fontsize': 9.0,
+    'legend.labelcolor': LIGHT['ink'],
+    'lines.linewidth': 1.5,
+    'text.color': LIGHT['ink'],
+    'xtick.color': LIGHT['muted'],
+    'ytick.color': LIGHT['muted'],
+    'xtick.labelcolor': LIGHT['ink'],
+    'ytick.labelcolor': LIGHT['ink'],
+    'xtick.labelsize': 9.0,
+    'ytick.labelsize': 9.0,
+    'svg.fonttype': 'none',  # text stays text: to be read aloud, searched, copied
+    'svg.hashsalt': 'rpo',  # the same picture has the same bytes
+    'savefig.dpi': 130,
+}
+
+
+def applied() -> Any:
+    """Return a context in which matplotlib draws and saves in this style."""
+    import matplotlib
+
+    return matplotlib.rc_context(_SETTINGS)
+
+
+def new_figure(height_in: float) -> Any:
+    """Return an empty figure of full width that keeps its parts apart."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(WIDTH_IN, height_in), layout='constrained')
+
+
+def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
+    """Put one legend of what some axes show below the figure, where it hides no data."""
+    found: dict[str, Any] = {}
+    for part in axes:
+        for handle, label in zip(*part.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    figure.legend(found.values(), found.keys(), loc='outside lower center', ncols=columns)
