@@ -209,6 +209,11 @@ class Campaign:
     texts: tuple[str, str, str]
 
     def __post_init__(self) -> None:
+        if self.scenario.thrusters is not None or self.scenario.navigation is not None:
+            raise InputError(
+                '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
+                f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'
+            )
         with within('dispersions'):
             _check_effects(self.config, self.scenario)
             _check_extremes(self.config, self.scenario)

@@ -5,7 +5,7 @@
 A tick: navigation measures the state with a bias and noise; the controller answers; the thrusters
 saturate the command of `delay` ticks ago, and give it with their own magnitude and direction; the
 disturbance is added; the chaser steps by its own mass about its own orbit. Every lane does the
-arithmetic of `rpo_training.campaign.single` in its order.
+arithmetic of `rpo_core.hardware` in its order.
 
 Rows of scratch go on where those of `batch` end; axes lie one after the other in a row.
 """
@@ -15,10 +15,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_core.kernels import CwStep, cw_step, saturate, sin_cos
+from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
+from rpo_core.noise import six_normals
 from rpo_training import batch
-from rpo_training.campaign.noise import six_normals
 from rpo_training.lanes import STRIDE, compiled
 
 RUNS = 40
@@ -104,8 +104,8 @@ def measure(w, keys, tick, sigma_r, sigma_v):  # type: ignore[no-untyped-def]
             w[NOISE_R + s], w[NOISE_R + RUNS + s], w[NOISE_R + 2 * RUNS + s] = n[0], n[1], n[2]
             w[NOISE_V + s], w[NOISE_V + RUNS + s], w[NOISE_V + 2 * RUNS + s] = n[3], n[4], n[5]
     for s in range(AXES):
-        w[batch.R + s] = w[TRUE_R + s] + w[BIAS_R + s] + sigma_r * w[NOISE_R + s]
-        w[batch.V + s] = w[TRUE_V + s] + w[BIAS_V + s] + sigma_v * w[NOISE_V + s]
+        w[batch.R + s] = measured(w[TRUE_R + s], w[BIAS_R + s], sigma_r, w[NOISE_R + s])
+        w[batch.V + s] = measured(w[TRUE_V + s], w[BIAS_V + s], sigma_v, w[NOISE_V + s])
 
 
 @compiled
@@ -152,16 +152,6 @@ def coefficients(w, s):  # type: ignore[no-untyped-def]
         w[i + 25 * STRIDE],
     )
     # fmt: on
-
-
-@compiled
-def given_force(t00, t01, t02, t10, t11, t12, t20, t21, t22, fx, fy, fz):  # type: ignore[no-untyped-def]
-    """Force [N] that the thrusters give when told (fx, fy, fz)."""
-    return (
-        t00 * fx + t01 * fy + t02 * fz,
-        t10 * fx + t11 * fy + t12 * fz,
-        t20 * fx + t21 * fy + t22 * fz,
-    )
 
 
 @compiled

@@ -235,6 +235,35 @@ def plant_step(
 
 
 @kernel
+def given_force(
+    t00: float,
+    t01: float,
+    t02: float,
+    t10: float,
+    t11: float,
+    t12: float,
+    t20: float,
+    t21: float,
+    t22: float,
+    fx: float,
+    fy: float,
+    fz: float,
+) -> Vector:
+    """Force [N] that thrusters of matrix t give when told (fx, fy, fz)."""
+    return (
+        t00 * fx + t01 * fy + t02 * fz,
+        t10 * fx + t11 * fy + t12 * fz,
+        t20 * fx + t21 * fy + t22 * fz,
+    )
+
+
+@kernel
+def measured(truth: float, bias: float, sigma: float, normal: float) -> float:
+    """Component of the navigation solution: truth plus bias plus white noise."""
+    return truth + bias + sigma * normal
+
+
+@kernel
 def closed_loop(
     start: State,
     scales: Vector,

@@ -7,16 +7,18 @@ from __future__ import annotations
 import datetime
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from rpo_core import cw, files
 from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, Harmonic, paper
+from rpo_core.hardware import Navigation, Thrusters, parse_navigation, parse_thrusters
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State
 from rpo_core.validation import (
     InputError,
@@ -55,6 +57,7 @@ class Scenario:
 
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
+    thrusters, navigation : None where they are perfect
     """
 
     name: str
@@ -67,6 +70,8 @@ class Scenario:
     initial_velocity_m_s: tuple[float, float, float]
     epoch_ns: int
     disturbance: Disturbance = NONE
+    thrusters: Thrusters | None = None
+    navigation: Navigation | None = None
     description: str = field(default='', compare=False)
 
     def __post_init__(self) -> None:
@@ -214,9 +219,9 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     schema = document.get('schema') if isinstance(document, Mapping) else None
     is_set = schema == SET_SCHEMA
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
-    data = mapping(
-        '', document, ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance'], ['description']
-    )
+    hardware = [] if is_set else ['thrusters', 'navigation']  # the batch simulator has none
+    required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
+    data = mapping('', document, required, [*hardware, 'description'])
     if schema not in (SCHEMA, SET_SCHEMA):
         raise InputError(f'`schema` must be {SCHEMA} or {SET_SCHEMA}; got {shown(schema)}')
     base = Scenario(
@@ -224,10 +229,43 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         description=data.get('description', ''),
         initial_position_m=(0.0, 0.0, 0.0) if is_set else data[start],
         epoch_ns=_epoch_ns(data['epoch']),
+        thrusters=parse_thrusters(data['thrusters']) if 'thrusters' in data else None,
+        navigation=parse_navigation(data['navigation']) if 'navigation' in data else None,
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
     return ScenarioSet(base, data[start]) if is_set else base
+
+
+def to_document(flown: Scenario) -> dict[str, Any]:
+    """Return one scenario as the document that `parse` reads, its disturbance spelt out."""
+    moment = datetime.datetime.fromtimestamp(flown.epoch_ns // NANOSECONDS, datetime.timezone.utc)
+    document: dict[str, Any] = {
+        'schema': SCHEMA,
+        'name': flown.name,
+        'description': flown.description,
+        **{name: getattr(flown, name) for name in ('initial_position_m', *_FIELDS)},
+        'epoch': moment + datetime.timedelta(microseconds=flown.epoch_ns % NANOSECONDS // 1000),
+        'disturbance': asdict(flown.disturbance),
+    }
+    if flown.thrusters is not None:
+        document['thrusters'] = asdict(flown.thrusters)
+    if flown.navigation is not None:
+        document['navigation'] = asdict(flown.navigation)
+    return _plain(document)
+
+
+def _plain(value: Any) -> Any:
+    """Return a document with lists for tuples, as YAML has them."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def dumps(flown: Scenario) -> str:
+    """Return the YAML text of one scenario; it is read back to the same bits."""
+    document = to_document(flown)
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 def _epoch_ns(value: Any) -> int:
