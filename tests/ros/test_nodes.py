@@ -211,7 +211,7 @@ def test_wrong_answers_change_nothing(ros):
         assert plant.wait() == 0, plant.output
         recorder.wait()
     finally:
-        rude.terminate()
+        rude.kill()  # it is rude to the end: SIGTERM may find it inside a spin
         rude.wait(10)
     expected = closed_loop.fly(load_scenario('quick'), load_controller('handmade'))
     np.testing.assert_array_equal(read_run(output).states, expected.states)
