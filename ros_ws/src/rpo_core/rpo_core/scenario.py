@@ -128,6 +128,11 @@ class Scenario:
                 )
 
     @property
+    def is_ideal(self) -> bool:
+        """Whether thrusters and navigation are perfect."""
+        return self.thrusters is None and self.navigation is None
+
+    @property
     def dt_ns(self) -> int:
         """Tick length [ns]."""
         return round(self.dt_s * NANOSECONDS)

@@ -24,7 +24,7 @@ RECORD_HEAD = 31
 """Bytes of a message record before its data: opcode, length, channel, sequence, two times."""
 
 _NS = 1_000_000_000
-_WIDTHS = {topics.STATE: 6, topics.FORCE: 3, topics.DISTURBANCE: 3}
+_WIDTHS = {topics.STATE: 6, topics.NAVIGATION: 6, topics.FORCE: 3, topics.DISTURBANCE: 3}
 
 
 class Odd(NamedTuple):
@@ -45,6 +45,7 @@ class Block:
     ticks : (n,) int64
     states : (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
     forces_n, disturbances_n : (n, 3) N, target LVLH
+    navigation : (n, 6) like states, what the controller saw
     present : per role, (n,) bool, which ticks have its message
     statuses : (tick, status) of these ticks
     odd : messages that hold more than these arrays do
@@ -54,6 +55,7 @@ class Block:
     states: NDArray[np.float64]
     forces_n: NDArray[np.float64]
     disturbances_n: NDArray[np.float64]
+    navigation: NDArray[np.float64]
     present: Mapping[str, NDArray[np.bool_]]
     statuses: tuple[tuple[int, cdr.Status], ...] = ()
     odd: tuple[Odd, ...] = ()
@@ -103,7 +105,7 @@ def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> Log
 
 def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
     """Return the state (6 floats) or force (3 floats) in a message; raises CdrError."""
-    if topic.role == topics.STATE:
+    if topic.role in topics.STATES:
         floats = cdr.decode_odometry(data).floats
         return floats[cdr.POSITION] + floats[cdr.VELOCITY]
     return cdr.decode_wrench(data).floats[:3]
@@ -112,7 +114,7 @@ def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
 def plain(topic: Topic, stamp_ns: int, values: Sequence[float]) -> bytes:
     """Return the message that holds nothing but a stamp and a state or force."""
     frames = topics.FRAMES[topic.role]
-    if topic.role == topics.STATE:
+    if topic.role in topics.STATES:
         return cdr.encode_odometry(stamp_ns, frames[0], frames[1], values)
     return cdr.encode_wrench(stamp_ns, frames[0], values)
 
@@ -192,6 +194,7 @@ class SlowDecoder:
             arrays[topics.STATE],
             arrays[topics.FORCE],
             arrays[topics.DISTURBANCE],
+            arrays[topics.NAVIGATION],
             present,
             tuple(self._statuses),
             tuple(self._odd),
@@ -263,7 +266,7 @@ class Pattern:
         if topic.role == topics.CLOCK:
             return []
         first = cdr.floats_at(topic.type, data)
-        if topic.role != topics.STATE:
+        if topic.role not in topics.STATES:
             return [(first, 3)]
         return [(first + 8 * part.start, 3) for part in (cdr.POSITION, cdr.VELOCITY)]
 
@@ -307,7 +310,12 @@ class Pattern:
                 arrays[topic.role] = np.concatenate(found, axis=1)
         present = {topic.role: np.ones(len(ticks), dtype=bool) for topic, _ in self._offsets}
         return Block(
-            ticks, arrays[topics.STATE], arrays[topics.FORCE], arrays[topics.DISTURBANCE], present
+            ticks,
+            arrays[topics.STATE],
+            arrays[topics.FORCE],
+            arrays[topics.DISTURBANCE],
+            arrays[topics.NAVIGATION],
+            present,
         )
 
     @staticmethod

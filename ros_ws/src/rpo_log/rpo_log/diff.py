@@ -153,6 +153,7 @@ def _at(block: Block, ticks: NDArray[np.int64]) -> Block:
         spread(block.states),
         spread(block.forces_n),
         spread(block.disturbances_n),
+        spread(block.navigation),
         present,
         odd=tuple(odd for odd in block.odd if odd.tick in ticks),
     )
@@ -165,6 +166,7 @@ def _after(block: Block, tick: int) -> Block:
         block.states[keep],
         block.forces_n[keep],
         block.disturbances_n[keep],
+        block.navigation[keep],
         {r: p[keep] for r, p in block.present.items()},
         odd=tuple(odd for odd in block.odd if odd.tick > tick),
     )
@@ -176,6 +178,7 @@ def _compare_blocks(pair: tuple[Block, Block], found: LogDiff) -> None:
     none = np.zeros(len(a.ticks), dtype=bool)
     for role, name, fields in (
         (topics.STATE, 'states', STATE_FIELDS),
+        (topics.NAVIGATION, 'navigation', STATE_FIELDS),
         (topics.FORCE, 'forces_n', FORCE_FIELDS),
         (topics.DISTURBANCE, 'disturbances_n', FORCE_FIELDS),
     ):

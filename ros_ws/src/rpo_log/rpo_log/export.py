@@ -20,6 +20,7 @@ from rpo_log.stream import RunReader
 STATE_COLUMNS = ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s')
 FORCE_COLUMNS = ('fx_n', 'fy_n', 'fz_n')
 DISTURBANCE_COLUMNS = ('dx_n', 'dy_n', 'dz_n')
+NAVIGATION_COLUMNS = tuple(f'navigation_{column}' for column in STATE_COLUMNS)
 
 Table = dict[str, NDArray[np.generic]]
 """Column name to values: tick, time_s, stamp_ns, then states, forces and disturbances."""
@@ -27,7 +28,7 @@ Table = dict[str, NDArray[np.generic]]
 
 def tables(reader: RunReader) -> Iterator[Table]:
     """Yield the log as tables of some thousand ticks; NaN where a message lacks."""
-    disturbed = topics.DISTURBANCE in (topic.role for topic in reader.topics)
+    roles = [topic.role for topic in reader.topics]
     base = reader.base
     for block in reader.blocks():
         if not len(block.ticks):
@@ -39,8 +40,10 @@ def tables(reader: RunReader) -> Iterator[Table]:
         }
         table.update(zip(STATE_COLUMNS, block.states.T, strict=True))
         table.update(zip(FORCE_COLUMNS, block.forces_n.T, strict=True))
-        if disturbed:
+        if topics.DISTURBANCE in roles:
             table.update(zip(DISTURBANCE_COLUMNS, block.disturbances_n.T, strict=True))
+        if topics.NAVIGATION in roles:
+            table.update(zip(NAVIGATION_COLUMNS, block.navigation.T, strict=True))
         yield table
 
 

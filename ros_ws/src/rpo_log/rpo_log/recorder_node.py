@@ -47,6 +47,7 @@ PARAMETERS = (
 _TYPES = {
     names.CLOCK: Clock,
     names.RELATIVE_STATE: Odometry,
+    names.NAVIGATION_STATE: Odometry,
     names.CONTROL_FORCE: WrenchStamped,
     names.DISTURBANCE_FORCE: WrenchStamped,
 }
@@ -149,6 +150,8 @@ class RecorderNode(FlightNode):
             topics.append(names.CLOCK)
         if not flown.disturbance.is_zero:
             topics.append(names.DISTURBANCE_FORCE)
+        if flown.navigation is not None:
+            topics.append(names.NAVIGATION_STATE)
         return [self.resolve_topic_name(topic) for topic in topics]
 
     def _look(self) -> None:

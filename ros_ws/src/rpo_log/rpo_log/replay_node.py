@@ -50,6 +50,7 @@ PARAMETERS = (
 _TOPICS = {
     topics.CLOCK: (names.CLOCK, Clock, qos.CLOCK),
     topics.STATE: (names.RELATIVE_STATE, Odometry, qos.LOCKSTEP),
+    topics.NAVIGATION: (names.NAVIGATION_STATE, Odometry, qos.LOCKSTEP),
     topics.FORCE: (names.CONTROL_FORCE, WrenchStamped, qos.LOCKSTEP),
     topics.DISTURBANCE: (names.DISTURBANCE_FORCE, WrenchStamped, qos.LOCKSTEP),
     topics.STATUS: (names.RUN_STATUS, DiagnosticStatus, qos.LATCHED),

@@ -12,12 +12,16 @@ from rpo_log.errors import Kind, LogError
 
 CLOCK = 'clock'
 STATE = 'relative_state'
+NAVIGATION = 'navigation_state'
 FORCE = 'control_force'
 DISTURBANCE = 'disturbance_force'
 STATUS = 'run_status'
 
-ORDER = (CLOCK, STATE, FORCE, DISTURBANCE, STATUS)
+ORDER = (CLOCK, STATE, NAVIGATION, FORCE, DISTURBANCE, STATUS)
 """Roles in the order in which the messages of one tick are written."""
+
+STATES = (STATE, NAVIGATION)
+"""Roles whose messages are states: the truth, and what the controller sees if that differs."""
 
 REQUIRED = (STATE, FORCE)
 """Roles without which a log is not that of a closed loop."""
@@ -53,6 +57,7 @@ class Qos:
 TYPES = {
     CLOCK: 'rosgraph_msgs/msg/Clock',
     STATE: 'nav_msgs/msg/Odometry',
+    NAVIGATION: 'nav_msgs/msg/Odometry',
     FORCE: 'geometry_msgs/msg/WrenchStamped',
     DISTURBANCE: 'geometry_msgs/msg/WrenchStamped',
     STATUS: 'diagnostic_msgs/msg/DiagnosticStatus',
@@ -62,6 +67,7 @@ TYPES = {
 QOS = {
     CLOCK: Qos(),
     STATE: Qos(),
+    NAVIGATION: Qos(),
     FORCE: Qos(),
     DISTURBANCE: Qos(),
     STATUS: Qos(durability='transient_local', depth=1),
@@ -71,6 +77,7 @@ QOS = {
 
 FRAMES = {
     STATE: ('target_lvlh', 'chaser'),
+    NAVIGATION: ('target_lvlh', 'chaser'),
     FORCE: ('target_lvlh',),
     DISTURBANCE: ('target_lvlh',),
 }

@@ -5,7 +5,7 @@
 From the scenario and the controller that the log carries:
 
 - start: the first state is the scenario's;
-- control law: every force follows from the recorded state;
+- control law: every force follows from the recorded state, or what navigation made of it;
 - disturbance: every disturbance follows from the scenario;
 - dynamics: every state follows from the state, the force and the disturbance before it;
 - whole run: the flight is flown again from its start, without looking at the log;
@@ -27,11 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import kernels
+from rpo_core.closed_loop import fly_on
+from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table, kernel
 from rpo_log import cdr, topics
 from rpo_log.decode import Block, Odd, plain, values_of
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.reader import controller_of, scenario_of
+from rpo_log.rows import DelayLine, Rows
 from rpo_log.stream import RunReader
 from rpo_log.tally import Tally
 from rpo_log.topics import Topic
@@ -39,8 +42,9 @@ from rpo_log.topics import Topic
 FIGURE_TOLERANCE = 1e-9
 """Relative, for the figures in run_status: sums and norms, written as text, flown by nobody."""
 
-START, LAW, DISTURBANCE, DYNAMICS, WHOLE, REST = (
+START, NAVIGATION, LAW, DISTURBANCE, DYNAMICS, WHOLE, REST = (
     'start',
+    'navigation',
     'control law',
     'disturbance',
     'dynamics',
@@ -102,16 +106,17 @@ class Verification:
 
 
 @kernel
-def _recompute(states, forces, disturbances, scales, fis, limit, step, laws, following):  # type: ignore[no-untyped-def]
+def _recompute(states, seen, forces, disturbances, scales, fis, limit, step, laws, following):  # type: ignore[no-untyped-def]
     """Fill the force (n, 3) of each state and the state (n, 6) that follows each tick."""
     position_scale, velocity_scale, force_scale = scales
     for i in range(len(states)):
         s = states[i]
+        m = seen[i]
         f = forces[i]
         d = disturbances[i]
         for axis in range(3):
             laws[i, axis] = kernels.axis_force(
-                s[axis], s[axis + 3], position_scale, velocity_scale, force_scale, fis
+                m[axis], m[axis + 3], position_scale, velocity_scale, force_scale, fis
             )
         new = kernels.plant_step(
             (s[0], s[1], s[2], s[3], s[4], s[5]),
@@ -124,28 +129,6 @@ def _recompute(states, forces, disturbances, scales, fis, limit, step, laws, fol
             following[i, j] = new[j]
 
 
-class _Rows:
-    """Ticks of a log beside what they should be; the last row of a block goes before the next."""
-
-    def __init__(self, block: Block, before: _Rows | None, disturbed: bool) -> None:
-        here = np.ones(len(block.ticks), dtype=bool)
-        self.ticks = block.ticks
-        self.states = block.states
-        self.forces = block.forces_n
-        self.disturbances = block.disturbances_n if disturbed else np.zeros((len(here), 3))
-        self.has_state = block.present.get(topics.STATE, ~here)
-        self.has_force = block.present.get(topics.FORCE, ~here)
-        self.has_disturbance = block.present.get(topics.DISTURBANCE, ~here) if disturbed else here
-        if before is not None:
-            for name, rows in vars(self).items():
-                setattr(self, name, np.concatenate([getattr(before, name)[-1:], rows]))
-
-    @property
-    def whole(self) -> NDArray[np.bool_]:
-        """Rows that have all their messages."""
-        return self.has_state & self.has_force & self.has_disturbance
-
-
 class _Verifier:
     """Computes the blocks of a log anew; keeps what one hands to the next."""
 
@@ -154,14 +137,18 @@ class _Verifier:
         self.controller = controller_of(reader)
         self.topics = {topic.role: topic for topic in reader.topics}
         self.disturbed = topics.DISTURBANCE in self.topics
-        if not self.disturbed and not self.scenario.disturbance.is_zero:
-            raise LogError(
-                Kind.MISSING_TOPIC,
-                reader.path,
-                f'has no topic {topics.DISTURBANCE}, but its scenario has a disturbance',
-            )
+        for role, what, needed in (
+            (topics.DISTURBANCE, 'a disturbance', not self.scenario.disturbance.is_zero),
+            (topics.NAVIGATION, 'errors of navigation', self.scenario.navigation is not None),
+        ):
+            if needed and role not in self.topics:
+                said = f'has no topic {role}, but its scenario has {what}'
+                raise LogError(Kind.MISSING_TOPIC, reader.path, said)
+        thrusters = self.scenario.thrusters
+        self.line = DelayLine(thrusters.delay_ticks if thrusters else 0)
+        self.chaser = Chaser(self.scenario)
         self.limit = float(self.scenario.max_force_n)
-        self.rows: _Rows | None = None
+        self.rows: Rows | None = None
         self.flown: Any = tuple(map(float, self.scenario.start))  # the next state, without the log
         self.unbroken_to = 0  # the next tick, as long as no message lacks
         self.spent = np.zeros((1, 2))  # before each of the rows: energy [N^2 s], saturated ticks
@@ -170,9 +157,10 @@ class _Verifier:
         """Return the first difference in a block, None if there is none."""
         found: list[Difference | None] = [self._odd(odd) for odd in block.odd]
         if len(block.ticks):
-            self.rows = rows = _Rows(block, self.rows, self.disturbed)
-            self._account(rows)
-            found += [*self._compare(rows), *self._fly(rows)]
+            self.rows = rows = Rows(block, self.rows, self.disturbed)
+            flown = self.line.flown(rows.ticks, rows.forces)
+            self._account(flown)
+            found += [*self._compare(rows, flown), *self._fly(rows)]
         found += [self._status(tick, status) for tick, status in block.statuses]
         order = {name: index for index, name in enumerate(topics.ORDER)}
         return min(
@@ -181,18 +169,25 @@ class _Verifier:
             key=lambda d: (d.tick, order[topics.role_of(d.topic) or topics.STATUS]),
         )
 
-    def _compare(self, rows: _Rows) -> Iterator[Difference | None]:
+    def _compare(self, rows: Rows, flown: NDArray[np.float64]) -> Iterator[Difference | None]:
         """Compare each message with those that it follows from."""
         laws, following = np.empty_like(rows.forces), np.empty_like(rows.states)
+        seen, given, limit = rows.states, flown, self.limit
+        if self.scenario.navigation is not None:
+            seen = self.scenario.navigation.solutions(rows.ticks, rows.states)
+        if self.scenario.thrusters is not None:
+            told, limit = np.clip(flown, -limit, limit), math.inf
+            given = np.array([self.scenario.thrusters.given_n(tuple(f)) for f in told.tolist()])
         times = np.array([self.scenario.time_s(int(tick)) for tick in rows.ticks])
         disturbances = self.scenario.disturbance.over(times)
         _recompute(
             as_table(rows.states),
-            as_table(rows.forces),
+            as_table(seen),
+            as_table(given),
             as_table(rows.disturbances),
             self.controller.scales,
             self.controller.system.tables,
-            self.limit,
+            limit,
             self.scenario.step,
             laws,
             following,
@@ -202,10 +197,13 @@ class _Verifier:
             yield self._first(
                 START, topics.STATE, rows.ticks[:1], rows.states[:1], start, rows.has_state[:1]
             )
-        follows = rows.whole[:-1] & rows.has_state[1:] & (np.diff(rows.ticks) == 1)
+        pushed = rows.has_state & rows.has_disturbance & np.isfinite(given).all(axis=1)
+        follows = pushed[:-1] & rows.has_state[1:] & (np.diff(rows.ticks) == 1)
         yield self._first(
             DYNAMICS, topics.STATE, rows.ticks[1:], rows.states[1:], following[:-1], follows
         )
+        both = rows.has_state & rows.has_navigation
+        yield self._first(NAVIGATION, topics.NAVIGATION, rows.ticks, rows.navigation, seen, both)
         yield self._first(
             LAW, topics.FORCE, rows.ticks, rows.forces, laws, rows.has_state & rows.has_force
         )
@@ -218,7 +216,7 @@ class _Verifier:
             rows.has_disturbance,
         )
 
-    def _fly(self, rows: _Rows) -> Iterator[Difference | None]:
+    def _fly(self, rows: Rows) -> Iterator[Difference | None]:
         """Fly from the start, without the log, as far as no message lacks."""
         new = rows.ticks >= self.unbroken_to
         ticks, whole = rows.ticks[new], rows.whole[new]
@@ -228,16 +226,27 @@ class _Verifier:
         times = [self.scenario.time_s(self.unbroken_to + k) for k in range(count + 1)]
         disturbances = self.scenario.disturbance.over(np.array(times))
         states, forces = np.empty((count + 1, 6)), np.empty((count + 1, 3))
-        kernels.closed_loop(
-            self.flown,
-            self.controller.scales,
-            self.controller.system.tables,
-            as_table(disturbances),
-            self.limit,
-            self.scenario.step,
-            states,
-            forces,
-        )
+        if self.scenario.is_ideal:
+            kernels.closed_loop(
+                self.flown,
+                self.controller.scales,
+                self.controller.system.tables,
+                as_table(disturbances),
+                self.limit,
+                self.scenario.step,
+                states,
+                forces,
+            )
+        else:
+            fly_on(
+                self.chaser,
+                self.scenario,
+                self.controller,
+                self.unbroken_to,
+                disturbances,
+                states,
+                forces,
+            )
         everywhere = np.ones(count, dtype=bool)
         for role, logged, flown in (
             (topics.STATE, rows.states, states),
@@ -249,10 +258,11 @@ class _Verifier:
         self.flown = tuple(states[-1].tolist())
         self.unbroken_to += count
 
-    def _account(self, rows: _Rows) -> None:
-        """Sum up what the thrusters gave before each row; NaN from where a force lacks."""
-        applied = np.clip(rows.forces, -self.limit, self.limit)
-        saturated = np.where(rows.has_force, (applied != rows.forces).any(axis=1), np.nan)
+    def _account(self, flown: NDArray[np.float64]) -> None:
+        """Sum up what the thrusters were told before each row; NaN from where a force lacks."""
+        applied = np.clip(flown, -self.limit, self.limit)
+        known = np.isfinite(flown).all(axis=1)
+        saturated = np.where(known, (applied != flown).any(axis=1), np.nan)
         each = np.column_stack([(applied**2).sum(axis=1) * self.scenario.dt_s, saturated])
         # a block begins with the last row of the one before, so its first sum is known
         self.spent = np.cumsum(np.concatenate([self.spent[-1:], each[:-1]]), axis=0)
@@ -272,7 +282,7 @@ class _Verifier:
         if not unequal.any():
             return None
         row, column = divmod(int(unequal.argmax()), unequal.shape[1])
-        fields = _STATE_FIELDS if role == topics.STATE else _FORCE_FIELDS
+        fields = _STATE_FIELDS if role in topics.STATES else _FORCE_FIELDS
         return Difference(
             int(ticks[row]),
             self.topics[role].name,
@@ -325,7 +335,7 @@ class _Verifier:
 
 def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
     """Return the fields of a message, by name, in their order."""
-    if topic.role == topics.STATE:
+    if topic.role in topics.STATES:
         odometry = cdr.decode_odometry(data)
         return [
             ('header.frame_id', odometry.frame_id),

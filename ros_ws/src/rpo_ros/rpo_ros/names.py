@@ -3,6 +3,7 @@
 """Topics (relative, so that two runs live in two namespaces) and frames."""
 
 RELATIVE_STATE = 'relative_state'
+NAVIGATION_STATE = 'navigation_state'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
 RUN_STATUS = 'run_status'
