@@ -63,8 +63,7 @@ def fly(scenario: Scenario, controller: Controller) -> Flight:
     disturbances = scenario.disturbance.over(scenario.times_s)
     states = np.empty((scenario.ticks + 1, 6))
     forces = np.empty((scenario.ticks + 1, 3))
-    perfect = scenario.thrusters is None and scenario.navigation is None
-    if perfect and isinstance(controller, FuzzyController):
+    if scenario.is_ideal and isinstance(controller, FuzzyController):
         kernels.closed_loop(
             scenario.start,
             controller.scales,
