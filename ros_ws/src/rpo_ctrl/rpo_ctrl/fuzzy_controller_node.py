@@ -8,37 +8,25 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core import controller, files
-from rpo_ros import health, names
-from rpo_ros.answering import AnsweringNode
-from rpo_ros.parameters import Row, declare
+from rpo_core import controller
+from rpo_ctrl.controller_node import PARAMETERS, ControllerNode
+from rpo_ros.answering import Force
 from rpo_ros.running import run_node
 
-PARAMETERS = (
-    Row('controller', controller.DEFAULT_CONTROLLER,
-        'shipped controller, or path of a controller file', example='path/to/mine.yaml'),
-)  # fmt: skip
 
-
-class FuzzyControllerNode(AnsweringNode):
+class FuzzyControllerNode(ControllerNode):
     """Computes the force from the state alone."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('fuzzy_controller', overrides)
-        path = files.find('controller', declare(self, PARAMETERS)['controller'])
-        self.controller = controller.load_controller(path)
-        self.answer_on(names.CONTROL_FORCE)
-        health.publish_manifest(
-            self,
-            'controller',
-            {'controller': self.controller.name},
-            {'controller.yaml': files.read_text(path)},
-        )
-        self.get_logger().info(f'controlling with {self.controller.name}')
 
-    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> tuple[float, float, float] | str:
+    def parse(self, document: Any) -> controller.FuzzyController:
+        """Return the fuzzy controller of a parsed file; raises InputError."""
+        return controller.parse(document)
+
+    def command_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force:
         """Return the commanded force [N] of a relative state."""
-        return self.controller.force_n(state[:3], state[3:])
+        return self.law.force_n(state[:3], state[3:])
 
 
 def main() -> int:

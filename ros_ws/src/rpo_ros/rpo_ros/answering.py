@@ -4,16 +4,20 @@
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
+
+Force = tuple[float, float, float]
 
 
 class AnsweringNode(FlightNode):
@@ -27,19 +31,24 @@ class AnsweringNode(FlightNode):
         super().__init__(name, overrides)
         self.answered = 0
         self.ignored: Counter[str] = Counter()
+        self._answered_s: float | None = None
+        self._rate = health.Rate()
 
     def answer_on(self, topic: str) -> None:
         """Begin to answer; the subclass is ready."""
         self._force = self.create_publisher(WrenchStamped, topic, qos.LOCKSTEP)
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
-        health.publish_health(self, self._health)
+        health.publish_health(self, self.health)
 
     @abstractmethod
-    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> tuple[float, float, float] | str:
+    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force | str:
         """Return the force [N], target LVLH, or why there is none.
 
         state : x, y, z [m], vx, vy, vz [m/s], target LVLH, finite
         """
+
+    def after_answer(self, stamp: Time, state: tuple[float, ...], force: Force) -> None:
+        """Do what may wait until the force is on its way."""
 
     def _on_state(self, message: Odometry) -> None:
         state = conversions.from_odometry(message)
@@ -52,8 +61,16 @@ class AnsweringNode(FlightNode):
             return
         self._force.publish(conversions.to_wrench(stamp, force))
         self.answered += 1
+        self._answered_s = time.monotonic()
+        self.after_answer(stamp, state, force)
 
-    def _health(self) -> health.Health:
+    def health(self) -> health.Health:
+        """Return what /diagnostics says of this node."""
         ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
-        level = health.WARN if ignored else health.OK
-        return level, 'answering states', {'answered': self.answered, **ignored}
+        values = {
+            'answered': self.answered,
+            'rate_hz': self._rate.per_s(self.answered),
+            'command_age_s': health.age_s(self._answered_s),
+            **ignored,
+        }
+        return health.WARN if ignored else health.OK, 'answering states', values

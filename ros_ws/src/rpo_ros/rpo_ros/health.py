@@ -7,23 +7,45 @@ diagnostic_updater is not in the wheels; one array a second needs no more than t
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 
 from rpo_ros import names, qos
 from rpo_ros.conversions import to_status
+from rpo_ros.running import FlightNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+PERIOD_S = 1.0
 
 Health = tuple[bytes, str, Mapping[str, Any]]
 """Level, message, values."""
 
 
-def publish_health(node: Node, health: Callable[[], Health]) -> None:
+class Rate:
+    """How often something that is counted happens."""
+
+    def __init__(self) -> None:
+        self._count, self._moment_s = 0, time.monotonic()
+
+    def per_s(self, count: int) -> float:
+        """Return events per second of wall time since the last call, given how many there were."""
+        now_s = time.monotonic()
+        events, passed_s = count - self._count, now_s - self._moment_s
+        self._count, self._moment_s = count, now_s
+        return round(events / passed_s, 1) if passed_s > 0.0 else 0.0
+
+
+def age_s(moment_s: float | None) -> float:
+    """Return the wall time since a moment of `time.monotonic()` to the millisecond; -1: never."""
+    return -1.0 if moment_s is None else round(time.monotonic() - moment_s, 3)
+
+
+def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
     """Publish `health()` on /diagnostics once a second of wall time."""
     publisher = node.create_publisher(DiagnosticArray, names.DIAGNOSTICS, qos.DIAGNOSTICS)
     name = f'{node.get_fully_qualified_name().lstrip("/")}: health'
@@ -35,28 +57,45 @@ def publish_health(node: Node, health: Callable[[], Health]) -> None:
         array.status = [to_status(level, name, message, values.items())]
         publisher.publish(array)
 
-    node.create_timer(1.0, publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    node.every(PERIOD_S, publish)
 
 
-def publish_manifest(
-    node: Node, role: str, parameters: Mapping[str, Any], files: Mapping[str, str]
-) -> None:
-    """Publish, latched, what a node runs with, for the recorder to attach to the log.
+class Manifest:
+    """What a node runs with, latched, for the recorder to attach to the log.
 
     Said again every second: the first latched sample reaches a late reader only with DDS's next
     heartbeat, seconds later.
 
     role : 'plant', 'controller' or 'disturbance'
-    parameters : those that shape the flight; none that concern wall time
-    files : name of the attachment -> its text
     """
-    publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-    values = [
-        ('role', role),
-        *((f'parameter.{key}', value) for key, value in sorted(parameters.items())),
-        *((f'file.{name}', text) for name, text in sorted(files.items())),
-    ]
-    manifest = to_status(OK, node.get_name(), 'manifest', values)
-    publisher.publish(manifest)
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(1.0, lambda: publisher.publish(manifest), clock=steady)
+
+    def __init__(self, node: FlightNode, role: str) -> None:
+        self._role, self._name = role, node.get_name()
+        self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
+        self._said: DiagnosticStatus | None = None
+        node.every(PERIOD_S, self._repeat)
+
+    def say(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
+        """Publish what the node runs with from now on.
+
+        parameters : those that shape the flight; none that concern wall time
+        files : name of the attachment -> its text
+        """
+        values = [
+            ('role', self._role),
+            *((f'parameter.{key}', value) for key, value in sorted(parameters.items())),
+            *((f'file.{name}', text) for name, text in sorted(files.items())),
+        ]
+        self._said = to_status(OK, self._name, 'manifest', values)
+        self._repeat()
+
+    def _repeat(self) -> None:
+        if self._said is not None:
+            self._publisher.publish(self._said)
+
+
+def publish_manifest(
+    node: FlightNode, role: str, parameters: Mapping[str, Any], files: Mapping[str, str]
+) -> None:
+    """Publish a manifest that stays as it is; see `Manifest`."""
+    Manifest(node, role).say(parameters, files)

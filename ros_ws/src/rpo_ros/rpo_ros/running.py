@@ -13,11 +13,13 @@ from types import FrameType
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.timer import Timer
 
 from rpo_core.validation import InputError
 from rpo_ros.parameters import Row, usage
@@ -47,6 +49,16 @@ class FlightNode(Node):
         )
         self.done = False
         self.exit_code = 0
+
+    def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
+        """Call back in steady wall time: a node's own clock stalls with the system's."""
+        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def refuse_change(self, asked: Mapping[str, Any]) -> None:
+        """Raise InputError if these checked parameters may not change now; change nothing."""
+
+    def changed(self, applied: Mapping[str, Any]) -> None:
+        """React to parameters that have changed; `declare`'s values hold them already."""
 
     def interrupt(self, reason: str) -> None:
         """React to a signal; a node with last words to say sets `done` when it has said them."""

@@ -1,0 +1,94 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Real nodes in the test's own process: started in a second's fraction, over the same DDS."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from rpo_ros.running import FlightNode, new_executor
+
+DEADLINE_S = 20.0
+
+
+class Inside:
+    """Nodes under test, and one node that talks to them as a user would."""
+
+    def __init__(self) -> None:
+        self.user = Node('user')
+        self.executor = new_executor()
+        self.executor.add_node(self.user)
+        self.nodes: list[FlightNode] = []
+
+    def start(self, node: FlightNode) -> Any:
+        """Add a node that was made."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def until(self, condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> Any:
+        """Spin until the condition holds; return what it returned."""
+        end = time.monotonic() + deadline_s
+        while not (found := condition()):
+            assert time.monotonic() < end, 'the deadline passed'
+            self.executor.spin_once(timeout_sec=0.02)
+        return found
+
+    def call(self, kind: type, service: str, request: Any) -> Any:
+        """Call a service and return its response."""
+        client = self.user.create_client(kind, service)
+        self.until(client.service_is_ready)
+        future = client.call_async(request)
+        self.until(future.done)
+        self.user.destroy_client(client)
+        return future.result()
+
+    def transition(self, node: str, label: str) -> bool:
+        """Ask for a lifecycle transition, as `ros2 lifecycle set` does; return its success."""
+        request = ChangeState.Request()
+        request.transition.label = label
+        return self.call(ChangeState, f'{node}/change_state', request).success
+
+    def state(self, node: str) -> str:
+        """Return the lifecycle's state, as `ros2 lifecycle get` does."""
+        return self.call(GetState, f'{node}/get_state', GetState.Request()).current_state.label
+
+    def set(self, node: str, **parameters: Any) -> Any:
+        """Set parameters at one time, as `ros2 param load` does; return (successful, reason)."""
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in parameters.items()]
+        )
+        result = self.call(
+            SetParametersAtomically, f'{node}/set_parameters_atomically', request
+        ).result
+        return result.successful, result.reason
+
+
+@contextmanager
+def inside(args: Sequence[str] = ()) -> Iterator[Inside]:
+    """Yield an Inside; all its nodes are gone at the end."""
+    rclpy.init(
+        args=['--ros-args', *args] if args else None,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    bench = Inside()
+    try:
+        yield bench
+    finally:
+        for node in bench.nodes:
+            node.close()
+        for node in (*bench.nodes, bench.user):
+            bench.executor.remove_node(node)
+            node.destroy_node()
+        bench.executor.shutdown(timeout_sec=1.0)
+        rclpy.try_shutdown()

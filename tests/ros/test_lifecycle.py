@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The controller as a managed node: what each transition does, and what a bad one leaves."""
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from inside import inside
+from nav_msgs.msg import Odometry
+from processes import flight
+
+from rpo_core import files
+from rpo_core.controller import load_controller
+from rpo_core.validation import InputError
+from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_log.reader import read_run
+from rpo_ros import conversions, qos
+
+STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
+NODE = '/fuzzy_controller'
+
+
+class Asker:
+    """Sends states and keeps the answers."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.answers = {}
+        user = bench.user
+        self.states = user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
+        user.create_subscription(WrenchStamped, 'control_force', self._on_force, qos.LOCKSTEP)
+
+    def _on_force(self, message):
+        stamp = conversions.from_stamp(message.header.stamp)
+        self.answers.setdefault(stamp, []).append(conversions.from_wrench(message))
+
+    def ask(self, stamp_ns, state=STATE):
+        before = len(self.answers.get(stamp_ns, []))
+        self.bench.until(lambda: self.states.get_subscription_count())
+        self.states.publish(conversions.to_odometry(stamp_ns, state))
+        self.bench.until(lambda: len(self.answers.get(stamp_ns, [])) > before)
+        return self.answers[stamp_ns][-1]
+
+
+def force_of(name):
+    return load_controller(name).force_n(STATE[:3], STATE[3:])
+
+
+def test_each_transition_does_what_it_says(ros_env, capfd):
+    with inside() as bench:
+        node = bench.start(FuzzyControllerNode({'autostart': False, 'controller': 'handmade'}))
+        asker = Asker(bench)
+        bench.until(lambda: asker.states.get_subscription_count())
+        asker.states.publish(conversions.to_odometry(1, STATE))
+        bench.until(lambda: node.ignored['not_activated'])
+        assert bench.state(NODE) == 'unconfigured'
+        assert bench.transition(NODE, 'configure')
+        asker.states.publish(conversions.to_odometry(2, STATE))
+        bench.until(lambda: node.ignored['not_activated'] == 2)
+        assert not asker.answers, 'it commanded before it was activated'
+        assert bench.transition(NODE, 'activate')
+        assert asker.ask(3) == force_of('handmade') != (0.0, 0.0, 0.0)
+        assert bench.transition(NODE, 'deactivate')
+        assert asker.ask(3) == force_of('handmade'), 'two answers to one state differ'
+        assert asker.ask(4) == (0.0, 0.0, 0.0)
+        assert bench.transition(NODE, 'cleanup')
+        assert asker.ask(5) == (0.0, 0.0, 0.0)
+        assert bench.set(NODE, controller='trained') == (True, '')
+        assert bench.transition(NODE, 'configure') and bench.transition(NODE, 'activate')
+        assert asker.ask(6) == force_of('trained')
+        assert bench.state(NODE) == 'active'
+        assert node.health()[2]['answered_zero'] == 2
+        assert bench.transition(NODE, 'shutdown') and node.done
+    assert 'inactive: commanding zero' in capfd.readouterr().err
+
+
+def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(ros_env):
+    with inside() as bench:
+        node = bench.start(FuzzyControllerNode({'controller': 'handmade'}))
+        asker = Asker(bench)
+        successful, reason = bench.set(NODE, controller='trained')
+        assert not successful and 'deactivate` first' in reason
+        assert bench.transition(NODE, 'deactivate')
+        successful, reason = bench.set(NODE, controller='nope')
+        assert not successful and "'nope'" in reason
+        assert node.law.name == 'handmade' == node.values['controller']
+        assert bench.set(NODE, controller='trained')[0]
+        assert bench.transition(NODE, 'activate')
+        assert asker.ask(1) == force_of('trained')
+
+
+def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(ros_env, tmp_path, capfd):
+    good = files.shipped('controller')['handmade'].read_text()
+    path = tmp_path / 'mine.yaml'
+    path.write_text(good.replace('position_m:', 'position_km:'))
+    with inside() as bench:
+        bench.start(FuzzyControllerNode({'autostart': False, 'controller': str(path)}))
+        assert not bench.transition(NODE, 'configure')
+        assert bench.state(NODE) == 'unconfigured'
+        assert not bench.transition(NODE, 'activate'), 'there is no such transition from here'
+        path.write_text(good)
+        assert bench.transition(NODE, 'configure') and bench.state(NODE) == 'inactive'
+    said = capfd.readouterr().err
+    assert f'cannot configure: {path}: `scales.position_km`' in said and 'Traceback' not in said
+
+
+def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
+    class Broken(FuzzyControllerNode):
+        fault = ''
+
+        def parse(self, document):
+            if self.fault == 'configure':
+                raise ZeroDivisionError('in the parser')
+            return super().parse(document)
+
+        def command_n(self, stamp_ns, state):
+            raise ZeroDivisionError('in the law')
+
+    with inside() as bench:
+        node = bench.start(Broken())
+        asker = Asker(bench)
+        assert asker.ask(1) == (0.0, 0.0, 0.0), 'a broken law commands zero'
+        assert bench.state(NODE) == 'inactive'
+        assert bench.transition(NODE, 'cleanup')
+        node.fault = 'configure'
+        assert not bench.transition(NODE, 'configure')
+        assert bench.state(NODE) == 'unconfigured'
+    said = capfd.readouterr().err
+    assert 'ZeroDivisionError: in the law' in said
+    assert 'configure broke' in said and 'ZeroDivisionError: in the parser' in said
+
+
+def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
+    with inside() as bench, pytest.raises(InputError, match='no file'):
+        bench.start(FuzzyControllerNode({'controller': str(tmp_path / 'no.yaml')}))
+
+
+def test_deactivated_in_flight_the_chaser_drifts(ros_env, tmp_path):
+    """Over real processes: the run ends as it should, its forces are zero from there on."""
+    output = tmp_path / 'run'
+    with flight(ros_env, tmp_path) as ros, inside() as bench:
+        controller = ros.node('rpo_ctrl', 'fuzzy_controller')
+        recorder = ros.node('rpo_log', 'recorder', output=str(output))
+        plant = ros.node('rpo_sim', 'plant', real_time_factor=200.0, wait_for_recorder='true')
+        plant.says('flying')
+        assert bench.transition(NODE, 'deactivate')
+        assert plant.wait() == 0, plant.output
+        assert recorder.wait() == 0, recorder.output
+        assert controller.stop() == 0 and 'commanding zero' in controller.output
+    forces = read_run(output).forces_n
+    first = int((forces != 0.0).any(axis=1).argmin())
+    assert 0 < first < len(forces) - 100 and not forces[first:].any()
