@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 EXAMPLES = """
 Examples: `rpo campaign offline_training/campaigns/paper_test.yaml` | `rpo campaign mine.yaml
 --runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
-runs/million --run 1234 --csv run.csv` | `rpo campaign mine.yaml --cluster tcp://127.0.0.1:8786`
+runs/million --run 1234 --csv run.csv` | `rpo campaign runs/million --run 1234 --export
+run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --cluster tcp://127.0.0.1:8786`
 """
 
 
@@ -36,6 +37,9 @@ def campaign(
         int | None, typer.Option(min=0, help='fly this run alone, bit for bit, and show it')
     ] = None,
     csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
+    export: Annotated[
+        Path | None, typer.Option(help='with --run: write its scenario, for the ROS nodes')
+    ] = None,
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
@@ -62,10 +66,13 @@ def campaign(
         raise InputError(
             'a campaign file, a folder of a campaign with --run, or --resume is needed'
         )
-    if csv is not None and run is None:
-        raise InputError('`--csv` writes the flight of one run: give --run too')
+    for option, path in (('csv', csv), ('export', export)):
+        if path is not None and run is None:
+            raise InputError(f'`--{option}` writes one run: give --run too')
     if run is not None:
-        _show_run(*_of_source(source, changes), run, csv)
+        found = _of_source(source, changes)
+        _show_run(*found, run, csv)
+        _for_ros(found[0], source, run, export)
         return
     chosen, store = _of_source(source, changes)
     if store is not None:
@@ -160,6 +167,24 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
         from rpo_training.commands.simulate import _write_csv
 
         _write_csv(flight, csv)
+
+
+def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -> None:
+    """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
+    from rpo_core import scenario
+    from rpo_training.campaign.single import scenario_of
+    from rpo_training.ledger import write_aside
+
+    path = export or Path(f'run_{number}.yaml')
+    if export is None:
+        again = ['rpo', 'campaign', str(source), '--run', str(number), '--export', str(path)]
+        typer.echo(f'On ROS 2: {shlex.join(again)}')
+    else:
+        content = scenario.dumps(scenario_of(chosen, number)).encode()
+        write_aside(path, lambda file: file.write(content))
+    flown = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
+    fly = ['--scenario', str(path), '--controller', flown]
+    typer.echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
 
 
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:

@@ -23,6 +23,7 @@ setup(
     entry_points={
         'console_scripts': [
             'plant = rpo_sim.plant_node:main',
+            'navigation = rpo_sim.navigation_node:main',
             'disturbance_injector = rpo_sim.disturbance_injector_node:main',
             'fault_injector = rpo_sim.fault_injector_node:main',
         ],

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`final_approach`: plant, fuzzy controller, disturbance and recorder in one process."""
+"""`final_approach`: plant, controller, disturbance, navigation and recorder in one process."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log import report
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
+from rpo_ros import names
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.navigation_node import NavigationNode
 from rpo_sim.plant_node import PlantNode
 
 _START_TIMEOUT_S = 30.0
@@ -73,9 +75,21 @@ def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
     ]
     if not flown.disturbance.is_zero:
         nodes.append(DisturbanceInjectorNode({'scenario': options.scenario}))
+    if flown.navigation is not None:
+        nodes.append(NavigationNode({'scenario': options.scenario}))
     # Last, because it makes the run folder: nothing is left behind when another node refuses.
     nodes.append(RecorderNode({'output': str(folder), 'overwrite': options.overwrite}))
     return nodes
+
+
+def _ros_arguments(options: argparse.Namespace) -> list[str]:
+    """Return ours, and where the controller gets its state from if navigation has errors."""
+    try:
+        navigated = scenario.load_scenario(options.scenario).navigation is not None
+    except InputError:
+        navigated = False  # it is said when the nodes are made
+    rule = f'fuzzy_controller:{names.RELATIVE_STATE}:={names.NAVIGATION_STATE}'
+    return [*sys.argv, '--ros-args', '-r', rule] if navigated else sys.argv
 
 
 def _both_done(nodes: Sequence[FlightNode]) -> bool:
@@ -102,7 +116,7 @@ def main() -> int:
         nodes.extend(_nodes(options, folder))
         return nodes
 
-    code = run(make, sys.argv, _both_done)
+    code = run(make, _ros_arguments(options), _both_done)
     flown = code == 0 and nodes[0].phase == 'finished'
     if flown and not options.no_report:
         try:

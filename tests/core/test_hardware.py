@@ -1,0 +1,89 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Imperfect thrusters and navigation: an independent flight, files, the perfect ones as a limit."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_documents import document
+from scipy.linalg import expm
+
+from rpo_core import files, noise, scenario
+from rpo_core.closed_loop import fly
+from rpo_core.controller import load_controller
+from rpo_core.hardware import IDENTITY, Navigation, Thrusters
+from rpo_core.validation import InputError
+
+QUICK = scenario.load_scenario('quick')
+MATRIX = ((0.9, 0.1, 0.0), (0.0, 1.1, -0.2), (0.05, 0.0, 1.0))
+NAVIGATION = Navigation((0.3, -0.2, 0.1), (0.01, 0.0, -0.02), 0.05, 0.004, (12, 34))
+
+
+def test_a_flight_is_that_of_textbook_matrices():
+    flown = replace(QUICK, thrusters=Thrusters(MATRIX, 2), navigation=NAVIGATION)
+    controller = load_controller('handmade')
+    flight = fly(flown, controller)
+    n, m, dt = flown.mean_motion_rad_s, flown.mass_kg, flown.dt_s
+    a = np.zeros((9, 9))
+    a[:3, 3:6] = np.eye(3)
+    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * n**2, 2 * n, -2 * n, -(n**2)
+    a[3:6, 6:] = np.eye(3) / m
+    step = expm(a * dt)[:6]
+    state, commands = np.array(flown.start), [np.zeros(3)] * 2
+    sigmas = np.repeat([0.05, 0.004], 3)
+    bias = np.array([0.3, -0.2, 0.1, 0.01, 0.0, -0.02])
+    for tick in range(flown.ticks):
+        seen = state + bias + sigmas * noise.six_normals(tick, 12, 34)
+        commands.append(np.array(controller.force_n(seen[:3].tolist(), seen[3:].tolist())))
+        np.testing.assert_allclose(flight.states[tick], state, rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(flight.forces_n[tick], commands[-1], rtol=1e-7, atol=1e-9)
+        told = np.clip(commands[tick], -flown.max_force_n, flown.max_force_n)
+        np.testing.assert_allclose(flight.applied_forces_n[tick], told, rtol=1e-7, atol=1e-9)
+        given = np.array(MATRIX) @ told + flown.disturbance.force_n(flown.time_s(tick))
+        state = step @ np.concatenate([state, given])
+
+
+def test_perfect_hardware_flies_as_none():
+    controller = load_controller('handmade')
+    plain = fly(QUICK, controller)
+    perfect = fly(replace(QUICK, thrusters=Thrusters(), navigation=Navigation()), controller)
+    np.testing.assert_array_equal(perfect.states, plain.states)
+    np.testing.assert_array_equal(perfect.forces_n, plain.forces_n)
+
+
+def test_a_scenario_is_written_and_read_back_to_the_same_bits():
+    for changes in ({}, {'thrusters': Thrusters(MATRIX, 3)}, {'navigation': NAVIGATION}):
+        flown = replace(scenario.load_scenario('paper_test_phase'), **changes)
+        again = files.loads(scenario.dumps(flown), scenario.parse, 'again')
+        assert again == flown
+        assert again.epoch_ns == flown.epoch_ns
+
+
+@pytest.mark.parametrize(
+    ('section', 'value', 'said'),
+    [
+        ('thrusters', [], '`thrusters` must be a mapping'),
+        ('thrusters', {'matrx': []}, 'did you mean `matrix`'),
+        ('thrusters', {'matrix': [[1.0, 0.0, 0.0]]}, 'thrusters: `matrix` must be a list of 3'),
+        ('thrusters', {'matrix': [[1.0, 0.0]] * 3}, '`matrix[0]` must be a list of 3'),
+        ('thrusters', {'matrix': [[11.0, 0.0, 0.0]] * 3}, '`matrix[0][0]` must be a finite'),
+        ('thrusters', {'delay_ticks': 1.5}, '`delay_ticks` must be a whole number'),
+        ('thrusters', {'delay_ticks': -1}, '`delay_ticks` must be a whole number'),
+        ('navigation', {'position_noise_m': -0.1}, '`position_noise_m` must be a finite'),
+        ('navigation', {'noise_key': [1]}, '`noise_key` must be a list of 2'),
+        ('navigation', {'noise_key': [1, 2**32]}, '`noise_key[1]` must be a whole number'),
+        ('navigation', {'velocity_bias_m_s': [0.0, 0.0]}, '`velocity_bias_m_s` must be a list'),
+    ],
+)
+def test_bad_sections_are_one_sentence(section, value, said):
+    with pytest.raises(InputError) as caught:
+        scenario.parse({**document('scenario', 'quick'), section: value})
+    assert said in str(caught.value)
+
+
+def test_a_set_has_no_sections():
+    data = document('scenario', 'paper_training')
+    data['thrusters'] = {'matrix': [list(row) for row in IDENTITY]}
+    with pytest.raises(InputError, match='`thrusters` is not a known field'):
+        scenario.parse(data)

@@ -1,0 +1,71 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A run of a campaign, flown again by the real nodes: the campaign's bits."""
+
+import re
+import shlex
+
+import numpy as np
+import pytest
+from campaign_documents import write_campaign
+from processes import flight
+from typer.testing import CliRunner
+
+from rpo_log.reader import read_run
+from rpo_log.verify import verify
+from rpo_training.campaign import config
+from rpo_training.campaign.fleet import FINAL, fly_runs
+from rpo_training.cli import app
+
+RUN = 7
+CONTROLLER = 'handmade'
+
+
+def one_process(ros, arguments, folder):
+    node = ros.node(*arguments, '--output', str(folder / 'run'), '--no-report')
+    assert node.wait() == 0, node.output
+
+
+def five_processes(ros, arguments, folder):
+    scenario = arguments[arguments.index('--scenario') + 1]
+    args = ('--ros-args', '-r', 'relative_state:=navigation_state', '-p')
+    others = [
+        ros.node('rpo_ctrl', 'fuzzy_controller', *args, f'controller:={CONTROLLER}'),
+        ros.node('rpo_sim', 'disturbance_injector', scenario=scenario),
+        ros.node('rpo_sim', 'navigation', scenario=scenario),
+    ]
+    recorder = ros.node('rpo_log', 'recorder', output=str(folder / 'run'))
+    plant = ros.node('rpo_sim', 'plant', scenario=scenario, wait_for_recorder='true')
+    for node in (plant, recorder):
+        assert node.wait() == 0, node.output
+    for node in others:
+        assert node.stop() == 0, node.output
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize('way', [one_process, pytest.param(five_processes, marks=pytest.mark.slow)])
+def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_path):
+    path = write_campaign(tmp_path)
+    wanted = [str(tmp_path / name) for name in ('run.csv', 'run_7.yaml')]
+    command = ['campaign', str(path), '--run', str(RUN), '--csv', wanted[0], '--export', wanted[1]]
+    result = CliRunner().invoke(app, command, env={'COLUMNS': '300'})
+    assert result.exit_code == 0, result.output
+    ros2, run, *arguments = shlex.split(
+        re.search(r'^ros2 run .*final_approach.*', result.output, re.M).group()
+    )
+    assert (ros2, run) == ('ros2', 'run')
+    with flight(ros_env, tmp_path) as ros:
+        way(ros, arguments, tmp_path)
+    flown = read_run(tmp_path / 'run')
+    assert flown.complete, flown.gaps
+    expected = np.loadtxt(wanted[0], delimiter=',', skiprows=1)
+    np.testing.assert_array_equal(flown.states, expected[:, 1:7])
+    np.testing.assert_array_equal(flown.forces_n, expected[:, 7:10])
+    np.testing.assert_array_equal(flown.disturbances_n, expected[:, 10:])
+    columns = fly_runs(config.load(path), RUN, 1)
+    assert [columns[name][0] for name in FINAL] == flown.states[-1].tolist()
+    assert columns['delay_ticks'] > 0  # so that all of it takes part
+    difference = flown.navigation - flown.states
+    assert np.abs(difference).max() > 1e-3  # the controller saw something else, and it is logged
+    verified = verify(tmp_path / 'run')
+    assert verified.exit_code == 0, verified.sentence()
