@@ -13,7 +13,9 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/config', sorted(glob('config/*.yaml'))),
         (f'share/{package_name}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+        (f'share/{package_name}/launch', sorted(glob('launch/*.launch.*'))),
     ],
     install_requires=['setuptools'],
     zip_safe=True,

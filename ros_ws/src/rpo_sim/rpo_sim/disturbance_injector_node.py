@@ -27,6 +27,11 @@ class DisturbanceInjectorNode(AnsweringNode):
         super().__init__('disturbance_injector', overrides)
         values = declare(self, PARAMETERS)
         self.scenario = scenario.load_scenario(files.find('scenario', values['scenario']))
+        if self.scenario.disturbance.is_zero:
+            # So one launch file serves every scenario.
+            self.get_logger().info(f'{self.scenario.name} has no disturbance: nothing to do')
+            self.done = True
+            return
         self.answer_on(names.DISTURBANCE_FORCE)
         health.publish_manifest(self, 'disturbance', {'scenario': self.scenario.name}, {})
         self.get_logger().info(f'disturbing as in {self.scenario.name}')

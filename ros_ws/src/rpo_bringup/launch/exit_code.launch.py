@@ -1,0 +1,25 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ends the launch with exit code 1 when a flight node fails; stock launch would say 0.
+
+`ros2 launch` has the exit codes 0 and 1 only, and 1 is for an error raised within the launch: so
+one is raised here. The node's own code is in the message.
+"""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import RegisterEventHandler
+from launch.event_handlers import OnProcessExit
+from launch.events.process import ProcessExited
+
+FLIGHT_NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder', 'replay')
+
+
+def _check(event: ProcessExited, context: LaunchContext) -> None:
+    name = event.process_name.rpartition('-')[0]
+    if event.returncode and name in FLIGHT_NODES:
+        raise RuntimeError(f'{name} ended with exit code {event.returncode}')
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the watch over the exit codes of all processes of the launch."""
+    return LaunchDescription([RegisterEventHandler(OnProcessExit(on_exit=_check))])

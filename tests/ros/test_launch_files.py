@@ -1,0 +1,124 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Launch files name only what exists: executables, parameters, arguments, files."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
+BRINGUP = SRC / 'rpo_bringup'
+FILES = {path.name: ElementTree.parse(path) for path in BRINGUP.glob('launch/*.launch.xml')}
+PARAMETER_FILE = BRINGUP / 'config' / 'final_approach.yaml'
+FOREIGN = {('rviz2', 'rviz2')}
+
+
+def entry_points() -> dict[tuple[str, str], str]:
+    """Return (package, executable) -> module, of every package's setup.py."""
+    return {
+        (path.parent.name, name): module
+        for path in SRC.glob('*/setup.py')
+        for name, module in re.findall(r"'(\w+) = ([\w.]+):main'", path.read_text())
+    }
+
+
+def parameters(package: str, executable: str) -> set[str]:
+    """Return the names in a node's parameter table."""
+    module = importlib.import_module(entry_points()[package, executable])
+    return {row.name for row in module.PARAMETERS}
+
+
+def declared(tree: ElementTree.ElementTree) -> dict[str, tuple[str | None, str | None]]:
+    """Return argument -> (default, description)."""
+    return {
+        tag.get('name'): (tag.get('default'), tag.get('description')) for tag in tree.findall('arg')
+    }
+
+
+@pytest.fixture(params=sorted(FILES))
+def tree(request) -> ElementTree.ElementTree:
+    return FILES[request.param]
+
+
+def test_there_are_launch_files():
+    assert {'final_approach.launch.xml', 'plant.launch.xml', 'replay.launch.xml'} <= set(FILES)
+
+
+def test_executables_and_parameters_exist(tree):
+    for node in tree.iter('node'):
+        who = node.get('pkg'), node.get('exec')
+        if who in FOREIGN:
+            continue
+        assert who in entry_points(), who
+        named = {tag.get('name') for tag in node.findall('param') if tag.get('name')}
+        assert named <= parameters(*who), (who, named - parameters(*who))
+
+
+def test_every_argument_is_described_and_used_once_declared(tree):
+    arguments = declared(tree)
+    assert all(description for _, description in arguments.values())
+    text = ElementTree.tostring(tree.getroot(), encoding='unicode')
+    known = {*arguments, *(tag.get('name') for tag in tree.iter('let'))}
+    assert set(re.findall(r'\$\(var (\w+)\)', text)) <= known
+
+
+def test_included_files_exist_and_get_known_arguments(tree):
+    for include in tree.iter('include'):
+        name = include.get('file').rsplit('/', 1)[-1]
+        assert (BRINGUP / 'launch' / name).is_file()
+        given = {tag.get('name') for tag in include.findall('arg')}
+        assert not given or given <= set(declared(FILES[name]))
+
+
+def test_an_argument_means_the_same_in_every_file():
+    """Included files take the arguments of the file that includes them, by name."""
+    said: dict[str, set[str | None]] = {}
+    for tree in FILES.values():
+        for name, (_, description) in declared(tree).items():
+            said.setdefault(name, set()).add(description)
+    assert {name: texts for name, texts in said.items() if len(texts) > 1} == {}
+    whole = declared(FILES['final_approach.launch.xml'])
+    for include in FILES['final_approach.launch.xml'].iter('include'):
+        piece = FILES.get(include.get('file').rsplit('/', 1)[-1])
+        given = {tag.get('name') for tag in include.findall('arg')}
+        assert piece is None or set(declared(piece)) - given <= set(whole)
+
+
+def test_the_parameter_file_fits_the_tables():
+    executables = {name: package for package, name in entry_points()}
+    for block, content in yaml.safe_load(PARAMETER_FILE.read_text()).items():
+        name = block.removeprefix('/**/')
+        assert set(content['ros__parameters']) <= parameters(executables[name], name)
+
+
+def test_the_watch_over_exit_codes_names_the_flight_nodes():
+    text = (BRINGUP / 'launch' / 'exit_code.launch.py').read_text()
+    watched = set(re.findall(r"'(\w+)'", re.search(r'FLIGHT_NODES = \((.*?)\)', text, re.S)[1]))
+    assert watched <= {name for _, name in entry_points()}
+
+
+def test_a_real_launch(ros_env, tmp_path):
+    if importlib.util.find_spec('launch_ros') is None:
+        pytest.skip('ros2 launch is not installed')
+
+    def launch(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = ['ros2', 'launch', 'rpo_bringup', 'final_approach.launch.xml', *arguments]
+        return subprocess.run(
+            command, env={**os.environ, **ros_env}, capture_output=True, text=True, timeout=50
+        )
+
+    flown = launch('scenario:=quick', f'output:={tmp_path / "run"}', 'namespace:=one')
+    assert flown.returncode == 0, flown.stdout + flown.stderr
+    assert (tmp_path / 'run' / 'run.mcap').stat().st_size > 0
+    refused = launch('scenario:=nowhere', 'record:=false')
+    assert refused.returncode == 1
+    assert "got 'nowhere'" in refused.stdout + refused.stderr
