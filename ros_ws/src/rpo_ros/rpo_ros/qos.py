@@ -36,3 +36,11 @@ CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
 """Simulated time; stock subscribers ask for best effort, which this satisfies."""
 
 DIAGNOSTICS = _reliable(10, QoSDurabilityPolicy.VOLATILE)
+
+NEWEST = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""For viewers: they look now and then, and no sender repeats anything for them."""

@@ -89,10 +89,14 @@ def new_executor() -> Executor:
     return EventsExecutor()
 
 
-def spin(nodes: Sequence[FlightNode], until: Callable[[], bool]) -> str:
+def spin(
+    nodes: Sequence[FlightNode],
+    until: Callable[[], bool],
+    executor_kind: Callable[[], Executor] = new_executor,
+) -> str:
     """Run nodes until `until()`; return '' or the name of the signal that ended it sooner."""
     stop = _StopSignal()
-    executor = new_executor()
+    executor = executor_kind()
     for node in nodes:
         executor.add_node(node)
     # spin_once in a loop: EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels.
@@ -115,16 +119,18 @@ def run(
     make: Callable[[], Sequence[FlightNode]],
     args: Sequence[str] | None = None,
     until: Callable[[Sequence[Any]], bool] | None = None,
+    executor_kind: Callable[[], Executor] = new_executor,
 ) -> int:
     """Make nodes, run them to their end and return the exit code of the process.
 
     until : tells from the nodes when to end; by default when the first is done
+    executor_kind : SingleThreadedExecutor for nodes that rely on callback groups
     """
     nodes: Sequence[FlightNode] = ()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         nodes = make()
-        spin(nodes, lambda: until(nodes) if until else nodes[0].done)
+        spin(nodes, lambda: until(nodes) if until else nodes[0].done, executor_kind)
         return next((node.exit_code for node in nodes if node.exit_code), 0)
     except InputError as error:
         if rclpy.ok():
@@ -139,7 +145,11 @@ def run(
 
 
 def run_node(
-    command: str, make: Callable[[], FlightNode], about: str | None, rows: Sequence[Row]
+    command: str,
+    make: Callable[[], FlightNode],
+    about: str | None,
+    rows: Sequence[Row],
+    executor_kind: Callable[[], Executor] = new_executor,
 ) -> int:
     """Run one node from the command line; the `main` of every node.
 
@@ -158,4 +168,4 @@ def run_node(
             file=sys.stderr,
         )
         return EXIT_BAD_INPUT
-    return run(lambda: [make()])
+    return run(lambda: [make()], executor_kind=executor_kind)
