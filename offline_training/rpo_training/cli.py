@@ -20,6 +20,7 @@ from rpo_training.commands import (
     import_,
     log,
     optimal,
+    report,
     simulate,
     train,
 )
@@ -55,4 +56,4 @@ app.command('import', epilog=import_.EXAMPLES)(import_.import_controller)
 app.add_typer(log.log, name='log')
 app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
-app.command(epilog=log.REPORT_EXAMPLES)(log.report)
+app.command(epilog=report.EXAMPLES)(report.report)

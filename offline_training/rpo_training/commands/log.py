@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpo log`, `rpo verify`, `rpo repair` and `rpo report`: what one does with the log of a run."""
+"""`rpo log`, `rpo verify` and `rpo repair`: what one does with the log of a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ Example: `rpo verify runs/demo`. Exit codes: 0 verified, 1 not as computed, 2 no
 3 as computed as far as the log goes
 """
 REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
-REPORT_EXAMPLES = 'Example: `rpo report runs/demo`'
 
 RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
 
@@ -87,11 +86,3 @@ def repair(
     for file in found.files:
         typer.echo(file.sentence())
     _end(found.exit_code)
-
-
-def report(run: RunArgument) -> None:
-    """Print a run's figures beside the paper's claims, and draw its time histories."""
-    from rpo_log.report import show
-
-    picture = show(run)
-    typer.echo(picture or 'no picture: `make setup LAYERS=report` installs matplotlib')

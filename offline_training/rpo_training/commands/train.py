@@ -107,9 +107,9 @@ def _summarise(training: Training, best: FuzzyController) -> None:
 
 def _draw(training: Training, best: FuzzyController) -> None:
     try:
-        from rpo_training import plots
+        from rpo_training.report.training import draw_run
     except ImportError:
         typer.echo('No pictures: matplotlib is not installed.', err=True)
         return
-    for path in plots.draw_run(training.folder, best):
+    for path in draw_run(training.folder, best):
         typer.echo(path)

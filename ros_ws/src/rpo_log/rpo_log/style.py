@@ -39,6 +39,8 @@ COLOURS = {
     'x': ('#0072b2', '#56b4e9'),
     'y': ('#d55e00', '#f58a42'),
     'z': ('#009e73', '#3ccba2'),
+    'good': ('#00724f', '#45d0a8'),
+    'bad': ('#b04a00', '#ff9a57'),
     'optimum': ('#b0528a', '#e08fc0'),
     'small_negative': ('#57b5e9', '#a8dbf7'),
     'small_positive': ('#e69f00', '#f2c55c'),

@@ -1,0 +1,251 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a campaign: how surely it succeeds, where it ends, what matters, the worst runs."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.validation import InputError
+from rpo_log import style
+from rpo_training.campaign.config import FIGURES, KINDS
+from rpo_training.campaign.fleet import FINAL
+from rpo_training.campaign.sampling import PARAMETERS
+from rpo_training.campaign.statistics import (
+    QUANTILES,
+    Rate,
+    Spread,
+    rates,
+    spreads,
+    successes,
+)
+from rpo_training.campaign.store import Store
+from rpo_training.report import campaign_figures, sensitivity
+from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+WORST_FAILURES = 5
+
+_SHOWN = {
+    'energy_n2s': 'energy J [N²s]',
+    'arrival_time_s': 'arrival within 0.5 m [s]',
+    'slew_n_s': 'slew [N/s]',
+    'delta_v_m_s': 'Δv [m/s]',
+    'late_position_m': 'largest |position|, last 200 s [m]',
+    'late_velocity_m_s': 'largest |velocity|, last 200 s [m/s]',
+}
+"""Figures whose distributions are drawn."""
+
+
+def report_of(folder: Path) -> Report:
+    """Return the report of a finished campaign's folder; raises InputError."""
+    store = Store.open(folder)
+    if not store.finished:
+        raise InputError(f'{folder}: is not finished: go on with rpo campaign --resume')
+    config = store.campaign.config
+    success = successes(config, {name: store.column(name) for name in config.success})
+    found_rates, found_spreads = rates(store), spreads(store)
+    with style.applied():
+        sections = (
+            Section('Success', tuple(_success(found_rates))),
+            Section('Figures', tuple(_figures(store, found_spreads, success))),
+            Section('Where it ends', (_clouds(store, success),)),
+            Section('What matters', tuple(_what_matters(store, success))),
+            Section('Worst runs', tuple(_worst(store, found_spreads, success))),
+            Section('Configuration', tuple(_configuration(store))),
+        )
+    kept = found_rates[0]
+    return Report(
+        f'Campaign {config.name}: {config.controller}, {config.scenario}',
+        f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}.',
+        sections,
+    )
+
+
+def _unit(ascii_unit: str) -> str:
+    return ascii_unit.replace('N^2 s', 'N²s')
+
+
+def _percent(rate: Rate) -> str:
+    return (
+        f'{100 * rate.kept / rate.runs:.2f} % '
+        f'({100 * rate.low:.2f} to {100 * rate.high:.2f} %, Wilson 95 %)'
+    )
+
+
+def _success(found: list[Rate]) -> list[Block]:
+    names = [rate.name for rate in found]
+    shares = np.array([rate.kept / rate.runs for rate in found])
+    low, high = (np.array([getattr(rate, end) for rate in found]) for end in ('low', 'high'))
+    rows = tuple(
+        (
+            rate.name,
+            f'{rate.kept} / {rate.runs}',
+            f'{100 * rate.kept / rate.runs:.2f} %',
+            f'{100 * rate.low:.2f} to {100 * rate.high:.2f} %',
+        )
+        for rate in found
+    )
+    return [
+        Picture(
+            'success',
+            campaign_figures.rates(names, shares, low, high),
+            'Share of runs that succeed, and that keep each condition alone.',
+            '; '.join(f'{rate.name}: {_percent(rate)}' for rate in found) + '.',
+        ),
+        Table('Rates', ('condition', 'runs', 'share', 'Wilson 95 %'), rows),
+    ]
+
+
+def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
+    drawn = {label: (name, store.column(name)) for name, label in _SHOWN.items()}
+    heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
+    rows = tuple(
+        (
+            s.name,
+            _unit(s.unit),
+            *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)),
+            str(s.worst_run),
+        )
+        for s in found
+    )
+    return [
+        Picture(
+            'distributions',
+            campaign_figures.distributions(drawn, success),
+            'How the figures are distributed; the last 0.05 % are beyond the right edge.',
+            '; '.join(f'{s.name}: median {s.quantiles[0]:.3g} {_unit(s.unit)}' for s in found)
+            + '.',
+        ),
+        Table('Mean, quantiles and the worst run', heads, rows),
+    ]
+
+
+def _clouds(store: Store, success: Bools) -> Picture:
+    final = np.column_stack([store.column(name) for name in FINAL])
+    limits = store.campaign.config.success
+    bounds = limits.get('late_position_m'), limits.get('late_velocity_m_s')
+    return Picture(
+        'final_states',
+        campaign_figures.clouds(final, success, bounds),
+        f'Relative position and velocity at the end of each run, in LVLH; of each kind the first '
+        f'{campaign_figures.MOST_POINTS}. Success is judged over the last 200 s, not at the end '
+        'alone, so a failure may end within the limit. A limit far outside of the cloud is not '
+        'drawn.',
+        f'Final states: the farthest is {np.linalg.norm(final[:, :3], axis=1).max():.3g} m from '
+        'the target.',
+    )
+
+
+def _what_matters(store: Store, success: Bools) -> list[Block]:
+    drawn = {name: store.column(name) for name in PARAMETERS}
+    outcomes = {
+        'failing': (~success).astype(np.float64),
+        'energy J': store.column('energy_n2s'),
+        'arrival time': store.column('arrival_time_s'),
+    }
+    found = {
+        name: influences
+        for name, values in outcomes.items()
+        if (influences := sensitivity.influences(drawn, values))
+    }
+    if not found:
+        return [Text('No dispersion was drawn, or every run came out the same.')]
+    level = sensitivity.chance_level(store.campaign.config.runs)
+    first = next(iter(found))
+    strongest = ', '.join(i.column for i in found[first][:3])
+    white = [n for n in store.campaign.config.dispersions if KINDS[n].distributions == ('white',)]
+    note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
+    return [
+        Picture(
+            'sensitivity',
+            campaign_figures.sensitivity(found, level),
+            'Rank correlation (Spearman) of what was drawn with what came out, strongest on '
+            f'{first} first. Within the grey band a dispersion without effect falls in '
+            f'{100 * (1 - sensitivity.FALSE_ALARM):g} % of cases. The diamonds tell where a '
+            f'deviation to either side does the same.{note}',
+            f'What goes with {first} most: {strongest}.',
+        ),
+        _influence_table(found, level),
+    ]
+
+
+def _influence_table(found: dict[str, list[sensitivity.Influence]], level: float) -> Table:
+    rows: list[tuple[str, ...]] = []
+    for outcome, influences in found.items():
+        rows.append((outcome,))
+        rows += [
+            (i.column, f'{i.signed:+.3f}', f'{i.size:+.3f}')
+            for i in influences[:5]
+            if i.strength > level
+        ]
+    heads = ('drawn', 'of the deviation', 'of its size')
+    return Table(f'Strongest rank correlations; beyond chance is {level:.3f}', heads, tuple(rows))
+
+
+def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
+    rows: list[tuple[str, ...]] = [('worst of each figure',)]
+    rows += [
+        (
+            s.name,
+            f'{s.worst:.4g} {_unit(s.unit)}',
+            _verdict(success, s.worst_run),
+            _again(store, s.worst_run),
+        )
+        for s in found
+    ]
+    failures = np.flatnonzero(~success)
+    if failures.size:
+        rows.append((f'farthest beyond the limits, of {failures.size} failures',))
+        excess = _excess(store)
+        for run in failures[np.argsort(-excess[failures])][:WORST_FAILURES].tolist():
+            share = f'{excess[run]:.3g} × the limit'
+            rows.append((f'run {run}', share, 'failure', _again(store, run)))
+    heads = ('figure', 'value', 'run', 'to fly it again')
+    return [
+        Text('Each command flies one run again, to the same bits; --csv writes its flight.'),
+        Table('Runs to look at', heads, tuple(rows)),
+    ]
+
+
+def _excess(store: Store) -> Floats:
+    """Return by how much (n,) runs exceed the limit that they exceed most."""
+    limits = store.campaign.config.success
+    shares = [store.column(name) / limit for name, limit in limits.items() if limit > 0.0]
+    return np.maximum.reduce(shares) if shares else np.zeros(store.campaign.config.runs)
+
+
+def _verdict(success: Bools, run: int) -> str:
+    return 'success' if success[run] else 'failure'
+
+
+def _again(store: Store, run: int) -> str:
+    return shlex.join(['rpo', 'campaign', str(store.folder), '--run', str(run)])
+
+
+def _configuration(store: Store) -> list[Block]:
+    config = store.campaign.config
+    rows = tuple(
+        (
+            name,
+            dispersion.distribution,
+            ', '.join(f'{s:g}' for s in sorted(set(dispersion.spread))),
+            KINDS[name].unit,
+        )
+        for name, dispersion in config.dispersions.items()
+    )
+    limits = tuple(
+        (name, f'≤ {limit:g} {_unit(FIGURES[name])}') for name, limit in config.success.items()
+    )
+    names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
+    return [
+        Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows),
+        Table('Success', ('figure', 'limit'), limits),
+        *(File(name, text) for name, text in zip(names, store.campaign.texts, strict=True)),
+    ]

@@ -1,0 +1,155 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_log import style
+from rpo_training.report.sensitivity import Influence
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MOST_POINTS = 2000
+"""Runs of each kind, successes and failures, that a cloud shows."""
+
+_BINS = 60
+_FAR = 2.5
+_KEPT, _FAILED = style.LIGHT['x'], style.LIGHT['y']
+_LIMIT = {'color': style.LIGHT['ink'], 'linestyle': (0, (4, 3)), 'linewidth': 1.0}
+
+
+def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | None]) -> Any:
+    """Return the final positions and velocities of runs (n, 6) in two planes each.
+
+    limits : of position [m] and velocity [m/s] of an axis, drawn as a box; not if None, nor if it
+        lies so far out that the cloud would be a dot
+    """
+    figure = style.new_figure(7.6)
+    panels = figure.subplots(2, 2)
+    for row, first, unit, limit in zip(panels, (0, 3), ('m', 'm/s'), limits, strict=True):
+        prefix = 'v' if first else ''
+        for axes, up in zip(row, (0, 2), strict=True):
+            _cloud(axes, final[:, [first + 1, first + up]], success)
+            if limit is not None and limit <= _FAR * np.abs(final[:, first : first + 3]).max():
+                box = limit * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+                axes.plot(*box.T, **_LIMIT, label='limit of success')
+            axes.set(
+                xlabel=f'final {prefix}y, V-bar [{unit}]',
+                ylabel=f'final {prefix}{"xyz"[up]}, {"RVH"[up]}-bar [{unit}]',
+            )
+            axes.set_aspect('equal', adjustable='datalim')
+    style.legend_below(figure, panels[0][0])
+    return figure
+
+
+def _cloud(axes: Any, points: Floats, success: Bools) -> None:
+    for chosen, colour, name in (
+        (success, _KEPT, 'success'),
+        (~success, _FAILED, 'failure'),
+    ):
+        some = points[chosen][:MOST_POINTS]
+        if len(some):
+            axes.add_patch(_dots(some, colour))
+            axes.update_datalim(some)
+        label = f'{name}: {int(chosen.sum())} runs, {len(some)} drawn'
+        axes.plot([], [], 'o', color=colour, markersize=4, label=label)
+    axes.autoscale_view()
+
+
+def _dots(points: Floats, colour: str) -> Any:
+    """Return one path of round dots: a third of the bytes of as many markers."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    ends = points + 1e-9 * np.ptp(points)
+    vertices = np.stack([points, ends], axis=1).reshape(-1, 2)
+    path = Path(vertices, np.tile([Path.MOVETO, Path.LINETO], len(points)))
+    path.should_simplify = False
+    return PathPatch(path, edgecolor=colour, facecolor='none', linewidth=2.2, capstyle='round')
+
+
+def distributions(columns: Mapping[str, tuple[str, Floats]], success: Bools) -> Any:
+    """Return histograms of figures; columns : label with unit -> (name of quantity, values)."""
+    rows = -(-len(columns) // 2)
+    figure = style.new_figure(2.3 * rows)
+    panels = figure.subplots(rows, 2, squeeze=False)
+    for axes in panels.ravel()[len(columns) :]:
+        axes.set_axis_off()
+    for axes, (label, (_, values)) in zip(panels.flat, columns.items(), strict=False):
+        span = _span(values)
+        axes.hist(
+            [values[success], values[~success]],
+            bins=_BINS,
+            range=span,
+            stacked=True,
+            color=[_KEPT, _FAILED],
+            label=['success', 'failure'],
+        )
+        axes.axvline(np.median(values), **_LIMIT, label='median')
+        axes.set(xlabel=label, ylabel='runs', xlim=span)
+        axes.grid(axis='x', visible=False)
+    style.legend_below(figure, panels[0][0])
+    return figure
+
+
+def _span(values: Floats) -> tuple[float, float]:
+    low, high = float(values.min()), float(np.quantile(values, 0.9995))
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
+    """Return the influences of each column on each outcome, as bars; weak ones within `level`."""
+    columns = [i.column for i in next(iter(found.values()))]
+    figure = style.new_figure(0.5 + 0.27 * len(columns))
+    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    places = np.arange(len(columns))
+    for axes, (outcome, influences) in zip(panels, found.items(), strict=True):
+        by_name = {i.column: i for i in influences}
+        signed = [by_name[name].signed for name in columns]
+        size = [by_name[name].size for name in columns]
+        axes.axvspan(-level, level, color=style.LIGHT['grid'], linewidth=0, label='chance')
+        axes.hlines(places, 0.0, signed, color=_KEPT, linewidth=1.2)
+        axes.plot(signed, places, 'o', color=_KEPT, markersize=5, label='of the deviation')
+        axes.plot(
+            size,
+            places,
+            'D',
+            markerfacecolor='none',
+            markeredgecolor=_FAILED,
+            markersize=5,
+            label='of its size',
+        )
+        axes.set(title=outcome, xlabel='rank correlation [1]', xlim=(-1.0, 1.0))
+        axes.set_xticks([-0.5, 0.0, 0.5])
+        axes.axvline(0.0, color=style.LIGHT['muted'], linewidth=0.8)
+    panels[0].set_yticks(places, columns)
+    panels[0].invert_yaxis()
+    style.legend_below(figure, panels[0])
+    return figure
+
+
+def rates(names: Sequence[str], shares: Floats, low: Floats, high: Floats) -> Any:
+    """Return success rates with their intervals."""
+    figure = style.new_figure(0.9 + 0.36 * len(names))
+    axes, places = figure.subplots(), np.arange(len(names))
+    axes.errorbar(
+        100.0 * shares,
+        places,
+        xerr=100.0 * np.array([shares - low, high - shares]),
+        fmt='o',
+        color=_KEPT,
+        capsize=4,
+        markersize=5,
+        label='share of runs, Wilson 95 %',
+    )
+    axes.set_yticks(places, names)
+    axes.set(xlabel='runs that keep it [%]', ylim=(len(names) - 0.5, -0.5))
+    style.legend_below(figure, axes)
+    return figure

@@ -1,0 +1,148 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a fuzzy controller: how it decides, what is proven of it, how it flies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rpo_core import files
+from rpo_core.certificate import Certificate, certify
+from rpo_core.controller import FuzzyController, load_controller
+from rpo_core.explain import SPOKEN, activities, warnings
+from rpo_core.fuzzy import WORDS
+from rpo_core.validation import InputError
+from rpo_log import style
+from rpo_training.assessment import Assessment, assess
+from rpo_training.evaluation import ENERGY
+from rpo_training.report import controller_figures as figures
+from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
+
+
+def report_of(name: str) -> Report:
+    """Return the report of a shipped controller or a file; raises InputError."""
+    controller = load_controller(name)
+    if not isinstance(controller, FuzzyController):
+        raise InputError(
+            f'{name}: must be a fuzzy controller; {controller.name} has no rules to report: '
+            'report its runs or campaigns'
+        )
+    found, certificate = assess(controller), certify(controller.system)
+    path = files.find('controller', name)
+    with style.applied():
+        sections = (
+            Section('How it flies', tuple(_flights(found))),
+            Section('Membership functions', (_functions(controller),)),
+            Section('Rules', tuple(_rules(controller))),
+            Section('Control surface', (_surface(controller),)),
+            Section('Certificate', tuple(_certificate(certificate))),
+            Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path)))),
+        )
+    held = sum(mark.holds for mark in found.marks())
+    return Report(
+        f'Controller {controller.name}',
+        f'{controller.description} {held} of {len(found.marks())} targets held; mean J of '
+        f'{len(found.starts)} starts {found.mean_energy_n2s:.4g} N²s; the certificate '
+        f'{"holds" if certificate.holds else "fails"}.',
+        sections,
+    )
+
+
+def _flights(found: Assessment) -> list[Block]:
+    least = float(found.least.mean())
+    rows = tuple(
+        (
+            mark.target,
+            mark.what,
+            f'≤ {mark.limit:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
+            f'{mark.reached:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
+            'held' if mark.holds else 'MISSED',
+        )
+        for mark in found.marks()
+    )
+    worst = found.figures[:, ENERGY].max()
+    return [
+        Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
+        Picture(
+            'starts',
+            figures.starts(found),
+            f'The {len(found.starts)} training starts. Left, energy flown beside the least that '
+            'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
+            'starts stay below a share of the limit of each condition.',
+            f'Mean J {found.mean_energy_n2s:.3g} N²s, {found.mean_energy_n2s / least:.2f} times '
+            f'the least without conditions; at most {worst:.3g} N²s.',
+        ),
+    ]
+
+
+def _functions(controller: FuzzyController) -> Picture:
+    position, velocity, force = controller.scales
+    return Picture(
+        'membership_functions',
+        figures.membership_functions(controller),
+        'Membership functions: '
+        + ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
+        + '. Errors beyond the edge count as the edge.',
+        f'Five triangles for each variable; position to {position:g} m, velocity to '
+        f'{velocity:g} m/s, force to {force:g} N.',
+    )
+
+
+def _rules(controller: FuzzyController) -> list[Block]:
+    shares = activities(controller.system)
+    rows = tuple(
+        (
+            f'{word} ({SPOKEN[word]})',
+            *(f'{c.force} {c.decides:.0%}' for c in shares[5 * row : 5 * row + 5]),
+        )
+        for row, word in enumerate(WORDS)
+    )
+    found = warnings(controller.system)
+    return [
+        Picture(
+            'rules',
+            figures.rules(controller),
+            'The rule table: the word of the force for each pair of words.',
+            'The rule table; the table below has the same words.',
+        ),
+        Table(
+            'Force, and the share of the input square where the rule decides its word',
+            ('velocity error ↓ position error →', *WORDS),
+            rows,
+        ),
+        *map(Text, found or ('Every rule decides somewhere, no hole, the rules are monotone.',)),
+    ]
+
+
+def _surface(controller: FuzzyController) -> Picture:
+    return Picture(
+        'surface',
+        figures.control_surface(controller),
+        'The force over position and velocity error (target at rest minus chaser), and sections '
+        'through it at five velocity errors.',
+        'Force over both errors: positive where they are, through zero at the target.',
+    )
+
+
+def _certificate(found: Certificate) -> list[Block]:
+    rows = tuple((claim.name, claim.verdict, claim.statement) for claim in found.claims)
+    return [
+        Text(
+            'Proven over the whole input square, not on a grid; errors and outputs are shares of '
+            f'their scales. {found.boxes} boxes; the kernel that flies is within '
+            f'{found.rounding:.1e} of the exact surface.'
+        ),
+        Table('Claims', ('claim', 'verdict', 'statement'), rows),
+    ]
+
+
+def _provenance(controller: FuzzyController, name: str, text: str) -> list[Block]:
+    rows = tuple(
+        (str(key), f'{value:.6g}' if isinstance(value, float) else str(value))
+        for key, value in controller.provenance.items()
+        if not isinstance(value, Mapping)
+    )
+    return [
+        *([Table('How it came to be', ('what', 'value'), rows)] if rows else []),
+        File(name, text),
+    ]

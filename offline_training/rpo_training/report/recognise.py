@@ -1,0 +1,45 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a report is asked of: a run, a campaign or a controller."""
+
+from __future__ import annotations
+
+import os
+from enum import Enum
+from pathlib import Path
+
+from rpo_core.validation import InputError
+from rpo_log.run import log_files
+
+_CAMPAIGN = 'campaign.yaml'
+
+
+class Kind(Enum):
+    """What can be reported."""
+
+    RUN = 'run'
+    CAMPAIGN = 'campaign'
+    CONTROLLER = 'controller'
+
+
+def kind_of(target: str) -> Kind:
+    """Return what a folder, a file or a name is; a name or file of any other kind: a controller.
+
+    Raises
+    ------
+    InputError
+        If it is a folder of neither a run nor a campaign.
+    """
+    if target.endswith('.mcap'):
+        return Kind.RUN
+    if not os.path.isdir(target):  # unlike Path's, never raises on odd names
+        return Kind.CONTROLLER
+    folder = Path(target)
+    if log_files(folder):
+        return Kind.RUN
+    if (folder / _CAMPAIGN).is_file():
+        return Kind.CAMPAIGN
+    raise InputError(
+        f'{target}: must be the folder of a run (it holds run.mcap) or of a campaign '
+        f'({_CAMPAIGN}); of a training, give its .yaml of the controller'
+    )

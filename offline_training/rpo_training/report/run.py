@@ -1,0 +1,295 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a run: what its log shows, beside the paper's claims and the best possible."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rpo_core import metrics
+from rpo_core.closed_loop import Flight
+from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.explain import decisions
+from rpo_core.validation import InputError
+from rpo_log import report as log_report
+from rpo_log import style
+from rpo_log.errors import LogError
+from rpo_log.reader import RunLog, controller_of, flight_of, read_run
+from rpo_log.run import INFO_FILE
+from rpo_training import optimal
+from rpo_training.report import run_figures
+from rpo_training.report.approach import (
+    ARRIVED_M,
+    CORRIDOR_HALF_ANGLE_DEG,
+    KEEP_OUT_RADIUS_M,
+    Aids,
+    arrival_s,
+    passage,
+)
+from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
+
+MOST_TICKS = 20_000
+"""Longest flight whose optimum is computed: half a minute."""
+
+_AIDS = (
+    f'The cone of {CORRIDOR_HALF_ANGLE_DEG:g}° about the axis of approach and the sphere of '
+    f'{KEEP_OUT_RADIUS_M:g} m around the target are aids to the eye, not conditions of the flight.'
+)
+
+
+@dataclass(frozen=True)
+class _Optima:
+    """Flights of least energy from the same start, by name; why others lack."""
+
+    flights: dict[str, Flight]
+    missing: tuple[str, ...]
+
+
+def report_of(path: Path) -> tuple[Report, Flight]:
+    """Return the report and the flight of a run folder or .mcap file; LogError if not whole."""
+    log = read_run(path)
+    flight = flight_of(log)
+    optima = _optima(flight)
+    controller: AnyController | None
+    try:
+        controller, why = controller_of(log), ''
+    except LogError as error:
+        controller, why = None, str(error)
+    with style.applied():
+        sections = [
+            Section('Figures', tuple(_tables(flight))),
+            Section('Time histories', (_histories(flight),)),
+            Section('Approach', tuple(_approach(flight, optima))),
+            Section('Energy', tuple(_energy(flight, optima))),
+            Section('Force and slew', (_limits(flight),)),
+            *_disturbance(flight),
+            *_control(flight, controller, why),
+            Section('Files', tuple(_files(log))),
+        ]
+    title = log_report.title_of(log)
+    return Report(title, _summary(flight, log), tuple(sections)), flight
+
+
+def _optima(flight: Flight) -> _Optima:
+    scenario, arrived = flight.scenario, arrival_s(flight)
+    if scenario.ticks > MOST_TICKS:
+        return _Optima({}, (f'Optima are computed for at most {MOST_TICKS} ticks.',))
+    durations = [scenario.duration_s]
+    if arrived is not None:
+        early = arrived + metrics.ARRIVAL_WINDOW_S
+        if early < scenario.duration_s - scenario.dt_s:
+            durations.append(round(early / scenario.dt_s) * scenario.dt_s)
+    flights, missing = {}, []
+    for duration in durations:
+        name = f'optimum in {duration:g} s'
+        try:
+            ideal = replace(
+                scenario, duration_s=round(duration, 9), thrusters=None, navigation=None
+            )
+            flights[name] = optimal.constrained(ideal)
+        except InputError as error:
+            missing.append(f'No {name}: {error}.')
+    return _Optima(flights, tuple(missing))
+
+
+def _summary(flight: Flight, log: RunLog) -> str:
+    figures, arrived = metrics.assess(flight), arrival_s(flight)
+    when = 'does not arrive' if arrived is None else f'arrives after {arrived:.1f} s'
+    start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
+    return (
+        f'{flight.scenario.duration_s:g} s from [{start}] m; {when} (every axis within '
+        f'{ARRIVED_M:g} m); J = {figures.energy_n2s:.4g} N²s. Log: {log.path.name}.'
+    )
+
+
+def _tables(flight: Flight) -> list[Block]:
+    scenario = flight.scenario
+    found: list[tuple[str, ...]] = []
+    for section, rows in log_report.rows(flight).items():
+        found += [(section,), *rows]
+    facts = [
+        ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
+        ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),
+        ('chaser mass', f'{scenario.mass_kg:g} kg'),
+        ('largest force of an axis', f'{scenario.max_force_n:g} N'),
+        ('initial position', f'{_vector(scenario.initial_position_m)} m'),
+        ('initial velocity', f'{_vector(scenario.initial_velocity_m_s)} m/s'),
+        ('duration', f'{scenario.duration_s:g} s, {scenario.ticks} ticks of {scenario.dt_s:g} s'),
+        ("disturbance's level", f'{metrics.disturbance_level_n(flight):.4g} N'),
+        ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
+        ('navigation', 'as in the scenario' if scenario.navigation else 'perfect'),
+    ]
+    return [
+        Table(
+            'What was flown, beside the limits',
+            ('figure', 'flown', 'limit', 'verdict'),
+            tuple(found),
+        ),
+        Table('Scenario', ('quantity', 'value'), tuple(facts)),
+    ]
+
+
+def _vector(values: tuple[float, ...]) -> str:
+    return '[' + ', '.join(f'{value:g}' for value in values) + ']'
+
+
+def _histories(flight: Flight) -> Picture:
+    last = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+    return Picture(
+        Path(log_report.PICTURE).stem,
+        log_report.time_histories(flight),
+        'Relative position, velocity and control force in LVLH; right, the end close up.',
+        f'Time histories of the three axes. At the end every position is within '
+        f'{last.position_m:.3g} m and every velocity within {last.velocity_m_s:.3g} m/s.',
+    )
+
+
+def _approach(flight: Flight, optima: _Optima) -> list[Block]:
+    aids = Aids.of(flight)
+    found = passage(flight, aids)
+    return [
+        Picture(
+            'approach',
+            run_figures.approach(flight, optima.flights, aids),
+            f'The approach in LVLH: in space, in the orbital plane, and from above. Dots every '
+            f'{run_figures.MARK_S:g} s. {_AIDS}',
+            'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
+        ),
+        Table('Passage of the drawn aids', ('what', 'value'), tuple(found)),
+    ]
+
+
+def _energy(flight: Flight, optima: _Optima) -> list[Block]:
+    flown = metrics.assess(flight)
+    rows = [_energy_row('flown', flight, flown.energy_n2s)]
+    rows += [_energy_row(n, f, flown.energy_n2s) for n, f in optima.flights.items()]
+    columns = (
+        'flight',
+        'J [N²s]',
+        'flown / this',
+        'largest |f| [N]',
+        'slew [N/s]',
+        'mean speed, last 30 s [m/s]',
+        'mean distance, last 30 s [m]',
+    )
+    return [
+        Picture(
+            'energy',
+            run_figures.energy(flight, optima.flights),
+            'Energy spent so far, J = ∫ f·f dt. An optimum is the least J from the same start '
+            'under the limit of force and all conditions of training, with the disturbance known, '
+            'thrusters and navigation perfect; once in the whole time, once with 30 s after the '
+            'time at which this flight arrived.',
+            f'Energy over time; the flight ends at {flown.energy_n2s:.4g} N²s.',
+        ),
+        Table('Beside the best possible', columns, tuple(rows)),
+        *map(Text, optima.missing),
+    ]
+
+
+def _energy_row(name: str, flight: Flight, flown_n2s: float) -> tuple[str, ...]:
+    f = metrics.assess(flight)
+    peak = float(np.abs(flight.applied_forces_n).max())
+    numbers = (peak, f.slew_n_s, f.arrival_speed_m_s, f.arrival_distance_m)
+    ratio = f'{flown_n2s / f.energy_n2s:.3g}' if f.energy_n2s > 0.0 else '–'
+    return (name, f'{f.energy_n2s:.4g}', ratio, *(f'{x:.3g}' for x in numbers))
+
+
+def _limits(flight: Flight) -> Picture:
+    peak = float(np.abs(flight.applied_forces_n).max())
+    slew = metrics.assess(flight).slew_n_s
+    return Picture(
+        'limits',
+        run_figures.limits(flight),
+        'Force against the limit of the thrusters, and its rate against the condition of training.',
+        f'Force and slew over time: at most {peak:.3g} N of {flight.scenario.max_force_n:g} N, and '
+        f'{slew:.3g} N/s of {metrics.MAX_SLEW_N_S:g} N/s.',
+    )
+
+
+def _disturbance(flight: Flight) -> list[Section]:
+    if not flight.disturbances_n.any():
+        return []
+    picture = Picture(
+        'disturbance',
+        run_figures.disturbance(flight),
+        'The disturbance, and the sum of control and disturbance; the latter is cut where control '
+        'brakes.',
+        f'Disturbance of at most {metrics.disturbance_level_n(flight):.3g} N over time.',
+    )
+    return [Section('Disturbance', (picture,))]
+
+
+def _control(flight: Flight, controller: AnyController | None, why: str) -> list[Section]:
+    fuzzy = controller if isinstance(controller, FuzzyController) else None
+    missing = ''
+    if controller is None:
+        missing = f'No control surface and no decisions: {why}.'
+    elif fuzzy is None:
+        missing = f'No control surface and no rules: {controller.name} is not a fuzzy controller.'
+    picture = Picture(
+        'phase_planes',
+        run_figures.phase_planes(flight, fuzzy),
+        'Velocity over position of each axis'
+        + (", on the controller's force at that position and velocity" if fuzzy else '')
+        + '. The chaser comes from the large dot; it is at rest at the target where both are 0.',
+        'Phase planes of the three axes' + (' on the control surface.' if fuzzy else '.'),
+    )
+    planes = Section('Phase planes', (picture, *([Text(missing)] if missing else [])))
+    if fuzzy is None:
+        return [planes]
+    return [planes, Section('Decisions', (_decisions(flight, fuzzy),))]
+
+
+def _decisions(flight: Flight, controller: FuzzyController) -> Table:
+    rows: list[tuple[str, ...]] = []
+    for tick in _instants(flight):
+        rows.append((f'{flight.scenario.time_s(tick):g} s',))
+        rows += [
+            (
+                d.axis,
+                f'{d.position_m:.3g}',
+                f'{d.velocity_m_s:.3g}',
+                f'{d.force_n:.3g}',
+                d.sentence,
+            )
+            for d in decisions(controller, _seen(flight, tick))
+        ]
+    columns = (
+        'axis',
+        'position [m]',
+        'velocity [m/s]',
+        'force [N]',
+        'strongest rule, its strength',
+    )
+    return Table('Why the controller fired, at what it saw', columns, tuple(rows))
+
+
+def _seen(flight: Flight, tick: int) -> Sequence[float]:
+    """Return the state (6,) that the controller was told."""
+    x, y, z, vx, vy, vz = flight.states[tick].tolist()
+    state, navigation = (x, y, z, vx, vy, vz), flight.scenario.navigation
+    return state if navigation is None else navigation.solution(tick, state)
+
+
+def _instants(flight: Flight) -> list[int]:
+    """Return ticks from the start to the arrival, equally spaced, and the last."""
+    arrived = arrival_s(flight)
+    until = flight.scenario.duration_s if arrived is None else arrived
+    ticks = np.linspace(0.0, until / flight.scenario.dt_s, 5).round().astype(int)
+    return sorted({*ticks.tolist(), flight.scenario.ticks})
+
+
+def _files(log: RunLog) -> list[Block]:
+    found = {name: data.decode('utf-8', 'replace') for name, data in log.attachments.items()}
+    info = (log.path if log.path.is_dir() else log.path.parent) / INFO_FILE
+    if info.is_file():
+        found[INFO_FILE] = info.read_text('utf-8', 'replace')
+    return [
+        Text('As the log carries them; from these the flight can be computed anew (rpo verify).'),
+        *(File(name, text) for name, text in found.items()),
+    ]
