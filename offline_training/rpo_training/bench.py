@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import load_controller
+from rpo_core.controller import load_fuzzy
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
@@ -65,7 +65,7 @@ def _measure(work: Callable[[], Any], count: int, repetitions: int = 3) -> float
 
 def inference(controller: str = 'handmade', seed: int = 1) -> list[Rate]:
     """Return the rates of this package, of the scalar kernel and of the peers; ours first."""
-    system = load_controller(controller).system
+    system = load_fuzzy(controller).system
     errors = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 100_000))
     expected = np.array([system.output(r, v) for r, v in errors[:, :4000].T])
     ours = _Lanes(controller, errors)
@@ -101,7 +101,7 @@ class _Lanes:
     """The batch simulator's inference over any number of inputs."""
 
     def __init__(self, controller: str, errors: Floats) -> None:
-        loaded = load_controller(controller)
+        loaded = load_fuzzy(controller)
         self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(batch.ROWS)
         lanes.set_law(self.law, *(field[0] for field in population_of(loaded)))
         self.errors, self.outputs = errors, np.empty(errors.shape[1])
@@ -267,7 +267,7 @@ def breakdown(count: int = 20_000) -> dict[str, float]:
     case = case_of_set(load_set('paper_training'))
     block, axes = case.full.block, 80  # 78 axes in whole SIMD registers
     law, rows = lanes.make_law(101), lanes.make_scratch(batch.ROWS)
-    lanes.set_law(law, *(field[0] for field in population_of(load_controller('handmade'))))
+    lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
     batch.place(rows, block)
     arguments = (rows, axes, law, block, case.base.max_force_n, case.base.step)
     times = {}

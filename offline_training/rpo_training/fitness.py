@@ -14,8 +14,9 @@ search sees which way is better. Optional terms, weighted by how far a limit is 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from rpo_core.metrics import (
     MAX_SLEW_N_S,
     PENALTY,
 )
+from rpo_core.rivals import Rival
 from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real
 from rpo_training.evaluation import (
@@ -136,11 +138,20 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
 
 
 class Fitness:
-    """Judges populations on a scenario set; holds the simulator that flies them."""
+    """Judges populations on a scenario set; holds the simulator that flies them.
 
-    def __init__(self, scenarios: ScenarioSet, settings: FitnessSettings, workers: int = 0) -> None:
+    make_simulator : of other controllers than fuzzy ones
+    """
+
+    def __init__(
+        self,
+        scenarios: ScenarioSet,
+        settings: FitnessSettings,
+        workers: int = 0,
+        make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
+    ) -> None:
         self.settings = settings
-        self.simulator = Simulator(self._cases(scenarios), workers)
+        self.simulator = make_simulator(self._cases(scenarios), workers)
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
         settings = self.settings
@@ -154,8 +165,8 @@ class Fitness:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
         return cases
 
-    def score(self, population: Population) -> Scores:
-        """Return the marks of a population."""
+    def score(self, population: Population | Sequence[Rival]) -> Scores:
+        """Return the marks of a population, of what the simulator flies."""
         settings = self.settings
         outcomes = self.simulator.fly(population)
         training, masses = outcomes[0], outcomes[1 : 1 + len(settings.mass_kg)]

@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import yaml
 
 from rpo_core import files
-from rpo_core.controller import FuzzyController
+from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.disturbance import Disturbance
+from rpo_core.rivals import Rival
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
@@ -205,11 +206,13 @@ class Campaign:
 
     config: CampaignConfig
     scenario: Scenario
-    controller: FuzzyController
+    controller: AnyController
     texts: tuple[str, str, str]
 
     def __post_init__(self) -> None:
-        if self.scenario.thrusters is not None or self.scenario.navigation is not None:
+        if isinstance(self.controller, Rival):
+            self.controller.refuse_other_ticks(self.scenario.dt_s)
+        if not self.scenario.is_ideal:
             raise InputError(
                 '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
                 f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'

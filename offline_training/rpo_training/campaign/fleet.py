@@ -5,13 +5,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.controller import AnyController
 from rpo_core.metrics import ARRIVAL_WINDOW_S, CLAIM_WINDOW_S, window_ticks
+from rpo_core.rivals import Rival
 from rpo_training import lanes
-from rpo_training.campaign import loops
+from rpo_training.campaign import loops, rivals
 from rpo_training.campaign.config import FIGURES, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, Runs, draw
 from rpo_training.genes import population_of
@@ -49,23 +53,29 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 def _fly(campaign: Campaign, runs: Runs) -> Floats:
     figures = np.empty((len(runs.numbers), loops.OUTCOMES))
     loop = make_loop(campaign)
-    law, w, ring = _scratch(campaign, loop.slots)
+    w, ring = _scratch(), np.empty((loop.slots, loops.AXES))
+    fly, law = _flown_by(campaign.controller)
     for start in range(0, len(figures), loops.RUNS):
         fleet = make_fleet(campaign, runs, start)
-        loops.fly(fleet, law, loop, w, ring)
+        fly(fleet, law, loop, w, ring)
         loops.outcomes(w, fleet.masses, loop, figures[start : start + loops.RUNS])
     return np.ascontiguousarray(np.hstack([runs.parameters, figures]).T)
 
 
-def _scratch(campaign: Campaign, slots: int) -> tuple[lanes.Law, Floats, Floats]:
-    """Return this thread's scratch, and the law of the campaign's controller."""
-    samples = campaign.controller.system.samples
-    if getattr(_local, 'samples', None) != samples:
-        _local.samples, _local.law = samples, lanes.make_law(samples)
+def _scratch() -> Floats:
+    """Return this thread's scratch."""
+    if not hasattr(_local, 'rows'):
         _local.rows = lanes.make_scratch(loops.ROWS)
-    members = population_of(campaign.controller)
-    lanes.set_law(_local.law, members.scales[0], members.functions[0], members.rules[0])
-    return _local.law, _local.rows, np.empty((slots, loops.AXES))
+    return _local.rows
+
+
+def _flown_by(controller: AnyController) -> tuple[Callable[..., None], Any]:
+    """Return the loop that flies a controller, and its law."""
+    if isinstance(controller, Rival):
+        return rivals.fly, controller.law
+    law, members = lanes.make_law(controller.system.samples), population_of(controller)
+    lanes.set_law(law, members.scales[0], members.functions[0], members.rules[0])
+    return loops.fly, law
 
 
 def make_loop(campaign: Campaign) -> loops.Loop:

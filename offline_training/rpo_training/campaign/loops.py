@@ -232,20 +232,26 @@ def count_state(w, tick, tail, late):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def advance(w, fleet, loop, ring, tick):  # type: ignore[no-untyped-def]
+    """Do what follows the answer in row FORCE: thrusters, disturbance, step, figures."""
+    ticks = len(loop.times)
+    act(w, ring, fleet.delays, tick, loop.limit)
+    late = tick >= ticks - loop.late
+    count_force(w, fleet.delays, tick, late)
+    push(w, fleet, loop, loop.times[tick])
+    step(w)
+    count_state(w, tick, tick >= ticks - loop.tail, late)
+
+
+@compiled
 def fly(fleet, law, loop, w, ring):  # type: ignore[no-untyped-def]
     """Fly runs to the end; the sums stay in `w`. ring : (slots, 120), for the delayed commands."""
     place(w, fleet)
     ring[:] = 0.0
-    ticks = len(loop.times)
-    for tick in range(ticks):
+    for tick in range(len(loop.times)):
         measure(w, fleet.keys, tick, loop.noise[0], loop.noise[1])
         batch.command(w, AXES, law)
-        act(w, ring, fleet.delays, tick, loop.limit)
-        late = tick >= ticks - loop.late
-        count_force(w, fleet.delays, tick, late)
-        push(w, fleet, loop, loop.times[tick])
-        step(w)
-        count_state(w, tick, tick >= ticks - loop.tail, late)
+        advance(w, fleet, loop, ring, tick)
 
 
 @compiled

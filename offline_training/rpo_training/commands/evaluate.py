@@ -32,13 +32,13 @@ def evaluate(
     """Judge controllers: the targets Q1-Q5, and each start beside the least energy possible."""
     from rich.console import Console
 
-    from rpo_core.controller import load_controller
+    from rpo_core.controller import load_fuzzy
     from rpo_training.assessment import assess
 
     console = Console()
     missed = False
     for name in controllers:
-        found = assess(load_controller(name), workers)
+        found = assess(load_fuzzy(name), workers)
         missed |= not all(mark.holds for mark in found.marks())
         console.print(_targets(found))
         console.print(_bindings(found), highlight=False)

@@ -45,7 +45,7 @@ def explain(
     """Say in words why the controller fires: its rules, or one decision of a run or a state."""
     from rich.console import Console
 
-    from rpo_core.controller import load_controller
+    from rpo_core.controller import load_fuzzy
     from rpo_core.explain import decisions, state_of
     from rpo_core.validation import InputError
 
@@ -53,7 +53,7 @@ def explain(
     if state is not None:
         if target or at is not None or certify:
             raise InputError('`--state` goes with `--controller` alone')
-        loaded = load_controller(controller or DEFAULT_CONTROLLER)
+        loaded = load_fuzzy(controller or DEFAULT_CONTROLLER)
         _print_decisions(console, decisions(loaded, state_of(state)))
         return
     if controller is not None:
@@ -67,7 +67,7 @@ def explain(
         raise InputError('say what to explain: a controller, a run with --at, or --state')
     if os.path.isdir(target) or target.endswith('.mcap'):
         raise InputError(f'{target}: say which instant of the run, like --at 37.5')
-    _explain_controller(console, load_controller(target), certify)
+    _explain_controller(console, load_fuzzy(target), certify)
 
 
 def _explain_run(console: Console, path: str, at: float) -> None:
@@ -76,6 +76,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
 
     import numpy as np
 
+    from rpo_core.controller import only_fuzzy
     from rpo_core.explain import decisions
     from rpo_core.validation import InputError
     from rpo_log.reader import controller_of, read_run
@@ -89,7 +90,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     row = int(np.searchsorted(times, at + 1e-9, side='right')) - 1
     if not np.isfinite(log.states[row]).all():
         raise InputError(f'{path}: has no state at {times[row]:g} s')
-    found = decisions(controller_of(log), log.states[row].tolist())
+    found = decisions(only_fuzzy(controller_of(log)), log.states[row].tolist())
     console.print(f'{path}, tick {int(log.ticks[row])}, {times[row]:g} s', highlight=False)
     _print_decisions(console, found)
     logged, same = log.forces_n[row], tuple(decision.force_n for decision in found)

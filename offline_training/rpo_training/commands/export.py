@@ -29,12 +29,12 @@ def export(
 
     The Python and the C function need nothing else, and give the bits of the flown controller.
     """
-    from rpo_core.controller import load_controller
+    from rpo_core.controller import load_fuzzy
     from rpo_training.export import SUFFIXES, text_of
     from rpo_training.export.parts import identifier
     from rpo_training.importing import write
 
-    loaded = load_controller(controller)
+    loaded = load_fuzzy(controller)
     text = text_of(loaded, to)
     if output == Path('-'):
         typer.echo(text, nl=False)

@@ -1,21 +1,24 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The fuzzy controller and its file: scales, membership functions, rules, provenance."""
+"""Controllers and their files: the fuzzy one, and the door to its rivals (`rpo_core.rivals`)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import yaml
 
-from rpo_core import files, kernels
+from rpo_core import files, kernels, rivals
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
 
 SCHEMA = 'rpo/controller/1'
+
+FUZZY = 'fuzzy'
+"""Kind of a file that names none."""
 
 DEFAULT_CONTROLLER = 'trained'
 """The shipped controller that flies when none is named."""
@@ -32,6 +35,27 @@ INFERENCE = {
 
 _VARIABLES = ('position', 'velocity', 'force')
 _SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
+
+
+class Controller(Protocol):
+    """Whatever answers a relative state with a force.
+
+    The answer follows from the state and the tick alone: asked again, it is the same, and a
+    controller may be started in mid-flight.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the controller."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """How it came to be."""
+
+    def force_n(
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
+    ) -> tuple[float, float, float]:
+        """Return the commanded force (3 floats, N), target LVLH, of a state [m, m/s] at a tick."""
 
 
 def _scale(name: str, value: Any, unit: str) -> float:
@@ -71,9 +95,9 @@ class FuzzyController:
         return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
 
     def force_n(
-        self, position_m: Sequence[float], velocity_m_s: Sequence[float]
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
     ) -> tuple[float, float, float]:
-        """Return the commanded force (3 floats, N) of a relative state, target LVLH.
+        """Return the commanded force (3 floats, N) of a relative state, target LVLH, at any tick.
 
         The state must be finite; callers at the edge check it.
         """
@@ -85,16 +109,32 @@ class FuzzyController:
         return x, y, z
 
 
-def parse(document: Any) -> FuzzyController:
+AnyController = FuzzyController | rivals.Rival
+"""What a controller file holds; its `kind` says which, a file without one is fuzzy."""
+
+
+def parse(document: Any) -> AnyController:
     """Return the controller of a parsed YAML document; raises InputError."""
+    if isinstance(document, Mapping) and document.get('kind', FUZZY) != FUZZY:
+        choice('kind', document['kind'], [FUZZY, *rivals.KINDS])
+        _check_schema(document.get('schema'))
+        return rivals.parse(document)
+    return _parse_fuzzy(document)
+
+
+def _check_schema(schema: Any) -> None:
+    if schema != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(schema)}')
+
+
+def _parse_fuzzy(document: Any) -> FuzzyController:
     data = mapping(
         '',
         document,
         ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference', 'provenance'],
-        ['description'],
+        ['kind', 'description'],
     )
-    if data['schema'] != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
+    _check_schema(data['schema'])
     scales = mapping('scales', data['scales'], _SCALES)
     position_scale, velocity_scale, force_scale = (
         _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
@@ -150,8 +190,10 @@ def _samples(value: Any) -> int:
     return odd_samples('inference.samples', data['samples'])
 
 
-def to_document(controller: FuzzyController) -> dict[str, Any]:
+def to_document(controller: AnyController) -> dict[str, Any]:
     """Return the controller as the document that `parse` reads."""
+    if isinstance(controller, rivals.Rival):
+        return {'schema': SCHEMA, **rivals.to_document(controller)}
     system, rules = controller.system, controller.system.rules
     symmetry = 'free'
     if rules.is_transpose_symmetric:
@@ -187,13 +229,27 @@ def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
 _Dumper.add_representer(list, _represent_list)
 
 
-def dumps(controller: FuzzyController) -> str:
+def dumps(controller: AnyController) -> str:
     """Return the YAML text of a controller; floats round-trip bit for bit."""
     return yaml.dump(
         to_document(controller), Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
     )
 
 
-def load_controller(name: str | Path) -> FuzzyController:
+def load_controller(name: str | Path) -> AnyController:
     """Return the controller of a shipped name or a path; raises InputError."""
     return files.load(files.find('controller', str(name)), parse)
+
+
+def load_fuzzy(name: str | Path) -> FuzzyController:
+    """Return a fuzzy controller; a rival, which has no rules to show, is refused."""
+    return only_fuzzy(load_controller(name))
+
+
+def only_fuzzy(controller: AnyController) -> FuzzyController:
+    """Return the controller if it is fuzzy; raises InputError."""
+    if isinstance(controller, FuzzyController):
+        return controller
+    raise InputError(
+        f'`controller` must be a fuzzy one here; {controller.name} is of kind {controller.kind}'
+    )

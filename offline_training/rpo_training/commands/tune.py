@@ -1,0 +1,72 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo tune`."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_core.validation import InputError
+
+if TYPE_CHECKING:
+    from rpo_training.tuning import Tuning
+
+EXAMPLES = """
+Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc`
+"""
+
+
+def tune(
+    kind: Annotated[str | None, typer.Argument(help='pd, lqr, mpc or apf_smc')] = None,
+    seed: Annotated[int, typer.Option(help='seed of the random numbers')] = 1,
+    evaluations: Annotated[
+        int | None, typer.Option(help="at most, and no more than the paper's 60 x 301")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_KIND_SEED]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+) -> None:
+    """Tune a rival of the fuzzy controller: same starts, same fitness, the paper's budget at most.
+
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
+    """
+    from rpo_training.tuning import BUDGET, Tuning, TuningConfig
+
+    if (kind is None) == (resume is None):
+        raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
+    if resume is not None:
+        _fly(Tuning.resume(resume, workers))
+        return
+    config = TuningConfig(str(kind), seed, BUDGET if evaluations is None else evaluations)
+    _fly(Tuning.create(config, output or Path(f'runs/tune_{kind}_{seed}'), workers))
+
+
+def _fly(tuning: Tuning) -> None:
+    from rpo_training.progress import Display
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with Display(tuning.folder) as display:
+            best = tuning.run(display.show)
+    except KeyboardInterrupt:
+        again = shlex.join(['rpo', 'tune', '--resume', str(tuning.folder)])
+        typer.echo(
+            f'Interrupted after {len(tuning.ledger.marks)} generations, which are saved. '
+            f'Go on with: {again}',
+            err=True,
+        )
+        raise typer.Exit(130) from None
+    made = best.provenance
+    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
+    typer.echo(
+        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} N^2 s, '
+        f'starts that miss: {made["starts_that_miss"]}'
+    )
+    typer.echo(f'{tuning.folder / best.name}.yaml')

@@ -1,0 +1,356 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What an engineer would fly instead of the fuzzy controller; parameters come from its file.
+
+pd       saturated proportional-derivative law, axis by axis
+lqr      infinite-horizon linear quadratic regulator of the discrete relative dynamics
+mpc      shrinking-horizon minimum-energy transfer to rest, planned anew at every tick
+apf_smc  artificial potential field with sliding mode
+drift    no force: what the orbit does alone
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import cw
+from rpo_core.jit import as_table
+from rpo_core.rival_kernels import GAINS, RivalLaw, least_energy_gains, rival_force
+from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
+
+MAX_GAIN = 1e6
+MAX_HORIZON_TICKS = 100_000
+
+_LEAST_TICKS = 10  # a transfer to rest needs two forces per axis; ten keep its Gramian well away
+_SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of states [m, m/s], for the Gramian
+
+
+@dataclass(frozen=True)
+class Model:
+    """The relative dynamics that a design takes for true."""
+
+    orbit_radius_m: float = 6_678_000.0
+    mass_kg: float = 10.0
+    dt_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        store(
+            self,
+            orbit_radius_m=real('orbit_radius_m', self.orbit_radius_m, 'm', least=6.4e6, most=1e9),
+            mass_kg=real('mass_kg', self.mass_kg, 'kg', least=1e-3, most=1e9),
+            dt_s=real('dt_s', self.dt_s, 's', least=1e-6, most=1e3),
+        )
+
+    @property
+    def mean_motion_rad_s(self) -> float:
+        """Mean motion of the target."""
+        return cw.mean_motion(self.orbit_radius_m)
+
+    def matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return A_d (6, 6) and B_d (6, 3) of a tick."""
+        return cw.matrices(cw.discretise(self.mean_motion_rad_s, self.mass_kg, self.dt_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rival:
+    """A controller that is no fuzzy one.
+
+    max_force_n : largest |f| of an axis that is commanded
+    provenance : how its parameters came to be; free text and numbers, not read by the control
+    """
+
+    kind: ClassVar[str]
+
+    name: str
+    max_force_n: float = 0.5
+    description: str = field(default='', compare=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        store(
+            self,
+            name=text('name', self.name),
+            description=text('description', self.description, empty=True),
+            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=1e6),
+        )
+
+    @property
+    @abstractmethod
+    def law(self) -> RivalLaw:
+        """What the kernels read."""
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts; None if its force follows from the state alone."""
+        return None
+
+    def refuse_other_ticks(self, dt_s: float) -> None:
+        """Raise InputError if it counts ticks of another length than `dt_s`."""
+        if self.clock_s is not None and self.clock_s != dt_s:
+            raise InputError(
+                f'controller {self.name} counts ticks of {self.clock_s:g} s (`model.dt_s`); '
+                f'the scenario has {dt_s:g} s'
+            )
+
+    def force_n(
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
+    ) -> tuple[float, float, float]:
+        """Return the commanded force (3 floats, N) of a relative state, target LVLH, at a tick.
+
+        The state must be finite; callers at the edge check it.
+        """
+        x, y, z = position_m
+        vx, vy, vz = velocity_m_s
+        state = (float(x), float(y), float(z), float(vx), float(vy), float(vz))
+        fx, fy, fz = rival_force(state, tick, self.law)
+        return float(fx), float(fy), float(fz)
+
+
+def _table_law(gains: Any, limit: float) -> RivalLaw:
+    rows = np.asarray(gains, dtype=np.float64).reshape(-1, GAINS)
+    return RivalLaw(as_table(rows), as_table(np.empty(0)), limit)
+
+
+def _gain(name: str, value: Any, unit: str) -> float:
+    return real(name, value, unit, least=0.0, most=MAX_GAIN)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drift(Rival):
+    """No force at all: the free motion of the relative orbit, the null of every comparison."""
+
+    kind: ClassVar[str] = 'drift'
+
+    @cached_property
+    def law(self) -> RivalLaw:
+        """What the kernels read."""
+        return _table_law(np.zeros(GAINS), self.max_force_n)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pd(Rival):
+    """Saturated PD: f = -kp r - kd v of each axis, without a model of the motion."""
+
+    kind: ClassVar[str] = 'pd'
+
+    position_gain_n_m: float
+    velocity_gain_n_s_m: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        store(
+            self,
+            position_gain_n_m=_gain('position_gain_n_m', self.position_gain_n_m, 'N/m'),
+            velocity_gain_n_s_m=_gain('velocity_gain_n_s_m', self.velocity_gain_n_s_m, 'N s/m'),
+        )
+
+    @cached_property
+    def law(self) -> RivalLaw:
+        """What the kernels read."""
+        k = np.hstack([self.position_gain_n_m * np.eye(3), self.velocity_gain_n_s_m * np.eye(3)])
+        return _table_law(k, self.max_force_n)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lqr(Rival):
+    """Linear quadratic regulator: f = -K x minimises sum of x' Q x + f' f over all ticks.
+
+    Q = diag(position_weight (3), velocity_weight (3)) with the weights per tick. The file holds the
+    solution too, so that it flies without a Riccati solver; `rpo tune lqr` writes both.
+
+    position_weight, velocity_weight : of Q [N^2/m^2], [N^2 s^2/m^2]
+    gains : (3, 6) K [N/m, N s/m]
+    """
+
+    kind: ClassVar[str] = 'lqr'
+
+    position_weight: float
+    velocity_weight: float
+    gains: tuple[tuple[float, ...], ...]
+    model: Model = field(default_factory=Model)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        store(
+            self,
+            position_weight=_gain('position_weight', self.position_weight, 'N^2/m^2'),
+            velocity_weight=_gain('velocity_weight', self.velocity_weight, 'N^2 s^2/m^2'),
+            gains=_matrix('gains', self.gains),
+        )
+
+    @cached_property
+    def law(self) -> RivalLaw:
+        """What the kernels read."""
+        return _table_law(self.gains, self.max_force_n)
+
+
+def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    if hasattr(value, 'tolist'):  # a NumPy array
+        value = value.tolist()
+    rows = isinstance(value, (list, tuple)) and len(value) == 3
+    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 6 for row in value):
+        raise InputError(f'`{name}` must be 3 rows of 6 numbers; got {shown(value)}')
+    return tuple(
+        tuple(
+            real(f'{name}[{i}][{j}]', number, least=-MAX_GAIN, most=MAX_GAIN)
+            for j, number in enumerate(row)
+        )
+        for i, row in enumerate(value)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mpc(Rival):
+    """Shrinking-horizon model predictive control: the least energy to rest at the origin in time.
+
+    At tick k it plans the forces of the ticks left to the horizon, minimum sum of f' f subject to
+    x+ = A x + B f and rest at the origin at its end, and gives the first of them. As long as no
+    limit of the plan is active the quadratic program has a closed form, by the Gramian of the ticks
+    left: a gain for each tick. The time to go is never less than `least_time_to_go_s`, so that the
+    gains stay bounded and hold the chaser after arrival, without a step at the change.
+
+    horizon_s : when it comes to rest, since the start of the run
+    least_time_to_go_s : of the plans made near the horizon and after it
+    """
+
+    kind: ClassVar[str] = 'mpc'
+
+    horizon_s: float
+    least_time_to_go_s: float
+    model: Model = field(default_factory=Model)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        dt = self.model.dt_s
+        least = real('least_time_to_go_s', self.least_time_to_go_s, 's', least=_LEAST_TICKS * dt)
+        store(
+            self,
+            least_time_to_go_s=least,
+            horizon_s=real(
+                'horizon_s', self.horizon_s, 's', least=least, most=MAX_HORIZON_TICKS * dt
+            ),
+        )
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts."""
+        return self.model.dt_s
+
+    @cached_property
+    def law(self) -> RivalLaw:
+        """What the kernels read; a row of gains for each tick until the holding begins."""
+        a, b = self.model.matrices()
+        least = round(self.least_time_to_go_s / self.model.dt_s)
+        rows = round(self.horizon_s / self.model.dt_s) - least + 1
+        gains = np.empty((rows, GAINS))
+        least_energy_gains(a, b, _SCALE, least, gains)
+        return _table_law(gains, self.max_force_n)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PotentialField(Rival):
+    """Artificial potential field tracked by sliding mode, see `rival_kernels.sliding_force`.
+
+    The potential as guidance: Lopez and McInnes, "Autonomous Rendezvous Using Artificial Potential
+    Function Guidance", JGCD 18(2), 1995. Its gradient as a sliding surface: Guldner and Utkin,
+    "Sliding Mode Control for Gradient Tracking and Robot Navigation Using Artificial Potential
+    Fields", IEEE Trans. Robotics and Automation 11(2), 1995; for rendezvous, Cao, Qiao and Xu, Acta
+    Astronautica 143, 2018 (cited by AAS 23-199), and Mancini et al., arXiv:1906.10945. Without an
+    obstacle the attractive potential is all there is.
+
+    approach_speed_m_s : far from the target
+    rounding_radius_m : within which the speed falls in proportion to the distance
+    switching_gain_n, boundary_layer_m_s : of the sliding mode
+    """
+
+    kind: ClassVar[str] = 'apf_smc'
+
+    approach_speed_m_s: float
+    rounding_radius_m: float
+    switching_gain_n: float
+    boundary_layer_m_s: float
+    model: Model = field(default_factory=Model)
+
+    _UNITS: ClassVar[Mapping[str, str]] = {
+        'approach_speed_m_s': 'm/s',
+        'rounding_radius_m': 'm',
+        'switching_gain_n': 'N',
+        'boundary_layer_m_s': 'm/s',
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, unit in self._UNITS.items():
+            value = real(name, getattr(self, name), unit, least=1e-6, most=MAX_GAIN)
+            store(self, **{name: value})
+
+    @cached_property
+    def law(self) -> RivalLaw:
+        """What the kernels read."""
+        numbers = [getattr(self, name) for name in self._UNITS]
+        numbers += [self.model.mass_kg, self.model.mean_motion_rad_s]
+        return RivalLaw(as_table(np.zeros((1, GAINS))), as_table(numbers), self.max_force_n)
+
+
+KINDS: Mapping[str, type[Rival]] = {
+    rival.kind: rival for rival in (Pd, Lqr, Mpc, PotentialField, Drift)
+}
+"""Kind in a controller file -> class."""
+
+_ALIKE = ('name', 'max_force_n', 'description', 'provenance')
+
+
+def parameters(kind: type[Rival]) -> list[str]:
+    """Return the names of what a file of this kind holds beside what all rivals have."""
+    return [f.name for f in fields(kind) if f.name not in _ALIKE]
+
+
+def parse(document: Mapping[str, Any]) -> Rival:
+    """Return the rival of a parsed document whose schema was checked; raises InputError."""
+    kind = KINDS[choice('kind', document['kind'], KINDS)]
+    own = parameters(kind)
+    data = mapping(
+        '',
+        document,
+        ['schema', 'kind', 'name', 'max_force_n', *own, 'provenance'],
+        ['description'],
+    )
+    if not isinstance(data['provenance'], Mapping):
+        raise InputError(f'`provenance` must be a mapping; got {shown(data["provenance"])}')
+    given = {name: data[name] for name in own}
+    if 'model' in own:
+        names = [f.name for f in fields(Model)]
+        model = mapping('model', data['model'], names)
+        with within('model'):
+            given['model'] = Model(**model)
+    return kind(
+        name=data['name'],
+        max_force_n=data['max_force_n'],
+        description=data.get('description', ''),
+        provenance=dict(data['provenance']),
+        **given,
+    )
+
+
+def to_document(rival: Rival) -> dict[str, Any]:
+    """Return the fields of a rival as `parse` reads them, without the schema."""
+    own = {name: getattr(rival, name) for name in parameters(type(rival))}
+    if 'model' in own:
+        own['model'] = {f.name: getattr(own['model'], f.name) for f in fields(Model)}
+    if 'gains' in own:
+        own['gains'] = [list(row) for row in own['gains']]
+    return {
+        'name': rival.name,
+        'kind': rival.kind,
+        'description': rival.description,
+        'max_force_n': rival.max_force_n,
+        **own,
+        'provenance': dict(rival.provenance),
+    }
