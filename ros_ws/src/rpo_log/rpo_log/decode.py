@@ -24,7 +24,15 @@ RECORD_HEAD = 31
 """Bytes of a message record before its data: opcode, length, channel, sequence, two times."""
 
 _NS = 1_000_000_000
-_WIDTHS = {topics.STATE: 6, topics.NAVIGATION: 6, topics.FORCE: 3, topics.DISTURBANCE: 3}
+_WIDTHS = {
+    topics.STATE: 6,
+    topics.FORCE: 3,
+    topics.DISTURBANCE: 3,
+    topics.NAVIGATION: 6,
+    topics.APPLIED: 3,
+    topics.APPLIED_DISTURBANCE: 3,
+}
+"""Numbers in a message of each role."""
 
 
 class Odd(NamedTuple):
@@ -46,6 +54,7 @@ class Block:
     states : (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
     forces_n, disturbances_n : (n, 3) N, target LVLH
     navigation : (n, 6) like states, what the controller saw
+    applied_n, applied_disturbances_n : (n, 3) N, what was flown in free running
     present : per role, (n,) bool, which ticks have its message
     statuses : (tick, status) of these ticks
     odd : messages that hold more than these arrays do
@@ -56,6 +65,8 @@ class Block:
     forces_n: NDArray[np.float64]
     disturbances_n: NDArray[np.float64]
     navigation: NDArray[np.float64]
+    applied_n: NDArray[np.float64]
+    applied_disturbances_n: NDArray[np.float64]
     present: Mapping[str, NDArray[np.bool_]]
     statuses: tuple[tuple[int, cdr.Status], ...] = ()
     odd: tuple[Odd, ...] = ()
@@ -195,6 +206,8 @@ class SlowDecoder:
             arrays[topics.FORCE],
             arrays[topics.DISTURBANCE],
             arrays[topics.NAVIGATION],
+            arrays[topics.APPLIED],
+            arrays[topics.APPLIED_DISTURBANCE],
             present,
             tuple(self._statuses),
             tuple(self._odd),
@@ -315,6 +328,8 @@ class Pattern:
             arrays[topics.FORCE],
             arrays[topics.DISTURBANCE],
             arrays[topics.NAVIGATION],
+            arrays[topics.APPLIED],
+            arrays[topics.APPLIED_DISTURBANCE],
             present,
         )
 

@@ -154,6 +154,8 @@ def _at(block: Block, ticks: NDArray[np.int64]) -> Block:
         spread(block.forces_n),
         spread(block.disturbances_n),
         spread(block.navigation),
+        spread(block.applied_n),
+        spread(block.applied_disturbances_n),
         present,
         odd=tuple(odd for odd in block.odd if odd.tick in ticks),
     )
@@ -167,6 +169,8 @@ def _after(block: Block, tick: int) -> Block:
         block.forces_n[keep],
         block.disturbances_n[keep],
         block.navigation[keep],
+        block.applied_n[keep],
+        block.applied_disturbances_n[keep],
         {r: p[keep] for r, p in block.present.items()},
         odd=tuple(odd for odd in block.odd if odd.tick > tick),
     )
@@ -181,6 +185,8 @@ def _compare_blocks(pair: tuple[Block, Block], found: LogDiff) -> None:
         (topics.NAVIGATION, 'navigation', STATE_FIELDS),
         (topics.FORCE, 'forces_n', FORCE_FIELDS),
         (topics.DISTURBANCE, 'disturbances_n', FORCE_FIELDS),
+        (topics.APPLIED, 'applied_n', FORCE_FIELDS),
+        (topics.APPLIED_DISTURBANCE, 'applied_disturbances_n', FORCE_FIELDS),
     ):
         here = a.present.get(role, none), b.present.get(role, none)
         values = getattr(a, name), getattr(b, name)

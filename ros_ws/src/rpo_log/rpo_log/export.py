@@ -20,6 +20,8 @@ from rpo_log.stream import RunReader
 STATE_COLUMNS = ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s')
 FORCE_COLUMNS = ('fx_n', 'fy_n', 'fz_n')
 DISTURBANCE_COLUMNS = ('dx_n', 'dy_n', 'dz_n')
+APPLIED_COLUMNS = tuple(f'applied_{column}' for column in FORCE_COLUMNS)
+APPLIED_DISTURBANCE_COLUMNS = tuple(f'applied_{column}' for column in DISTURBANCE_COLUMNS)
 NAVIGATION_COLUMNS = tuple(f'navigation_{column}' for column in STATE_COLUMNS)
 
 Table = dict[str, NDArray[np.generic]]
@@ -29,6 +31,12 @@ Table = dict[str, NDArray[np.generic]]
 def tables(reader: RunReader) -> Iterator[Table]:
     """Yield the log as tables of some thousand ticks; NaN where a message lacks."""
     roles = [topic.role for topic in reader.topics]
+    optional = {
+        topics.DISTURBANCE: (DISTURBANCE_COLUMNS, 'disturbances_n'),
+        topics.NAVIGATION: (NAVIGATION_COLUMNS, 'navigation'),
+        topics.APPLIED: (APPLIED_COLUMNS, 'applied_n'),
+        topics.APPLIED_DISTURBANCE: (APPLIED_DISTURBANCE_COLUMNS, 'applied_disturbances_n'),
+    }
     base = reader.base
     for block in reader.blocks():
         if not len(block.ticks):
@@ -40,10 +48,9 @@ def tables(reader: RunReader) -> Iterator[Table]:
         }
         table.update(zip(STATE_COLUMNS, block.states.T, strict=True))
         table.update(zip(FORCE_COLUMNS, block.forces_n.T, strict=True))
-        if topics.DISTURBANCE in roles:
-            table.update(zip(DISTURBANCE_COLUMNS, block.disturbances_n.T, strict=True))
-        if topics.NAVIGATION in roles:
-            table.update(zip(NAVIGATION_COLUMNS, block.navigation.T, strict=True))
+        for role, (columns, values) in optional.items():
+            if role in roles:
+                table.update(zip(columns, getattr(block, values).T, strict=True))
         yield table
 
 

@@ -16,8 +16,6 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock as SteadyClock
-from rclpy.clock import ClockType
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
@@ -42,6 +40,8 @@ PARAMETERS = (
     Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
     Row('grace_s', 3.0, 'wall time to wait for the last messages after the end of a run', 's',
         wall=True),
+    Row('plant_timeout_s', 5.0, 'silence after which the plant is gone; it speaks once a second '
+        'even when it is paused', 's', least=2.0, wall=True),
 )  # fmt: skip
 
 _TYPES = {
@@ -50,6 +50,8 @@ _TYPES = {
     names.NAVIGATION_STATE: Odometry,
     names.CONTROL_FORCE: WrenchStamped,
     names.DISTURBANCE_FORCE: WrenchStamped,
+    names.APPLIED_FORCE: WrenchStamped,
+    names.APPLIED_DISTURBANCE: WrenchStamped,
 }
 _FILE, _PARAMETER = 'file.', 'parameter.'
 _ABORT_GRACE_S = 0.5
@@ -77,7 +79,8 @@ class RecorderNode(FlightNode):
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
-        self._ready = False
+        self._ready = self._running = self._silent = False
+        self._heard_s = time.monotonic()
         self._interrupted = False
         self._health_log: surroundings.HealthLogWriter | None = None
         self._begun = time.time()
@@ -89,7 +92,8 @@ class RecorderNode(FlightNode):
         self._say('waiting')
         self._subscribe()
         health.publish_health(self, self._health)
-        self.create_timer(_LOOK_S, self._look, clock=SteadyClock(clock_type=ClockType.STEADY_TIME))
+        self.every(_LOOK_S, self._look)
+        self.every(health.PERIOD_S, self._say_again)
 
     def _subscribe(self) -> None:
         for topic, kind in _TYPES.items():
@@ -107,6 +111,7 @@ class RecorderNode(FlightNode):
         )
 
     def _on_raw(self, name: str, data: bytes) -> None:
+        self._silent = False
         if not self._ready:
             self._heard.add(name)
         if self.log is not None:
@@ -118,8 +123,11 @@ class RecorderNode(FlightNode):
     def _on_status(self, data: bytes) -> None:
         values = _values(deserialize_message(data, DiagnosticStatus))
         phase = values.get('phase', '')
-        if phase not in _RECORDED:
+        if phase == 'waiting' and self._running:
+            self._lose_plant('the plant was started anew')
+        if phase not in _RECORDED or 'resumed' in values:
             return
+        self._running = True
         self._on_raw(self.resolve_topic_name(names.RUN_STATUS), data)
         if phase != 'running':
             self._end = (phase, int(values['tick']), time.monotonic())
@@ -131,6 +139,7 @@ class RecorderNode(FlightNode):
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         values = _values(manifest)
         self._manifests[values.get('role', '')] = manifest
+        self._silent = self._silent and values.get('role') != 'plant'
         if values.get('role') == 'plant' and self._scenario is None:
             try:
                 found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
@@ -152,6 +161,10 @@ class RecorderNode(FlightNode):
             topics.append(names.DISTURBANCE_FORCE)
         if flown.navigation is not None:
             topics.append(names.NAVIGATION_STATE)
+        if plant.get(f'{_PARAMETER}mode') == 'free_running':
+            topics.append(names.APPLIED_FORCE)
+            if not flown.disturbance.is_zero:
+                topics.append(names.APPLIED_DISTURBANCE)
         return [self.resolve_topic_name(topic) for topic in topics]
 
     def _look(self) -> None:
@@ -166,8 +179,20 @@ class RecorderNode(FlightNode):
             complete = self.log is not None and self.log.next_tick > tick
             if complete or time.monotonic() - moment > grace:
                 self._finish()
-        elif self._ready and not self.count_publishers(names.RELATIVE_STATE):
-            self.get_logger().error('the plant is gone')
+        elif self._ready:
+            self._watch_plant()
+
+    def _watch_plant(self) -> None:
+        now_s = time.monotonic()
+        if not self._silent:
+            self._silent, self._heard_s = True, now_s
+        gone = not self.count_publishers(names.RELATIVE_STATE)
+        if gone or now_s - self._heard_s > self.values['plant_timeout_s']:
+            self._lose_plant('the plant is gone')
+
+    def _lose_plant(self, said: str) -> None:
+        if self._end is None:
+            self.get_logger().error(said)
             self._end = ('aborted', NEVER, time.monotonic())
             self.exit_code = EXIT_INCOMPLETE
 
@@ -251,7 +276,12 @@ class RecorderNode(FlightNode):
             self.get_logger().error(str(error))
 
     def _say(self, message: str) -> None:
-        self._status.publish(to_status(health.OK, self.get_name(), message, []))
+        self._said = to_status(health.OK, self.get_name(), message, [])
+        self._say_again()
+
+    def _say_again(self) -> None:
+        """Say the last word again: to the plant, a silent recorder is gone."""
+        self._status.publish(self._said)
 
     def _health(self) -> health.Health:
         if self.log is None:

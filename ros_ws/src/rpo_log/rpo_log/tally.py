@@ -16,6 +16,9 @@ class Tally:
     def __init__(self, reader: RunReader) -> None:
         self.base = reader.base
         self.messages: dict[Topic, int] = dict.fromkeys(reader.topics, 0)
+        self._free = {topics.STATUS}
+        if topics.free_running(reader.topics):
+            self._free |= set(topics.ANSWERS)
         self.first = self.last = -1
         self.outcome: str | None = None
 
@@ -34,12 +37,15 @@ class Tally:
 
     @property
     def missing(self) -> dict[str, int]:
-        """Per topic, ticks without a message between the first and the last; none is left out."""
+        """Per topic, ticks without a message between the first and the last; none is left out.
+
+        In free running an answer may lack.
+        """
         owed = self.last - self.first + 1 if self.last >= 0 else 0
         return {
             topic.name: owed - count
             for topic, count in self.messages.items()
-            if topic.role != topics.STATUS and count < owed
+            if topic.role not in self._free and count < owed
         }
 
     def gaps(self, damage: str) -> tuple[str, ...]:

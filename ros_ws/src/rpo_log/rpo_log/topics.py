@@ -15,13 +15,18 @@ STATE = 'relative_state'
 NAVIGATION = 'navigation_state'
 FORCE = 'control_force'
 DISTURBANCE = 'disturbance_force'
+APPLIED = 'applied_force'
+APPLIED_DISTURBANCE = 'applied_disturbance'
 STATUS = 'run_status'
 
-ORDER = (CLOCK, STATE, NAVIGATION, FORCE, DISTURBANCE, STATUS)
+ORDER = (CLOCK, STATE, NAVIGATION, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS)
 """Roles in the order in which the messages of one tick are written."""
 
 STATES = (STATE, NAVIGATION)
 """Roles whose messages are states: the truth, and what the controller sees if that differs."""
+
+ANSWERS = (NAVIGATION, FORCE, DISTURBANCE)
+"""Roles whose messages answer states; in free running they may lack, or come late."""
 
 REQUIRED = (STATE, FORCE)
 """Roles without which a log is not that of a closed loop."""
@@ -60,6 +65,8 @@ TYPES = {
     NAVIGATION: 'nav_msgs/msg/Odometry',
     FORCE: 'geometry_msgs/msg/WrenchStamped',
     DISTURBANCE: 'geometry_msgs/msg/WrenchStamped',
+    APPLIED: 'geometry_msgs/msg/WrenchStamped',
+    APPLIED_DISTURBANCE: 'geometry_msgs/msg/WrenchStamped',
     STATUS: 'diagnostic_msgs/msg/DiagnosticStatus',
 }
 """ROS type of each role."""
@@ -70,6 +77,8 @@ QOS = {
     NAVIGATION: Qos(),
     FORCE: Qos(),
     DISTURBANCE: Qos(),
+    APPLIED: Qos(),
+    APPLIED_DISTURBANCE: Qos(),
     STATUS: Qos(durability='transient_local', depth=1),
 }
 """Quality of service of each role."""
@@ -80,6 +89,8 @@ FRAMES = {
     NAVIGATION: ('target_lvlh', 'chaser'),
     FORCE: ('target_lvlh',),
     DISTURBANCE: ('target_lvlh',),
+    APPLIED: ('target_lvlh',),
+    APPLIED_DISTURBANCE: ('target_lvlh',),
 }
 """Frame ids of each role: that of the header, and the child frame of the state."""
 
@@ -100,6 +111,11 @@ class Topic:
     def qos(self) -> Qos:
         """Offered quality of service."""
         return QOS[self.role]
+
+
+def free_running(recorded: Iterable[Topic]) -> bool:
+    """Return whether the plant kept the wall clock: then it says which force it flew."""
+    return any(topic.role == APPLIED for topic in recorded)
 
 
 def role_of(name: str) -> str | None:

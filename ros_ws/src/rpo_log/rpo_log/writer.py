@@ -65,6 +65,7 @@ class RunLogWriter:
         self._foreign = self._unwanted = 0
         self._closed = False
         self._synced_s = time.monotonic()
+        self._may_lack = topics.ANSWERS if topics.free_running(self.topics) else ()
         roles = [topic.role for topic in self.topics]
         event = roles.index(topics.STATUS) if topics.STATUS in roles else None
         self._orderer = TickOrderer(len(self.topics), event, self._write_tick)
@@ -134,17 +135,20 @@ class RunLogWriter:
     def summary(self) -> RunSummary:
         """What the log holds now."""
         counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts, strict=True))
+        owed = {topic.name for topic in self.topics if topic.role not in self._may_lack}
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
         return RunSummary(
             files=tuple(entry.path for entry, _ in self._files()),
             messages=dict(zip(counts, logged, strict=True)),
             missing={
-                name: (c.missing, c.first_missing or 0) for name, c in counts.items() if c.missing
+                name: (c.missing, c.first_missing or 0)
+                for name, c in counts.items()
+                if c.missing and name in owed
             },
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
-            late={name: c.late for name, c in counts.items() if c.late},
+            late={name: c.late for name, c in counts.items() if c.late and name in owed},
             foreign=self._foreign,
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
             failure=self.failure,

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `plant`: flies the chaser in lockstep with whoever answers its states."""
+"""Node `plant`: flies the chaser, in lockstep with whoever answers its states or free running."""
 
 from __future__ import annotations
 
@@ -10,93 +10,98 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
-from rclpy.clock import Clock as RosClock
-from rclpy.clock import ClockType
-from rclpy.duration import Duration
-from rosgraph_msgs.msg import Clock
 
 from rpo_core import files, scenario
 from rpo_ros import conversions, health, names, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
-from rpo_sim.lockstep import ACCEPTED, LockstepPlant
+from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.loop_health import LoopHealth
+from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
+from rpo_sim.plant import ACCEPTED
+from rpo_sim.plant_parameters import FREE_RUNNING, LOCKSTEP, PARAMETERS
+from rpo_sim.publications import Publications
+from rpo_sim.recorder_watch import RecorderWatch
+from rpo_sim.simulator_control import SimulatorControl
 
 EXIT_ABORTED = 3
-
-PARAMETERS = (
-    Row('scenario', 'approach', 'shipped scenario, or path of a scenario file',
-        example='paper_test'),
-    Row('on_peer_timeout', 'abort', 'when a peer stops answering: end the run or fly on without it',
-        choices=('abort', 'coast')),
-    Row('real_time_factor', 0.0, 'simulated seconds per second; 0: as fast as it goes',
-        most=1e6, wall=True),
-    Row('resend_after_s', 0.25, 'wall time without an answer before a state is sent again', 's',
-        least=1e-3, wall=True),
-    Row('peer_timeout_s', 10.0, 'wall time without an answer before a peer is lost', 's',
-        least=1e-2, wall=True),
-    Row('start_timeout_s', 0.0, 'wall time to wait for peers before tick 0; 0: for ever', 's',
-        wall=True),
-    Row('wait_for_recorder', False, 'insist on a recorder before tick 0; one in sight is waited '
-        'for anyway', wall=True),
-    Row('publish_clock', True, 'publish /clock'),
-)  # fmt: skip
 
 _LOOK_S = 0.05
 _SAY_S = 5.0
 _ENDED = ('finished', 'aborted')
 _LAST_WORD_S = 5.0
 """Longest wait for the recorder to close its log after the end of a run."""
-_INTERRUPTED = Duration(seconds=0, nanoseconds=200_000_000)
+_INTERRUPTED_S = 0.2
+_APPLIED = {
+    names.CONTROL_FORCE: names.APPLIED_FORCE,
+    names.DISTURBANCE_FORCE: names.APPLIED_DISTURBANCE,
+}
 
 
 class PlantNode(FlightNode):
-    """Publishes state k, waits for the forces that carry its stamp, steps, goes on."""
+    """Publishes state k, lets tick k pass as its mode says, goes on.
+
+    phase : waiting, running, finished or aborted
+    progress_s, sent_s : monotonic times of the last tick, of the last state sent
+    """
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('plant', overrides)
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
-        flown = scenario.load_scenario(path)
-        answers = [names.CONTROL_FORCE]
-        if not flown.disturbance.is_zero:
-            answers.append(names.DISTURBANCE_FORCE)
-        self.plant = LockstepPlant(flown, answers)
-        self.phase = 'waiting'
-        self.resends = 0
-        self._recorder = ''
-        self._overdue = False
-        self._begun = self._sent = self._progress = time.monotonic()
-        self._said = 0.0
+        self.scenario = scenario.load_scenario(path)
+        self._peers = [names.CONTROL_FORCE]
+        if not self.scenario.disturbance.is_zero:
+            self._peers.append(names.DISTURBANCE_FORCE)
         self._connect()
-        shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
-        shaping['scenario'] = flown.name
-        health.publish_manifest(self, 'plant', shaping, {'scenario.yaml': files.read_text(path)})
+        self.control = SimulatorControl(self)
+        self._manifest(files.read_text(path))
+        self._begin_run()
+        self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
         health.publish_health(self, self._health)
-        self._report(health.OK, 'waiting', 'waiting for peers')
 
     def _connect(self) -> None:
-        self._state = self.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
-        self._status = self.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
-        self._clock = None
-        if self.values['publish_clock']:
-            self._clock = self.create_publisher(Clock, names.CLOCK, qos.CLOCK)
-        for topic in self.plant.expected:
-            self.create_subscription(
-                WrenchStamped, topic, partial(self._on_answer, topic), qos.LOCKSTEP
-            )
-        self.create_subscription(
-            DiagnosticStatus, names.RECORDER_STATUS, self._on_recorder, qos.LATCHED
-        )
-        steady = RosClock(clock_type=ClockType.STEADY_TIME)
-        look_s = min(_LOOK_S, self.values['resend_after_s'])
-        self.create_timer(look_s, self._look, clock=steady)
-        factor = self.values['real_time_factor']
-        self._paced = factor > 0.0
-        if self._paced:
-            self.create_timer(self.plant.scenario.dt_s / factor, self._on_pace, clock=steady)
+        """Make publishers and subscriptions; in free running it is said what is flown."""
+        free = self.values['mode'] == FREE_RUNNING
+        applied = [_APPLIED[topic] for topic in self._peers] if free else []
+        self.topics = Publications(self, self.values['publish_clock'], applied)
+        for topic in self._peers:
+            on_answer = partial(self._on_answer, topic)
+            self.create_subscription(WrenchStamped, topic, on_answer, qos.LOCKSTEP)
+        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'])
+
+    def _manifest(self, text: str) -> None:
+        shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
+        shaping['scenario'] = self.scenario.name
+        health.publish_manifest(self, 'plant', shaping, {'scenario.yaml': text})
+
+    def _begin_run(self) -> None:
+        """Wait at tick 0 of a new run."""
+        make = LockstepPacing if self.values['mode'] == LOCKSTEP else FreeRunningPacing
+        self.pacing: LockstepPacing | FreeRunningPacing = make(self, self.scenario, self._peers)
+        self.control.release()
+        self.loop = LoopHealth(self.pacing)
+        self.recorder.forget()
+        self._again, self._unrecorded, self._said_s = False, False, 0.0
+        self._begun = self.sent_s = self.progress_s = time.monotonic()
+        self.report(health.OK, 'waiting', 'waiting for peers')
+
+    @property
+    def plant(self) -> LockstepPlant | FreeRunningPlant:
+        """The flight itself."""
+        return self.pacing.plant
+
+    @property
+    def stepping(self) -> bool:
+        """Whether single ticks were asked for."""
+        return self.control.steps > 0
+
+    @property
+    def moving(self) -> bool:
+        """Whether ticks may pass."""
+        return self.phase == 'running' and (not self.control.paused or self.stepping)
 
     def _on_answer(self, topic: str, message: WrenchStamped) -> None:
         force = conversions.from_wrench(message)
@@ -105,90 +110,79 @@ class PlantNode(FlightNode):
             self.plant.ignore(fault)
             return
         stamp_ns = conversions.from_stamp(message.header.stamp)
-        if self.plant.answer(topic, stamp_ns, force) != ACCEPTED or self.plant.missing:
+        if self.plant.answer(topic, stamp_ns, force) != ACCEPTED:
             return
-        if self.phase == 'running' and (self._overdue or not self._paced):
-            self._advance()
+        if topic == names.CONTROL_FORCE:
+            self.loop.commanded(self.scenario.tick_of(stamp_ns))
+        self.pacing.on_answer()
 
-    def _on_recorder(self, message: DiagnosticStatus) -> None:
-        self._recorder = message.message
-
-    def _on_pace(self) -> None:
-        if self.phase != 'running':
-            return
-        self._overdue = bool(self.plant.missing)
-        if not self._overdue:
-            self._advance()
-
-    def _advance(self) -> None:
+    def advance(self) -> None:
+        """Pass the present tick."""
+        self.topics.applied(self.plant.stamp_ns, self.pacing.applied())
         if self.plant.finished:
             self._end('finished', 'reached the last tick')
             return
-        self._overdue = False
         self.plant.advance()
-        self._progress = time.monotonic()
-        self._send()
+        self.progress_s = time.monotonic()
+        self.send()
+        self.loop.sent(self.plant.tick, self.sent_s)
+        if self.control.passed():
+            self.say_paused()
 
-    def _send(self) -> None:
-        stamp_ns = self.plant.stamp_ns
-        if self._clock is not None:
-            self._clock.publish(conversions.to_clock(stamp_ns))
-        self._state.publish(conversions.to_odometry(stamp_ns, self.plant.state))
-        self._sent = time.monotonic()
+    def send(self) -> None:
+        """Publish the present state."""
+        self.sent_s = time.monotonic()
+        self.topics.state(self.plant.stamp_ns, self.plant.state)
 
     def _look(self) -> None:
-        """Wall-clock watch: starts the run, sends a state again, notices a lost peer."""
-        now = time.monotonic()
+        """Wall-clock watch: starts the run, looks after the peers, leaves at the end."""
+        now_s = time.monotonic()
         if self.phase == 'waiting':
-            self._wait(now)
+            self._wait(now_s)
         elif self.phase in _ENDED:
-            recorded = self._recorder in ('', 'closed')
-            self.done = recorded or now - self._progress > _LAST_WORD_S
-        elif self.plant.missing:
-            if now - self._progress > self.values['peer_timeout_s']:
-                self._lose_peers()
-            elif now - self._sent > self.values['resend_after_s']:
-                self.resends += 1
-                self._send()
+            if self.recorder.done or now_s - self.progress_s > _LAST_WORD_S:
+                self._leave()
+        else:
+            if self.moving:
+                self.pacing.watch(now_s)
+            if self.recorder.lost and not self._unrecorded:
+                self._unrecorded = True
+                self.get_logger().warning('the recorder is gone: flying on unrecorded')
+                self.report(health.WARN, 'running', 'the recorder is gone')
 
-    def _wait(self, now: float) -> None:
+    def _leave(self) -> None:
+        self.done = not self._again
+        if self._again:
+            self._begin_run()
+
+    def _wait(self, now_s: float) -> None:
         """Send state 0 until it is answered and a recorder is ready: then all are connected."""
-        absent = [topic for topic in self.plant.expected if not self.count_publishers(topic)]
+        absent = [topic for topic in self._peers if not self.count_publishers(topic)]
         if not absent:
-            self._send()
-        recorder = self.values['wait_for_recorder'] or self.count_publishers(names.RECORDER_STATUS)
-        awaited = self.plant.missing + ['the recorder'] * bool(
-            recorder and self._recorder != 'ready'
-        )
+            self.send()
+            self.topics.before_flight(self.scenario.stamp_ns(-1))
+        awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited
         if not awaited:
-            self.phase = 'running'
-            self._progress = now
-            self._report(health.OK, 'running', 'flying')
-            self.get_logger().info(f'flying {self.plant.scenario.name}')
-            self._advance()
-        elif 0.0 < self.values['start_timeout_s'] < now - self._begun:
-            self._abort(f'no answer in time from {", ".join(awaited)}')
-        elif now - self._said > _SAY_S:
-            self._said = now
+            self.progress_s = now_s
+            self.report(health.OK, 'running', 'flying')
+            self.get_logger().info(f'flying {self.scenario.name}')
+            self.advance()
+            self.pacing.begin()
+        elif 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
+            self.abort(f'no answer in time from {", ".join(awaited)}')
+        elif now_s - self._said_s > _SAY_S:
+            self._said_s = now_s
             self.get_logger().info(f'waiting for {", ".join(awaited)}')
 
-    def _lose_peers(self) -> None:
-        lost = ', '.join(self.plant.missing)
-        if self.values['on_peer_timeout'] == 'abort':
-            self._abort(f'no answer to tick {self.plant.tick} from {lost}')
-            return
-        self.plant.drop_missing()
-        self.get_logger().warning(f'no answer to tick {self.plant.tick} from {lost}: coasting')
-        self._report(health.WARN, 'running', f'coasting without {lost}')
-        self._advance()
-
-    def _abort(self, reason: str) -> None:
+    def abort(self, reason: str) -> None:
+        """End the run before its time, with an exit code that says so."""
         self.exit_code = EXIT_ABORTED
         self._end('aborted', reason, health.ERROR)
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
-        self._report(level, phase, reason)
-        self._progress = time.monotonic()
+        self.pacing.stop()
+        self.report(level, phase, reason)
+        self.progress_s = time.monotonic()
         if phase == 'aborted':
             said = f'aborted at tick {self.plant.tick}: {reason}'
             log = self.get_logger()
@@ -200,23 +194,51 @@ class PlantNode(FlightNode):
             f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
         )
 
-    def _report(self, level: bytes, phase: str, reason: str) -> None:
-        """Publish run_status: simulated facts only, so that two runs say the same."""
-        self.phase = phase
-        values = [('phase', phase), *self.plant.figures().items()]
-        self._status.publish(conversions.to_status(level, 'run', reason, values))
+    def reset(self) -> None:
+        """End the run and begin another at tick 0; a recorder closes the log of the first."""
+        self._again = True
+        self._end('aborted', 'reset', health.WARN)
+
+    def go_on(self) -> None:
+        """Go on after a pause, for good or for some ticks; the pause was nobody's silence."""
+        self.progress_s = time.monotonic()
+        self.pacing.begin()
+
+    def resume(self) -> None:
+        """End a pause."""
+        self.report(health.OK, 'running', 'flying', resumed='true')
+        self.go_on()
+
+    def say_paused(self) -> None:
+        """Say that no tick passes."""
+        self.report(health.OK, 'paused', 'paused')
+
+    def changed(self, applied: Mapping[str, Any]) -> None:
+        """Take up a new speed."""
+        if 'real_time_factor' in applied and self.phase == 'running':
+            self.pacing.begin()
+
+    def report(self, level: bytes, phase: str, reason: str, **more: str) -> None:
+        """Publish run_status; in lockstep simulated facts only, so that two runs say the same.
+
+        'paused' is said, but the run goes on: such a status is not part of its log.
+        """
+        if phase != 'paused':
+            self.phase = phase
+        values = {'phase': phase, **self.plant.figures(), **more}
+        if phase in _ENDED and self.values['mode'] == FREE_RUNNING:
+            values |= self.loop.wall_figures()
+        self.topics.status(level, reason, values)
 
     def _health(self) -> health.Health:
-        plant = self.plant
-        level = health.WARN if plant.ignored or self.resends else health.OK
-        ignored = {f'ignored_{kind}': count for kind, count in sorted(plant.ignored.items())}
-        return level, self.phase, {'tick': plant.tick, 'resends': self.resends, **ignored}
+        return self.loop.status('paused' if self.control.paused else self.phase, self._unrecorded)
 
     def interrupt(self, reason: str) -> None:
         """Say that the run was interrupted, and let the recorder close its log."""
+        self._again = False
         if self.phase not in _ENDED:
             self._end('aborted', f'interrupted by {reason}', health.WARN)
-            self._status.wait_for_all_acked(_INTERRUPTED)
+            self.topics.last_words(_INTERRUPTED_S)
 
 
 def main() -> int:

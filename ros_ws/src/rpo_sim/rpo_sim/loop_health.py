@@ -1,0 +1,56 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How the loop is doing: what the plant says of it on /diagnostics and after free running."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rpo_ros import health
+from rpo_sim.pacing import Pacing
+from rpo_sim.timing import Latency
+
+_FAULTS = ('resends', 'overruns', 'stalls', 'stale_ticks')
+"""Counts that are worth a warning while they grow, as are ignored answers."""
+
+
+class LoopHealth:
+    """Health of one run."""
+
+    def __init__(self, pacing: Pacing) -> None:
+        self._pacing = pacing
+        self._latency = Latency()
+        self._rate = health.Rate()
+        self._commanded_s: float | None = None
+        self._faults = 0
+
+    def sent(self, tick: int, now_s: float) -> None:
+        """Note that the state of a tick was sent."""
+        self._latency.sent(tick, now_s)
+
+    def commanded(self, tick: int | None) -> None:
+        """Note that a command that answers a tick was accepted."""
+        self._commanded_s = time.monotonic()
+        self._latency.received(tick, self._commanded_s)
+
+    def wall_figures(self) -> dict[str, Any]:
+        """Return what depends on the wall clock: counts, latency and lateness."""
+        return {**self._pacing.figures(), **self._latency.histogram.figures('latency')}
+
+    def status(self, phase: str, unrecorded: bool) -> health.Health:
+        """Return level, message and values; a warning while faults happen."""
+        plant = self._pacing.plant
+        figures = self.wall_figures()
+        values: dict[str, Any] = {
+            'tick': plant.tick,
+            'tick_rate_hz': self._rate.per_s(plant.tick),
+            **figures,
+            **{f'ignored_{kind}': count for kind, count in sorted(plant.ignored.items())},
+            'saturation_share': plant.saturated_ticks / max(1, plant.tick),
+            'command_age_s': health.age_s(self._commanded_s),
+        }
+        faults = sum(plant.ignored.values()) + sum(figures.get(name, 0) for name in _FAULTS)
+        level = health.WARN if faults > self._faults or unrecorded else health.OK
+        self._faults = faults
+        return level, phase, values

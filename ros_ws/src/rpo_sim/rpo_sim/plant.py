@@ -1,0 +1,85 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plant without ROS: what lockstep and free running have in common."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from rpo_core import kernels
+from rpo_core.hardware import Chaser
+from rpo_core.scenario import Scenario
+
+Force = tuple[float, float, float]
+"""Force [N], target LVLH."""
+
+ZERO: Force = (0.0, 0.0, 0.0)
+
+ACCEPTED = 'accepted'
+LATE, EARLY, REPEATED = 'late', 'early', 'repeated'
+FOREIGN, DROPPED = 'foreign_stamp', 'dropped_peer'
+"""Why an answer is ignored: for a past tick, a future one, one already answered; with a stamp of no
+tick at all; from a peer that the run flies on without."""
+
+
+class Plant:
+    """The chaser at an integer tick, what it has spent, and which answers changed nothing.
+
+    scenario : what flies
+    expected : topics of the answers to each state
+    """
+
+    def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
+        self.scenario = scenario
+        self.expected = tuple(expected)
+        self.tick = 0
+        self.energy_n2s = 0.0
+        self.saturated_ticks = 0
+        self.ignored: Counter[str] = Counter()
+        self._chaser = Chaser(scenario)
+        self._limit = float(scenario.max_force_n)
+        self._stamp_ns = scenario.stamp_ns(0)
+
+    @property
+    def state(self) -> kernels.State:
+        """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
+        return self._chaser.state
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the present state."""
+        return self._stamp_ns
+
+    def ignore(self, kind: str) -> str:
+        """Count an answer that changes nothing; return its kind."""
+        self.ignored[kind] += 1
+        return kind
+
+    def saturated(self, command: Force) -> Force:
+        """Return what the thrusters can give of a command."""
+        x, y, z = (kernels.saturate(force, self._limit) for force in command)
+        return x, y, z
+
+    def fly(self, command: Force, disturbance: Force) -> None:
+        """Step to the next tick under a command to the thrusters and a disturbance."""
+        told = self._chaser.advance(command, disturbance)
+        x, y, z = flown = self.saturated(told)
+        self.saturated_ticks += flown != told
+        # Neither sum() nor hypot(): they round differently from one Python to another.
+        self.energy_n2s += (x * x + y * y + z * z) * self.scenario.dt_s
+        self.tick += 1
+        self._stamp_ns = self.scenario.stamp_ns(self.tick)
+
+    def figures(self) -> dict[str, float | int]:
+        """Return the run's figures so far: simulated facts only."""
+        x, y, z, vx, vy, vz = self.state
+        return {
+            'tick': self.tick,
+            'time_s': self.scenario.time_s(self.tick),
+            'energy_n2s': self.energy_n2s,
+            'distance_m': math.sqrt(x * x + y * y + z * z),
+            'speed_m_s': math.sqrt(vx * vx + vy * vy + vz * vz),
+            'saturated_ticks': self.saturated_ticks,
+        }

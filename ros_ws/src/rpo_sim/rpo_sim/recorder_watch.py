@@ -1,0 +1,49 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the plant knows of the recorder: whether there is one, ready, closed, or gone."""
+
+from __future__ import annotations
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from rpo_ros import names, qos
+from rpo_ros.running import FlightNode
+
+LEASE_S = 5.0
+"""Longest silence of a recorder that is alive: it speaks once a second."""
+
+
+class RecorderWatch:
+    """Listens to `recorder_status`."""
+
+    def __init__(self, node: FlightNode, insist: bool) -> None:
+        self._node, self._insist = node, insist
+        self._said, self._heard_s = '', 0.0
+        node.create_subscription(
+            DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED
+        )
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        self._said, self._heard_s = message.message, time.monotonic()
+
+    def forget(self) -> None:
+        """Expect another recorder: a new run begins."""
+        self._said = ''
+
+    @property
+    def awaited(self) -> bool:
+        """Whether a run must wait for it to be ready."""
+        there = self._insist or self._node.count_publishers(names.RECORDER_STATUS) > 0
+        return there and self._said != 'ready'
+
+    @property
+    def done(self) -> bool:
+        """Whether it needs nothing more of the plant."""
+        return self._said in ('', 'closed') or self.lost
+
+    @property
+    def lost(self) -> bool:
+        """Whether it was ready and has fallen silent."""
+        return self._said == 'ready' and time.monotonic() - self._heard_s > LEASE_S
