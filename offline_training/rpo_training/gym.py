@@ -1,0 +1,217 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The final approach as a Gymnasium environment: learning controllers on the same ground.
+
+Importing this module registers `rpo/FinalApproach-v0`. One step is one tick of the core's plant
+(`rpo_core.hardware.Chaser`), so a policy that plays a controller flies that controller's bits. The
+return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
+
+Needs NumPy, PyYAML and gymnasium (layer `gym`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.closed_loop import Flight
+from rpo_core.hardware import Chaser
+from rpo_core.kernels import State, Vector, saturate
+from rpo_core.metrics import PENALTY, assess
+from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
+from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
+
+Floats = NDArray[np.float64]
+
+ENVIRONMENT = 'rpo/FinalApproach-v0'
+
+POSITION_UNIT_M = 100.0
+"""What 1 means in the position part of an observation: the largest start of the training set."""
+
+VELOCITY_UNIT_M_S = 1.0
+"""What 1 means in the velocity part."""
+
+UNITS = (POSITION_UNIT_M,) * 3 + (VELOCITY_UNIT_M_S,) * 3
+MAX_OBSERVED = 100.0
+"""Observed positions and velocities saturate here (10 km, 100 m/s); `info` has them as they are."""
+
+OPTIONS = ('scenario', 'start')
+
+
+class FinalApproach(gymnasium.Env[Floats, Floats]):
+    """One flight of a scenario; the policy commands the force of every tick.
+
+    Action (3,) float64 in [-1, 1]: force on x, y, z of target LVLH, in units of the scenario's
+    maximum force; held for one tick, saturated.
+
+    Observation (10,) float64, dimensionless: position / 100 m and velocity / 1 m/s as navigation
+    finds them; the command flown in the tick before / maximum force; the share of the flight that
+    is over.
+
+    Reward: -f.f dt [N^2 s] of the command flown, and with the last one -100 for each condition
+    missed. The episode terminates at the end of the flight, which belongs to the task; it is never
+    truncated.
+
+    Parameters
+    ----------
+    scenario : shipped name, path, Scenario or ScenarioSet; of a set, each reset draws a member
+    render_mode : None, or 'ansi' for a line of text
+    """
+
+    metadata = {'render_modes': ['ansi'], 'render_fps': 10}  # noqa: RUF012 (as Gymnasium wants it)
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario | ScenarioSet = 'paper_training',
+        render_mode: str | None = None,
+    ) -> None:
+        high = np.array([MAX_OBSERVED] * 6 + [1.0] * 4)
+        low = np.concatenate([-high[:9], [0.0]])
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (3,), np.float64)
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
+        self.render_mode = render_mode
+        self._members = _members(scenario)
+        self._begin(self._members[0])
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin a flight.
+
+        options : `scenario`, from now on; `start`, the index of a member of the set, or a position
+        (3,) [m], or a position and a velocity (6,) [m, m/s], target LVLH
+
+        Raises InputError for options that cannot be flown.
+        """
+        super().reset(seed=seed)
+        data: Mapping[str, Any] = mapping('options', options or {}, (), OPTIONS)
+        if 'scenario' in data:
+            self._members = _members(data['scenario'])
+        start = data.get('start')
+        if start is None:
+            start = int(self.np_random.integers(len(self._members)))
+        with within('options'):
+            self._begin(self._from(start))
+        return self._observation(), self._info()
+
+    def _from(self, start: Any) -> Scenario:
+        """Return the member of this number, or the scenario from these 3 or 6 numbers."""
+        if np.ndim(start) == 0:
+            most = len(self._members) - 1
+            return self._members[whole('start', start, least=0, most=most)]
+        values = np.asarray(start).tolist()
+        if len(values) not in (3, 6):
+            raise InputError(
+                f'`start` must be the number of a start, or 3 or 6 numbers; got {shown(start)}'
+            )
+        velocity = values[3:] or self._members[0].initial_velocity_m_s
+        return replace(
+            self._members[0],
+            initial_position_m=vector3('start', values[:3], 'm', bound=MAX_POSITION_M),
+            initial_velocity_m_s=vector3('start', velocity, 'm/s', bound=MAX_VELOCITY_M_S),
+        )
+
+    def _begin(self, scenario: Scenario) -> None:
+        """Place the chaser at the start of a scenario, tick 0."""
+        self.scenario, self.tick = scenario, 0
+        self._chaser = Chaser(scenario)
+        self._pushes = scenario.disturbance.over(scenario.times_s)
+        self._states = np.empty((scenario.ticks + 1, 6))
+        self._commands = np.zeros((scenario.ticks + 1, 3))
+        self._states[0] = self._chaser.state
+        self._told: Vector = (0.0, 0.0, 0.0)
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Fly one tick; raises InputError if the action is no force or the flight is over."""
+        scenario, tick = self.scenario, self.tick
+        if tick == scenario.ticks:
+            raise InputError('the flight is over; call `reset` before the next `step`')
+        limit = scenario.max_force_n
+        x, y, z = (saturate(f * limit, limit) for f in _three(action))
+        self._commands[tick] = x, y, z
+        push = self._pushes[tick].tolist()
+        self._told = self._chaser.advance((x, y, z), (push[0], push[1], push[2]))
+        self.tick = tick + 1
+        self._states[self.tick] = self._chaser.state
+        fx, fy, fz = self._told
+        reward = -(fx * fx + fy * fy + fz * fz) * scenario.dt_s
+        info = self._info()
+        over = self.tick == scenario.ticks
+        if over:
+            figures = assess(self.flight)
+            info['figures'] = asdict(figures)
+            info['conditions'] = figures.conditions
+            info['fitness_n2s'] = figures.fitness
+            reward -= PENALTY * figures.conditions.count(False)
+        return self._observation(), reward, over, False, info
+
+    @property
+    def flight(self) -> Flight:
+        """The flight since the last reset; after its end, whole. Its last command is zero."""
+        if self.tick < self.scenario.ticks:
+            raise InputError('the flight is not over; it can be looked at after its last step')
+        return Flight(self.scenario, self._states, self._commands, self._pushes)
+
+    @property
+    def seen(self) -> State:
+        """State (6,) [m, m/s], target LVLH, as navigation finds it; the truth if it is perfect."""
+        navigation = self.scenario.navigation
+        truth = self._chaser.state
+        return truth if navigation is None else navigation.solution(self.tick, truth)
+
+    def _observation(self) -> Floats:
+        limit = self.scenario.max_force_n
+        observed = [
+            *(
+                max(-MAX_OBSERVED, min(MAX_OBSERVED, x / unit))
+                for x, unit in zip(self.seen, UNITS, strict=True)
+            ),
+            *(force / limit for force in self._told),
+            self.tick / self.scenario.ticks,
+        ]
+        return np.array(observed)
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            'tick': self.tick,
+            'time_s': self.scenario.time_s(self.tick),
+            'state': np.array(self._chaser.state),
+            'seen': np.array(self.seen),
+            'force_n': np.array(self._told),
+        }
+
+    def render(self) -> str | None:
+        """Return time, position, velocity and force as a line of text ('ansi')."""
+        if self.render_mode is None:
+            return None
+        x, y, z, vx, vy, vz = self._chaser.state
+        fx, fy, fz = self._told
+        return (
+            f't = {self.scenario.time_s(self.tick):7.1f} s   r = [{x:8.3f} {y:8.3f} {z:8.3f}] m   '
+            f'v = [{vx:7.4f} {vy:7.4f} {vz:7.4f}] m/s   f = [{fx:7.4f} {fy:7.4f} {fz:7.4f}] N'
+        )
+
+
+def _members(scenario: str | Path | Scenario | ScenarioSet) -> list[Scenario]:
+    """Return the flights that a reset chooses from."""
+    found = scenario if isinstance(scenario, (Scenario, ScenarioSet)) else load(scenario)
+    return found.scenarios() if isinstance(found, ScenarioSet) else [found]
+
+
+def _three(action: Any) -> Vector:
+    """Return an action as three finite floats; raises InputError."""
+    values = np.asarray(action)
+    if values.shape != (3,):
+        raise InputError(f'`action` must be 3 numbers in [-1, 1]; got {shown(action)}')
+    x, y, z = (real('action', value) for value in values.tolist())
+    return x, y, z
+
+
+if ENVIRONMENT not in gymnasium.registry:
+    gymnasium.register(ENVIRONMENT, entry_point=f'{__name__}:FinalApproach')

@@ -1,0 +1,189 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The Gymnasium environment: its checker, the core's bits, the paper's fitness, and bad input."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import rpo_training.gym
+from rpo_core.closed_loop import Flight, fly
+from rpo_core.controller import load_controller
+from rpo_core.hardware import Navigation, Thrusters
+from rpo_core.metrics import assess
+from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_core.validation import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)
+NOISY = Navigation((0.1, 0.0, -0.1), position_noise_m=0.02, velocity_noise_m_s=0.001)
+
+
+def make(**options: Any) -> Any:
+    return gymnasium.make(rpo_training.gym.ENVIRONMENT, **options).unwrapped
+
+
+def played(env: Any, controller: str, **options: Any) -> tuple[float, dict[str, Any]]:
+    """Let a controller play one episode; return its return and the last info."""
+    chosen = load_controller(controller)
+    _, info = env.reset(seed=1, options=options)
+    total, over = 0.0, False
+    while not over:
+        seen = info['seen'].tolist()
+        force = chosen.force_n(seen[:3], seen[3:], info['tick'])
+        _, reward, over, truncated, info = env.step(np.array(force) / env.scenario.max_force_n)
+        assert not truncated
+        total += reward
+    return total, info
+
+
+def bits(flight: Flight) -> tuple[bytes, bytes]:
+    return flight.states.tobytes(), flight.forces_n[:-1].tobytes()
+
+
+@pytest.mark.parametrize('options', [{}, {'scenario': 'quick', 'render_mode': 'ansi'}])
+def test_the_checker_has_nothing_to_say(options):
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        check_env(make(**options))
+
+
+SHORT = replace(load_scenario('paper_test'), duration_s=20.0)
+
+
+@pytest.mark.parametrize(
+    'scenario',
+    [
+        SHORT,
+        replace(SHORT, thrusters=REAL, navigation=NOISY),
+        replace(SHORT, initial_velocity_m_s=(0.3, -0.4, 0.5), disturbance=SHORT.disturbance),
+    ],
+    ids=['ideal', 'real hardware', 'moving start'],
+)
+def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
+    env = make(scenario=scenario)
+    total, info = played(env, 'trained')
+    flight = fly(scenario, load_controller('trained'))
+    assert bits(env.flight) == bits(flight)
+    expected = assess(flight)
+    assert info['figures']['energy_n2s'] == expected.energy_n2s
+    assert info['fitness_n2s'] == expected.fitness
+    assert info['conditions'] == expected.conditions
+    assert total == pytest.approx(-expected.fitness, rel=1e-12)
+    assert not all(expected.conditions), 'the return must hold a penalty'
+
+
+def test_a_member_of_the_training_set_has_the_return_of_training():
+    total, _ = played(make(), 'trained', start=215)
+    member = load_set('paper_training').scenarios()[215]
+    figures = assess(fly(member, load_controller('trained')))
+    assert all(figures.conditions)
+    assert total == pytest.approx(-figures.energy_n2s, rel=1e-12)
+
+
+def test_observation_is_normalised_and_saturates():
+    env = make(scenario='approach')
+    observation, info = env.reset(options={'start': [-50.0, 25.0, 99_000.0, 0.5, 0.0, -2.0]})
+    assert observation.tolist() == [-0.5, 0.25, 100.0, 0.5, 0.0, -2.0, 0.0, 0.0, 0.0, 0.0]
+    assert info['state'][2] == 99_000.0
+    observation, reward, *_ = env.step(np.array([1.0, -1.0, 7.0]))
+    assert observation[6:].tolist() == [1.0, -1.0, 1.0, 1 / 4000]
+    assert reward == pytest.approx(-3 * 0.5**2 * 0.1)
+
+
+def test_seeds_draw_starts_of_the_set_and_repeat_them():
+    env = make()
+    known = {tuple(row) for row in load_set('paper_training').initial_positions_m.tolist()}
+    env.reset(seed=5)
+    drawn = [tuple(env.reset()[1]['state'][:3]) for _ in range(20)]
+    assert len(set(drawn)) > 10 and set(drawn) <= known
+    env.reset(seed=5)
+    assert [tuple(env.reset()[1]['state'][:3]) for _ in range(20)] == drawn
+
+
+def test_the_next_flight_keeps_the_chosen_scenario():
+    env = make()
+    env.reset(options={'scenario': 'quick'})
+    env.reset()
+    assert env.scenario.name == 'quick'
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'sart': 3}, 'did you mean `options.start`|did you mean `start`'),
+        ({'start': 216}, '`start` must be a whole number >= 0 and <= 215; got 216'),
+        ({'start': [1.0, 2.0]}, 'or 3 or 6 numbers; got'),
+        ({'start': [1.0, 2.0, float('nan')]}, r'`start\[2\]` must be a finite number'),
+        ({'scenario': 'nowhere'}, '`scenario` must be one of'),
+    ],
+)
+def test_bad_options_are_one_sentence(options, message):
+    with pytest.raises(InputError, match=message):
+        make().reset(options=options)
+
+
+@pytest.mark.parametrize('action', [[0.0, 0.0], [0.0, np.nan, 0.0], [0.0, np.inf, 0.0]])
+def test_bad_actions_are_refused(action):
+    env = make(scenario='quick')
+    env.reset()
+    with pytest.raises(InputError, match='`action` must be'):
+        env.step(np.array(action))
+
+
+def test_a_flight_that_is_over_must_be_reset():
+    env = make(scenario='quick')
+    env.reset()
+    with pytest.raises(InputError, match='not over'):
+        _ = env.flight
+    for _ in range(50):
+        *_, over, _, _ = env.step(np.zeros(3))
+    assert over
+    with pytest.raises(InputError, match='call `reset`'):
+        env.step(np.zeros(3))
+
+
+def test_it_is_found_by_its_module_and_needs_the_core_alone():
+    code = (
+        'import sys, gymnasium\n'
+        'for name in ("numba", "scipy", "cma", "pymoo", "typer"): sys.modules[name] = None\n'
+        'env = gymnasium.make("rpo_training.gym:rpo/FinalApproach-v0", scenario="quick")\n'
+        'env.reset(seed=1)\n'
+        'print(env.step(env.action_space.sample())[1] < 0.0)\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        capture_output=True,
+        text=True,
+        timeout=50,
+        env={**os.environ, 'RPO_JIT': '0'},
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'True\n', '')
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_example_learns():
+    script = ROOT / 'offline_training' / 'examples' / 'learn_policy.py'
+    done = subprocess.run(
+        [sys.executable, str(script), '--generations', '2'],
+        capture_output=True,
+        text=True,
+        timeout=580,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = [[cell.strip() for cell in line.split('|')] for line in done.stdout.splitlines()]
+    by_name = {row[1]: row for row in rows}
+    assert set(by_name) >= {'`linear`', '`profile`', '`trained`'}
+    assert by_name['`trained`'][4:7] == ['3.579', '3.579', '216']
