@@ -1,0 +1,166 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Free running without ROS: what is held, what is too old, what is late; the pace of the ticks."""
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpo_core import closed_loop
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_sim import plant as kinds
+from rpo_sim.free_running import FreeRunningPlant
+from rpo_sim.timing import MOST_CATCH_UP, Histogram, Latency, Pace
+
+FORCE, DISTURBANCE = 'control_force', 'disturbance_force'
+MS = 1_000_000
+
+
+@pytest.fixture
+def scenario():
+    return load_scenario('quick')
+
+
+def at_tick(scenario, tick, stale_after_ticks=3):
+    """Return a plant that was commanded at tick 0 and has drifted to a later tick."""
+    plant = FreeRunningPlant(scenario, [FORCE], stale_after_ticks)
+    plant.answer(FORCE, plant.stamp_ns, (0.1, 0.2, 0.3))
+    for _ in range(tick):
+        plant.advance()
+    return plant
+
+
+def test_with_every_answer_in_its_tick_it_flies_as_lockstep_does():
+    scenario, controller = load_scenario('paper_test'), load_controller('handmade')
+    expected = closed_loop.fly(scenario, controller)
+    plant = FreeRunningPlant(scenario, [FORCE, DISTURBANCE], 10)
+    for tick in range(scenario.ticks):
+        assert plant.state == tuple(expected.states[tick])
+        force = controller.force_n(plant.state[:3], plant.state[3:])
+        plant.answer(FORCE, plant.stamp_ns, force)
+        disturbance = scenario.disturbance.force_n(scenario.time_s(tick))
+        plant.answer(DISTURBANCE, plant.stamp_ns, disturbance)
+        plant.advance()
+    assert plant.finished
+    assert plant.state == tuple(expected.states[-1])
+    assert (plant.held_ticks, plant.stale_ticks) == (0, 0)
+
+
+def test_a_force_is_held_and_then_cut_off(scenario):
+    flown = [at_tick(scenario, tick, stale_after_ticks=3).applied(FORCE) for tick in range(6)]
+    assert flown == [(0.1, 0.2, 0.3)] * 4 + [(0.0, 0.0, 0.0)] * 2
+    plant = at_tick(scenario, 6)
+    assert (plant.held_ticks, plant.stale_ticks) == (5, 2)
+    assert plant.stale == (FORCE,)
+
+
+def test_a_held_force_is_flown_like_a_repeated_one(scenario):
+    held, told = at_tick(scenario, 3), at_tick(scenario, 0)
+    for _ in range(3):
+        told.answer(FORCE, told.stamp_ns, (0.1, 0.2, 0.3))
+        told.advance()
+    assert held.state == told.state
+    assert held.energy_n2s == told.energy_n2s
+
+
+def test_after_the_cut_off_it_drifts(scenario):
+    plant = at_tick(scenario, 4)
+    expected = at_tick(scenario, 4)
+    expected.answer(FORCE, expected.stamp_ns, (0.0, 0.0, 0.0))
+    plant.advance()
+    expected.advance()
+    assert plant.state == expected.state
+
+
+@pytest.mark.parametrize(
+    ('tick', 'kind'), [(5, kinds.ACCEPTED), (3, kinds.REPEATED), (2, kinds.LATE), (6, kinds.EARLY)]
+)
+def test_only_a_newer_answer_replaces_the_held_one(scenario, tick, kind):
+    plant = at_tick(scenario, 5)
+    plant.answer(FORCE, scenario.stamp_ns(3), (0.4, 0.0, 0.0))
+    assert plant.answer(FORCE, scenario.stamp_ns(tick), (0.5, 0.0, 0.0)) == kind
+    assert plant.applied(FORCE)[0] == (0.5 if kind == kinds.ACCEPTED else 0.4)
+    assert plant.ignored == ({} if kind == kinds.ACCEPTED else {kind: 1})
+
+
+def test_a_stamp_of_no_tick_is_foreign(scenario):
+    plant = at_tick(scenario, 1)
+    assert plant.answer(FORCE, plant.stamp_ns + 1, (0.0,) * 3) == kinds.FOREIGN
+    assert plant.answer(FORCE, scenario.stamp_ns(-1), (0.0,) * 3) == kinds.FOREIGN
+
+
+def test_what_is_applied_is_what_the_thrusters_can(scenario):
+    plant = FreeRunningPlant(scenario, [FORCE], 3)
+    plant.answer(FORCE, plant.stamp_ns, (9.0, -9.0, 0.1))
+    limit = scenario.max_force_n
+    assert plant.applied(FORCE) == (limit, -limit, 0.1)
+    plant.advance()
+    assert plant.saturated_ticks == 1
+
+
+def test_ticks_are_due_by_the_clock_and_counted_when_late():
+    pace = Pace()
+    pace.restart(0, 0.01)
+    assert [pace.due(now * MS) for now in (9, 10, 11, 20, 45)] == [0, 1, 0, 1, 2]
+    assert (pace.overruns, pace.stalls) == (1, 0)  # the tick of 30 ms began at 45 ms
+    assert pace.lateness.count == 4
+    assert pace.lateness.largest_s == 0.015
+
+
+def test_the_pace_does_not_drift():
+    pace = Pace()
+    pace.restart(0, 0.01)
+    assert sum(pace.due(now * MS) for now in range(1, 10_001)) == 1000
+
+
+def test_a_stall_is_not_made_up_for():
+    pace = Pace()
+    pace.restart(0, 0.01)
+    assert pace.due(10_000 * MS) == MOST_CATCH_UP
+    assert pace.stalls == 1
+    assert pace.due(10_005 * MS) == 0
+    assert pace.due(10_010 * MS) == 1
+
+
+@given(st.lists(st.floats(1e-6, 999.0), min_size=1, max_size=300), st.floats(0.01, 1.0))
+def test_quantiles_are_those_of_numpy_to_the_width_of_a_bin(durations, share):
+    histogram = Histogram()
+    for duration in durations:
+        histogram.add(duration)
+    exact = float(np.quantile(durations, share, method='inverted_cdf'))
+    found = histogram.quantile_s(share)
+    assert exact * (1 - 1e-12) <= found <= exact * 1.048
+    assert histogram.quantile_s(1.0) == max(durations)
+
+
+def test_latency_counts_from_the_first_time_a_state_was_sent_and_forgets():
+    latency = Latency()
+    for tick in range(5000):
+        latency.sent(tick, float(tick))
+        latency.sent(tick, tick + 0.9)  # sent again
+    latency.received(4999, 4999.25)
+    latency.received(17, 6000.0)  # long forgotten
+    latency.received(None, 6000.0)
+    assert latency.histogram.count == 1
+    assert latency.histogram.largest_s == 0.25
+
+
+def test_losses_cost_only_what_is_cut_off():
+    """At 20 % random losses a force is rarely older than two ticks, and the flight still docks."""
+    scenario, controller = load_scenario('paper_test'), load_controller('trained')
+    plant = FreeRunningPlant(scenario, [FORCE, DISTURBANCE], 10)
+    chance = random.Random(1)
+    for tick in range(scenario.ticks):
+        force = controller.force_n(plant.state[:3], plant.state[3:])
+        disturbance = scenario.disturbance.force_n(scenario.time_s(tick))
+        for name, value in ((FORCE, force), (DISTURBANCE, disturbance)):
+            if not tick or chance.random() > 0.2:
+                plant.answer(name, plant.stamp_ns, value)
+        plant.advance()
+    assert plant.stale_ticks == 0
+    assert 0.3 < plant.held_ticks / scenario.ticks < 0.42  # 1 - 0.8 * 0.8 = 0.36
+    assert plant.figures()['distance_m'] < 0.5
