@@ -20,12 +20,13 @@ setup(
     author='The RPO stack authors',
     maintainer='The RPO stack authors',
     maintainer_email='rpo-stack@example.org',
-    description='The fuzzy controller node and the trained controller files that ship.',
+    description='The controller nodes, and the controller files that ship.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
             'fuzzy_controller = rpo_ctrl.fuzzy_controller_node:main',
+            'rival_controller = rpo_ctrl.rival_controller_node:main',
         ],
     },
 )

@@ -14,9 +14,11 @@ from pathlib import Path
 from rclpy.utilities import remove_ros_args
 
 from rpo_core import scenario
-from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
+from rpo_core.rivals import Rival
 from rpo_core.validation import InputError, real
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.rival_controller_node import RivalControllerNode
 from rpo_log import report
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
@@ -61,6 +63,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
+def _controller(options: argparse.Namespace) -> FlightNode:
+    """Return the node that flies a controller file of any kind."""
+    if isinstance(load_controller(options.controller), Rival):
+        return RivalControllerNode({'controller': options.controller, 'scenario': options.scenario})
+    return FuzzyControllerNode({'controller': options.controller})
+
+
 def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
     flown = scenario.load_scenario(options.scenario)
     plant = {
@@ -71,7 +80,7 @@ def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
     }
     nodes: list[FlightNode] = [
         PlantNode(plant),
-        FuzzyControllerNode({'controller': options.controller}),
+        _controller(options),
     ]
     if not flown.disturbance.is_zero:
         nodes.append(DisturbanceInjectorNode({'scenario': options.scenario}))
@@ -88,8 +97,11 @@ def _ros_arguments(options: argparse.Namespace) -> list[str]:
         navigated = scenario.load_scenario(options.scenario).navigation is not None
     except InputError:
         navigated = False  # it is said when the nodes are made
-    rule = f'fuzzy_controller:{names.RELATIVE_STATE}:={names.NAVIGATION_STATE}'
-    return [*sys.argv, '--ros-args', '-r', rule] if navigated else sys.argv
+    if not navigated:
+        return sys.argv
+    rule = f'{names.RELATIVE_STATE}:={names.NAVIGATION_STATE}'
+    both = (f'{node}:{rule}' for node in ('fuzzy_controller', 'rival_controller'))
+    return [*sys.argv, '--ros-args', *(part for r in both for part in ('-r', r))]
 
 
 def _both_done(nodes: Sequence[FlightNode]) -> bool:
