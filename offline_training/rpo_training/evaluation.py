@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -167,6 +167,13 @@ class Simulator:
 
     def fly(self, population: Population) -> list[Floats]:
         """Return the figures (members, starts, 8) of each case."""
+        return self._fly(population, self._pool.map)
+
+    def fly_here(self, population: Population) -> list[Floats]:
+        """Return the same, flown by the thread that asks."""
+        return self._fly(population, map)
+
+    def _fly(self, population: Population, over: Callable[..., Iterable[None]]) -> list[Floats]:
         n = len(population.scales)
         outcomes = [np.empty((n, len(case.starts), batch.FIGURES)) for case in self.cases]
         odd = (population.rules[:, ::-1] == 4 - population.rules).all(axis=1)
@@ -176,7 +183,7 @@ class Simulator:
                 loops = case.half if odd[index] else case.full
                 self._fly_one(population, index, case, loops, outcome[index])
 
-        for _ in self._pool.map(one, range(n)):
+        for _ in over(one, range(n)):
             pass
         return outcomes
 

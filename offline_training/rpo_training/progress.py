@@ -1,23 +1,19 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A training run as it is watched: a live line on a terminal, a line now and then elsewhere."""
+"""A training run as it is watched."""
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from types import TracebackType
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
+from rpo_training.display import Display
 from rpo_training.fitness import CONDITIONS
 from rpo_training.training import Progress
-
-EVERY_S = 10.0
-"""Time between lines where there is no terminal."""
 
 
 def sentence(progress: Progress) -> str:
@@ -37,12 +33,11 @@ def time_left(progress: Progress) -> str:
     return f'{seconds // 60}:{seconds % 60:02d}'
 
 
-class Display:
-    """Shows progress while it is entered."""
+class TrainingDisplay(Display):
+    """A training run while it is entered."""
 
     def __init__(self, folder: Path, console: Console | None = None) -> None:
-        self.console = console or Console(stderr=True)
-        self.console.print(f'{folder}', highlight=False)
+        super().__init__(folder, console)
         self._bar = Bar(
             TextColumn('{task.description}'),
             BarColumn(),
@@ -50,21 +45,7 @@ class Display:
             TextColumn('at most {task.fields[left]} left'),
         )
         self._task = self._bar.add_task('', total=None, left='?')
-        self._live = Live(console=self.console, refresh_per_second=4)
-        self._last = -EVERY_S
-
-    def __enter__(self) -> Display:
-        if self.console.is_terminal:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._live.stop()
+        self.live: Live = Live(console=self.console, refresh_per_second=4)
 
     def show(self, progress: Progress) -> None:
         """Show where the run stands."""
@@ -77,12 +58,8 @@ class Display:
                 completed=progress.generation,
                 left=time_left(progress),
             )
-            self._live.update(Group(self._bar, sentence(progress)))
-        elif time.monotonic() - self._last >= EVERY_S:
-            self._last = time.monotonic()
-            self.console.print(
-                f'{progress.phase} {progress.generation}/{total}  {sentence(progress)}  '
-                f'at most {time_left(progress)} left',
-                highlight=False,
-                soft_wrap=True,
-            )
+            self.live.update(Group(self._bar, sentence(progress)))
+        self.say(
+            f'{progress.phase} {progress.generation}/{total}  {sentence(progress)}  '
+            f'at most {time_left(progress)} left'
+        )

@@ -20,15 +20,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
-from rpo_core.controller import FuzzyController, load_controller
+from rpo_core.controller import FuzzyController, load_fuzzy
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
 from rpo_training import config as configs
 from rpo_training.assessment import assess
 from rpo_training.config import TrainingConfig
+from rpo_training.evaluation import Simulator
 from rpo_training.fitness import CONDITIONS, Fitness, Scores
 from rpo_training.ledger import Ledger, digest, versions, write_aside
 from rpo_training.race import TableRace
+from rpo_training.remote import ClusterSimulator
 from rpo_training.search import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 
 Floats = NDArray[np.float64]
@@ -87,7 +89,7 @@ def make_search(config: TrainingConfig) -> Search:
 
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
     """Return a start with the scales of the search where those are fixed."""
-    start, space = load_controller(name), config.genes
+    start, space = load_fuzzy(name), config.genes
     scales = []
     for value, (least, most) in zip(
         start.scales, (space.position_scale_m, space.velocity_scale_m_s), strict=False
@@ -97,12 +99,19 @@ def _start(name: str, config: TrainingConfig) -> FuzzyController:
 
 
 class Training:
-    """One run in its folder; `run` flies it to its end, or on from its checkpoint."""
+    """One run in its folder; `run` flies it to its end, or on from its checkpoint.
 
-    def __init__(self, config: TrainingConfig, folder: Path, workers: int = 0) -> None:
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+    """
+
+    def __init__(
+        self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
+    ) -> None:
         self.config, self.folder = config, folder
         self.search = make_search(config)
-        self.fitness = Fitness(load_set(config.scenario), config.fitness, workers)
+        make = partial(ClusterSimulator, address=address) if address else Simulator
+        self.fitness = Fitness(load_set(config.scenario), config.fitness, workers, make)
         self.ledger = Ledger(configs.dumps(config))
         self.best = np.full(6, np.inf)
         self.best_genes: Floats = np.empty(0)
@@ -110,11 +119,13 @@ class Training:
         self._flown, self._began = 0, time.monotonic()
 
     @classmethod
-    def create(cls, config: TrainingConfig, folder: Path, workers: int = 0) -> Training:
+    def create(
+        cls, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
+    ) -> Training:
         """Return a new run; its folder must not hold another."""
         if (folder / CONFIG).exists():
             raise InputError(f'{folder}: holds a run already; resume it, or name another folder')
-        training = cls(config, folder, workers)
+        training = cls(config, folder, workers, address)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -123,7 +134,7 @@ class Training:
         return training
 
     @classmethod
-    def resume(cls, folder: Path, workers: int = 0) -> Training:
+    def resume(cls, folder: Path, workers: int = 0, address: str = '') -> Training:
         """Return the run of a folder, where its checkpoint left it.
 
         Raises
@@ -131,7 +142,7 @@ class Training:
         InputError
             If folder or checkpoint are unusable, or the search no longer asks what it asked.
         """
-        training = cls(configs.load(folder / CONFIG), folder, workers)
+        training = cls(configs.load(folder / CONFIG), folder, workers, address)
         saved = Ledger.load(folder / CHECKPOINT, training.ledger.config)
         for number, (marks, was) in enumerate(zip(saved.marks, saved.digests, strict=True)):
             genes = training.search.ask()

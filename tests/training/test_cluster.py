@@ -3,17 +3,17 @@
 """A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
-import threading
 import time
-from contextlib import contextmanager
 
 import pytest
+from clusters import cluster
 from typer.testing import CliRunner
 
+from rpo_core.validation import InputError
+from rpo_training import cluster as cluster_module
 from rpo_training.campaign import config, flying
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
@@ -30,45 +30,6 @@ dispersions:
   navigation_position_noise_m: {white: 0.01}
 success: {late_position_m: 100.0}
 """
-
-
-def start(*arguments):
-    return subprocess.Popen(
-        [sys.executable, '-m', 'distributed.cli.' + arguments[0], *arguments[1:]],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def drain(process):
-    threading.Thread(target=process.stderr.read, daemon=True).start()
-
-
-@contextmanager
-def cluster(workers, folder):
-    """Start a scheduler and workers as processes; yield its address and all of them."""
-    local = ['--host', '127.0.0.1']
-    scheduler = start('dask_scheduler', *local, '--port', '0', '--no-dashboard')
-    processes = [scheduler]
-    try:
-        address = next(
-            found.group()
-            for line in scheduler.stderr
-            if (found := re.search(r'tcp://127.0.0.1:\d+', line))
-        )
-        drain(scheduler)
-        for _ in range(workers):
-            worker = start(
-                *('dask_worker', address, *local, '--nthreads', '1', '--no-nanny'),
-                *('--no-dashboard', '--local-directory', str(folder)),
-            )
-            processes.append(worker)
-            drain(worker)
-        yield address, processes
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture
@@ -89,7 +50,7 @@ def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
             if len(came_in) == 5:
                 first.send_signal(signal.SIGKILL)
 
-        flying.fly(store, cluster=address, progress=kill_after_some)
+        flying.fly(store, address=address, progress=kill_after_some)
         assert first.wait() == -signal.SIGKILL
         assert second.poll() is None
     assert sum(came_in) == campaign.config.runs
@@ -111,14 +72,14 @@ def test_a_killed_scheduler_is_one_sentence_and_nothing_is_lost(tmp_path):
             if len(came_in) == 5:
                 scheduler.send_signal(signal.SIGKILL)
 
-        with pytest.raises(flying.InputError, match=f'cluster {address} was lost.*--resume'):
-            flying.fly(store, cluster=address, progress=kill_after_some)
+        with pytest.raises(InputError, match=f'cluster {address} was lost.*--resume'):
+            flying.fly(store, address=address, progress=kill_after_some)
     assert len(Store.open(store.folder).pending()) == 5000 - len(came_in)
 
 
 @pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nowhere', 'http://127.0.0.1:9'])
 def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monkeypatch):
-    monkeypatch.setattr(flying, 'CONNECT_S', 1)
+    monkeypatch.setattr(cluster_module, 'CONNECT_S', 1)
     path = tmp_path / 'campaign.yaml'
     path.write_text(CAMPAIGN)
     arguments = ['campaign', str(path), '-o', str(tmp_path / 'f'), '--cluster', address]
@@ -129,9 +90,9 @@ def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monke
 
 
 def test_without_dask_it_says_what_to_install(campaign, tmp_path, monkeypatch):
-    monkeypatch.setattr(flying, 'find_spec', lambda name: None)
-    with pytest.raises(flying.InputError, match='make setup LAYERS=campaign'):
-        flying.fly(Store.create(tmp_path / 'f', campaign), cluster='local')
+    monkeypatch.setattr(cluster_module, 'find_spec', lambda name: None)
+    with pytest.raises(InputError, match='make setup LAYERS=campaign'):
+        flying.fly(Store.create(tmp_path / 'f', campaign), address='local')
 
 
 @pytest.mark.slow

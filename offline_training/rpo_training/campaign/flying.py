@@ -10,68 +10,54 @@ from __future__ import annotations
 
 import hashlib
 import os
-import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import closing
 from functools import lru_cache
-from importlib.util import find_spec
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import InputError
+from rpo_training import cluster
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.fleet import COLUMNS, fly_unit
 from rpo_training.campaign.statistics import document, rates, spreads, successes
-from rpo_training.campaign.store import Store, versions
+from rpo_training.campaign.store import Store
 
 Floats = NDArray[np.float64]
 Results = Iterator[tuple[int, Floats]]
-
-AHEAD = 3
-"""Units under way per thread of a worker."""
-
-CONNECT_S = 10
-"""How long a cluster may take to answer."""
-
-RETRIES = 10
-"""Workers that may die on one unit before the campaign gives up."""
 
 
 def fly(
     store: Store,
     workers: int = 0,
-    cluster: str = '',
+    address: str = '',
     progress: Callable[[int, int], None] = lambda runs, successful: None,
 ) -> None:
     """Fly what is still to be flown, then finish the folder.
 
     workers : threads, or processes of a local cluster; 0, one per core
-    cluster : '', on threads; 'local', or the address of a scheduler, tcp://host:port
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     progress : is told the runs that came in and how many of them succeeded
     """
     with store.alone():
         pending = store.pending()
         if not store.finished:
-            _fly(store, pending, workers or len(os.sched_getaffinity(0)), cluster, progress)
+            _fly(store, pending, workers or len(os.sched_getaffinity(0)), address, progress)
 
 
 def _fly(
     store: Store,
     pending: list[int],
     workers: int,
-    cluster: str,
+    address: str,
     progress: Callable[[int, int], None],
 ) -> None:
     campaign = store.campaign
-    if cluster and find_spec('distributed') is None:
-        raise InputError('`--cluster` needs dask.distributed: `make setup LAYERS=campaign`')
     source = (
-        on_cluster(campaign, pending, cluster, workers)
-        if cluster
+        on_cluster(campaign, pending, address, workers)
+        if address
         else on_threads(campaign, pending, workers)
     )
     with closing(source):  # type: ignore[type-var]
@@ -89,7 +75,7 @@ def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:
     under_way: dict[Future[Floats], int] = {}
     try:
         while True:
-            for unit in islice(todo, AHEAD * workers - len(under_way)):
+            for unit in islice(todo, cluster.AHEAD * workers - len(under_way)):
                 under_way[pool.submit(fly_unit, campaign, unit)] = unit
             if not under_way:
                 return
@@ -105,9 +91,9 @@ def _campaign(texts: tuple[str, str, str]) -> Campaign:
     return Campaign.of_texts(texts, ('campaign', 'scenario', 'controller'))
 
 
-def fly_remote(texts: tuple[str, str, str], unit: int) -> tuple[dict[str, str], Floats]:
-    """Fly a unit on a worker; return the versions its bits depend on, and the results."""
-    return versions(), fly_unit(_campaign(texts), unit)
+def fly_remote(texts: tuple[str, str, str], unit: int) -> Floats:
+    """Fly a unit on a worker."""
+    return fly_unit(_campaign(texts), unit)
 
 
 def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: int) -> Results:
@@ -118,71 +104,8 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
     InputError
         If the cluster does not answer, is lost, or has other versions of what bits depend on.
     """
-    from distributed import KilledWorker, as_completed
-    from distributed.comm import CommClosedError
-
     mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
-    with _client(address, workers) as client:
-        threads = max(1, sum(client.nthreads().values()))
-        todo = iter(pending)
-
-        def submit(unit: int) -> Any:
-            return client.submit(
-                fly_remote, campaign.texts, unit, key=(f'rpo-campaign-{mark}', unit)
-            )
-
-        futures = as_completed(map(submit, islice(todo, AHEAD * threads)))
-        try:
-            for future in futures:
-                unit, (theirs, results) = future.key[1], future.result()
-                if theirs != versions():
-                    raise InputError(f'a worker has {theirs}; needed, for the bits, {versions()}')
-                for following in islice(todo, 1):
-                    futures.add(submit(following))
-                yield unit, results
-        except KilledWorker as error:
-            raise InputError(
-                f'{RETRIES} workers died on one unit of the campaign: {error}'
-            ) from None
-        except ImportError as error:
-            raise InputError(f'a worker of {address} cannot import the campaign: {error}') from None
-        except (CommClosedError, CancelledError, OSError):
-            raise InputError(
-                f'cluster {address} was lost; what was flown is saved, go on with --resume'
-            ) from None
-
-
-@contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Ignore SIGINT, as do the processes that are started meanwhile: it is for this one to stop."""
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-
-
-@contextmanager
-def _client(address: str, workers: int) -> Iterator[Any]:
-    """Yield a client of a scheduler, or of a cluster made for it."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    with dask.config.set({'distributed.scheduler.allowed-failures': RETRIES}):
-        if address == 'local':
-            with _deaf_to_ctrl_c():
-                cluster = LocalCluster(
-                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
-                )
-            with cluster, Client(cluster) as client:
-                yield client
-            return
-        try:
-            client = Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f'`--cluster` must be local or the address of a scheduler that answers, like '
-                f'tcp://127.0.0.1:8786; got {address} ({type(error).__name__})'
-            ) from None
-        with client:
-            yield client
+    name = f'rpo-campaign-{mark}'
+    tasks = (cluster.Task((name, unit), (campaign.texts, unit)) for unit in pending)
+    with cluster.connected(address, workers) as client:
+        yield from cluster.results(client, fly_remote, tasks)

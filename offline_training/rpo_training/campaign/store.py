@@ -19,7 +19,6 @@ import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,6 +30,7 @@ from rpo_core import files
 from rpo_core.validation import InputError
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.fleet import COLUMNS, UNIT, units
+from rpo_training.cluster import versions
 from rpo_training.ledger import write_aside
 
 Floats = NDArray[np.float64]
@@ -39,11 +39,6 @@ _TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
 _RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'
 _VERSIONS = 'versions.yaml'
 _BYTES = 8
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the libraries that the bits of results depend on."""
-    return {name: version(name) for name in ('numba', 'numpy', 'scipy')}
 
 
 class Store:

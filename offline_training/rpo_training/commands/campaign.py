@@ -99,12 +99,12 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 def _fly(store: Store, workers: int, cluster: str) -> None:
     from rpo_training.campaign.flying import fly
-    from rpo_training.campaign.progress import Display
+    from rpo_training.campaign.progress import CampaignDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     began, cpu = time.perf_counter(), time.process_time()
     try:
-        with Display(store) as display:
+        with CampaignDisplay(store) as display:
             fly(store, workers, cluster, display.advance)
     except KeyboardInterrupt:
         again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 EXAMPLES = """
 Examples: `rpo train` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
 `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd` | `rpo train --show > mine.yaml`
-then `rpo train --config mine.yaml`
+then `rpo train --config mine.yaml` | `rpo train --cluster tcp://127.0.0.1:8786`
 """
 
 
@@ -41,10 +41,13 @@ def train(
     ] = None,
     resume: Annotated[Path | None, typer.Option(help='run folder to go on with')] = None,
     workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    cluster: Annotated[
+        str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
+    ] = '',
     show: Annotated[bool, typer.Option('--show', help='print the configuration, and end')] = False,
     plots: Annotated[bool, typer.Option(help='pictures at the end')] = True,
 ) -> None:
-    """Train a controller; the same configuration and seed give the same bits on any threads.
+    """Train a controller; the same configuration and seed give the same bits anywhere.
 
     Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
     """
@@ -54,7 +57,7 @@ def train(
     if resume is not None:
         if any(option is not None for option in (config, seed, algorithm, settings, output)):
             raise InputError('`--resume` takes its configuration from the run folder: give none')
-        _fly(Training.resume(resume, workers), plots)
+        _fly(Training.resume(resume, workers, cluster), plots)
         return
     given = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in given.items() if value is not None]
@@ -63,7 +66,7 @@ def train(
         typer.echo(configs.dumps(chosen), nl=False)
         return
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
-    _fly(Training.create(chosen, folder, workers), plots)
+    _fly(Training.create(chosen, folder, workers, cluster), plots)
 
 
 def _base(preset: str, path: Path | None) -> TrainingConfig:
@@ -76,11 +79,11 @@ def _base(preset: str, path: Path | None) -> TrainingConfig:
 
 
 def _fly(training: Training, plots: bool) -> None:
-    from rpo_training.progress import Display
+    from rpo_training.progress import TrainingDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with Display(training.folder) as display:
+        with TrainingDisplay(training.folder) as display:
             best = training.run(display.show)
     except KeyboardInterrupt:
         again = shlex.join(['rpo', 'train', '--resume', str(training.folder)])

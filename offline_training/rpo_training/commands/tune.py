@@ -49,11 +49,11 @@ def tune(
 
 
 def _fly(tuning: Tuning) -> None:
-    from rpo_training.progress import Display
+    from rpo_training.progress import TrainingDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with Display(tuning.folder) as display:
+        with TrainingDisplay(tuning.folder) as display:
             best = tuning.run(display.show)
     except KeyboardInterrupt:
         again = shlex.join(['rpo', 'tune', '--resume', str(tuning.folder)])
