@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rpo_core import controller, files, scenario
 from rpo_core.closed_loop import Flight
-from rpo_core.controller import FuzzyController
+from rpo_core.controller import AnyController
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log import cdr, topics
@@ -39,6 +39,8 @@ class RunLog:
     ticks : (n,) int64
     states : (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
     forces_n : (n, 3) commanded force; disturbances_n : (n, 3), None if the topic was not recorded
+    navigation : (n, 6) like states, what the controller saw; None if that was the truth
+    applied_n, applied_disturbances_n : (n, 3) what was flown in free running; None in lockstep
     statuses : (tick, status)
     missing : per topic, number of ticks without a message, up to the last tick of the log
     odd : messages that hold more than a stamp and a state or force
@@ -54,6 +56,9 @@ class RunLog:
     states: NDArray[np.float64]
     forces_n: NDArray[np.float64]
     disturbances_n: NDArray[np.float64] | None
+    navigation: NDArray[np.float64] | None
+    applied_n: NDArray[np.float64] | None
+    applied_disturbances_n: NDArray[np.float64] | None
     statuses: tuple[tuple[int, cdr.Status], ...]
     missing: Mapping[str, int]
     odd: tuple[Odd, ...]
@@ -113,7 +118,11 @@ def read_run(path: str | Path) -> RunLog:
     ticks = np.concatenate([b.ticks for b in blocks])
     if not len(ticks):
         raise LogError(Kind.EMPTY, reader.path, 'holds no tick, only statuses')
-    has_disturbance = topics.DISTURBANCE in (topic.role for topic in reader.topics)
+    roles = [topic.role for topic in reader.topics]
+
+    def recorded(role: str, name: str) -> NDArray[np.float64] | None:
+        return np.concatenate([getattr(b, name) for b in blocks]) if role in roles else None
+
     return RunLog(
         path=reader.path,
         base=reader.base,
@@ -122,9 +131,10 @@ def read_run(path: str | Path) -> RunLog:
         ticks=ticks,
         states=np.concatenate([b.states for b in blocks]),
         forces_n=np.concatenate([b.forces_n for b in blocks]),
-        disturbances_n=np.concatenate([b.disturbances_n for b in blocks])
-        if has_disturbance
-        else None,
+        disturbances_n=recorded(topics.DISTURBANCE, 'disturbances_n'),
+        navigation=recorded(topics.NAVIGATION, 'navigation'),
+        applied_n=recorded(topics.APPLIED, 'applied_n'),
+        applied_disturbances_n=recorded(topics.APPLIED_DISTURBANCE, 'applied_disturbances_n'),
         statuses=tuple(status for b in blocks for status in b.statuses),
         missing=tally.missing,
         odd=tuple(odd for b in blocks for odd in b.odd),
@@ -150,7 +160,7 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
     return flown
 
 
-def controller_of(log: RunLog | RunReader) -> FuzzyController:
+def controller_of(log: RunLog | RunReader) -> AnyController:
     """Return the controller that a log carries; raises LogError."""
     return _parsed(log, CONTROLLER, controller.parse)
 
@@ -180,7 +190,7 @@ def flight_of(log: RunLog) -> Flight:
     """Return the flight that a log shows.
 
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
-    last. Without a recorded disturbance it is zero.
+    last. Without a recorded disturbance it is zero. Of free running, its forces are those flown.
     """
     flown = scenario_of(log)
     if not log.complete:
@@ -189,11 +199,13 @@ def flight_of(log: RunLog) -> Flight:
             log.path,
             f'must hold a whole flight, ticks 0 to {flown.ticks}, but {"; ".join(log.gaps)}',
         )
-    disturbances = log.disturbances_n
+    forces, disturbances = log.forces_n, log.disturbances_n
+    if log.applied_n is not None:
+        forces, disturbances = log.applied_n, log.applied_disturbances_n
     return Flight(
         flown,
         log.states,
-        log.forces_n,
+        forces,
         np.zeros((len(log.ticks), 3)) if disturbances is None else disturbances,
     )
 

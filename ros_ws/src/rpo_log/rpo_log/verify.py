@@ -8,7 +8,8 @@ From the scenario and the controller that the log carries:
 - control law: every force follows from the recorded state, or what navigation made of it;
 - disturbance: every disturbance follows from the scenario;
 - dynamics: every state follows from the state, the force and the disturbance before it;
-- whole run: the flight is flown again from its start, without looking at the log;
+- whole run: the flight is flown again from its start, without looking at the log; not in free
+  running, where the wall clock had its part: there, each force flown is one that was commanded;
 - the rest: attitude, torque, covariances, frames, and the figures in run_status.
 
 The first difference ends it. Logs of any length are verified in bounded memory.
@@ -28,13 +29,14 @@ from numpy.typing import NDArray
 
 from rpo_core import kernels
 from rpo_core.closed_loop import fly_on
+from rpo_core.controller import FuzzyController
 from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table, kernel
 from rpo_log import cdr, topics
 from rpo_log.decode import Block, Odd, plain, values_of
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.reader import controller_of, scenario_of
-from rpo_log.rows import DelayLine, Rows
+from rpo_log.rows import DelayLine, HeldForces, Rows, held_ticks
 from rpo_log.stream import RunReader
 from rpo_log.tally import Tally
 from rpo_log.topics import Topic
@@ -42,11 +44,12 @@ from rpo_log.topics import Topic
 FIGURE_TOLERANCE = 1e-9
 """Relative, for the figures in run_status: sums and norms, written as text, flown by nobody."""
 
-START, NAVIGATION, LAW, DISTURBANCE, DYNAMICS, WHOLE, REST = (
+START, NAVIGATION, LAW, DISTURBANCE, FLOWN, DYNAMICS, WHOLE, REST = (
     'start',
     'navigation',
     'control law',
     'disturbance',
+    'force flown',
     'dynamics',
     'whole run',
     'rest',
@@ -80,6 +83,7 @@ class Verification:
     """The outcome of `verify`.
 
     ticks : ticks in the log
+    free_running : the plant kept the wall clock: which force it flew depended on when it came
     difference : the first one; None if all that is there is as computed
     gaps : why the log does not show a whole flight; empty if it does
     """
@@ -88,6 +92,7 @@ class Verification:
     ticks: int
     difference: Difference | None
     gaps: tuple[str, ...]
+    free_running: bool = False
 
     @property
     def exit_code(self) -> ExitCode:
@@ -102,22 +107,34 @@ class Verification:
             return f'{self.path}: NOT as computed: {self.difference.sentence()}'
         if self.gaps:
             return f'{self.path}: as computed as far as it goes, but {"; ".join(self.gaps)}'
-        return f'{self.path}: verified, {self.ticks} ticks bit for bit'
+        said = f'{self.path}: verified, {self.ticks} ticks bit for bit'
+        if self.free_running:
+            said += (
+                '; a free-running flight: each state follows from the force flown, and each force '
+                'flown is one that had been commanded, or none. When forces came cannot be computed'
+            )
+        return said
 
 
 @kernel
-def _recompute(states, seen, forces, disturbances, scales, fis, limit, step, laws, following):  # type: ignore[no-untyped-def]
-    """Fill the force (n, 3) of each state and the state (n, 6) that follows each tick."""
+def _fuzzy_laws(seen, scales, fis, laws):  # type: ignore[no-untyped-def]
+    """Fill the force (n, 3) that answers each state (n, 6)."""
     position_scale, velocity_scale, force_scale = scales
-    for i in range(len(states)):
-        s = states[i]
-        m = seen[i]
-        f = forces[i]
-        d = disturbances[i]
+    for i in range(len(seen)):
+        s = seen[i]
         for axis in range(3):
             laws[i, axis] = kernels.axis_force(
-                m[axis], m[axis + 3], position_scale, velocity_scale, force_scale, fis
+                s[axis], s[axis + 3], position_scale, velocity_scale, force_scale, fis
             )
+
+
+@kernel
+def _step_each(states, forces, disturbances, limit, step, following):  # type: ignore[no-untyped-def]
+    """Fill the state (n, 6) that follows each tick."""
+    for i in range(len(states)):
+        s = states[i]
+        f = forces[i]
+        d = disturbances[i]
         new = kernels.plant_step(
             (s[0], s[1], s[2], s[3], s[4], s[5]),
             (f[0], f[1], f[2]),
@@ -144,6 +161,10 @@ class _Verifier:
             if needed and role not in self.topics:
                 said = f'has no topic {role}, but its scenario has {what}'
                 raise LogError(Kind.MISSING_TOPIC, reader.path, said)
+        self.free = topics.free_running(reader.topics)
+        ticks = held_ticks(reader) if self.free else 0
+        self.commands = HeldForces(ticks, float(self.scenario.max_force_n))
+        self.pushes = HeldForces(ticks, math.inf)
         thrusters = self.scenario.thrusters
         self.line = DelayLine(thrusters.delay_ticks if thrusters else 0)
         self.chaser = Chaser(self.scenario)
@@ -157,10 +178,11 @@ class _Verifier:
         """Return the first difference in a block, None if there is none."""
         found: list[Difference | None] = [self._odd(odd) for odd in block.odd]
         if len(block.ticks):
-            self.rows = rows = Rows(block, self.rows, self.disturbed)
-            flown = self.line.flown(rows.ticks, rows.forces)
+            self.rows = rows = Rows(block, self.rows, self.disturbed, self.free)
+            flown = self.line.flown(rows.ticks, rows.flown)
             self._account(flown)
-            found += [*self._compare(rows, flown), *self._fly(rows)]
+            found += self._compare(rows, flown)
+            found += self._held(rows) if self.free else self._fly(rows)
         found += [self._status(tick, status) for tick, status in block.statuses]
         order = {name: index for index, name in enumerate(topics.ORDER)}
         return min(
@@ -171,33 +193,18 @@ class _Verifier:
 
     def _compare(self, rows: Rows, flown: NDArray[np.float64]) -> Iterator[Difference | None]:
         """Compare each message with those that it follows from."""
-        laws, following = np.empty_like(rows.forces), np.empty_like(rows.states)
-        seen, given, limit = rows.states, flown, self.limit
+        seen = rows.states
         if self.scenario.navigation is not None:
             seen = self.scenario.navigation.solutions(rows.ticks, rows.states)
-        if self.scenario.thrusters is not None:
-            told, limit = np.clip(flown, -limit, limit), math.inf
-            given = np.array([self.scenario.thrusters.given_n(tuple(f)) for f in told.tolist()])
+        laws, following = self._laws(rows.ticks, seen), self._following(rows, flown)
         times = np.array([self.scenario.time_s(int(tick)) for tick in rows.ticks])
         disturbances = self.scenario.disturbance.over(times)
-        _recompute(
-            as_table(rows.states),
-            as_table(seen),
-            as_table(given),
-            as_table(rows.disturbances),
-            self.controller.scales,
-            self.controller.system.tables,
-            limit,
-            self.scenario.step,
-            laws,
-            following,
-        )
         start = np.array([tuple(map(float, self.scenario.start))])
         if rows.ticks[0] == 0:
             yield self._first(
                 START, topics.STATE, rows.ticks[:1], rows.states[:1], start, rows.has_state[:1]
             )
-        pushed = rows.has_state & rows.has_disturbance & np.isfinite(given).all(axis=1)
+        pushed = rows.has_state & rows.has_push & np.isfinite(flown).all(axis=1)
         follows = pushed[:-1] & rows.has_state[1:] & (np.diff(rows.ticks) == 1)
         yield self._first(
             DYNAMICS, topics.STATE, rows.ticks[1:], rows.states[1:], following[:-1], follows
@@ -216,6 +223,42 @@ class _Verifier:
             rows.has_disturbance,
         )
 
+    def _laws(self, ticks: NDArray[np.int64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the command (n, 3) that answers each state (n, 6)."""
+        controller, laws = self.controller, np.full((len(seen), 3), np.nan)
+        if isinstance(controller, FuzzyController):
+            _fuzzy_laws(as_table(seen), controller.scales, controller.system.tables, laws)
+            return laws
+        for row in np.flatnonzero(np.isfinite(seen).all(axis=1)).tolist():
+            state = seen[row].tolist()
+            laws[row] = controller.force_n(state[:3], state[3:], int(ticks[row]))
+        return laws
+
+    def _following(self, rows: Rows, flown: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the state (n, 6) after each tick, by its state and the command flown (n, 3)."""
+        given, limit, following = flown, self.limit, np.empty_like(rows.states)
+        thrusters = self.scenario.thrusters
+        if thrusters is not None:
+            told, limit = np.clip(flown, -limit, limit), math.inf
+            given = np.array([thrusters.given_n(tuple(f)) for f in told.tolist()])
+        tables = (as_table(rows.states), as_table(given), as_table(rows.pushes))
+        _step_each(*tables, limit, self.scenario.step, following)
+        return following
+
+    def _held(self, rows: Rows) -> Iterator[Difference | None]:
+        """Compare the forces flown with those commanded not long before, as far as they are known.
+
+        Zero is always one: the plant cuts off what is too old.
+        """
+        computed, known = self.commands.held(rows.ticks, rows.forces, rows.flown)
+        where = known & rows.has_flown
+        yield self._first(FLOWN, topics.APPLIED, rows.ticks, rows.flown, computed, where)
+        if self.disturbed:
+            computed, known = self.pushes.held(rows.ticks, rows.disturbances, rows.pushes)
+            where = known & rows.has_push
+            role = topics.APPLIED_DISTURBANCE
+            yield self._first(FLOWN, role, rows.ticks, rows.pushes, computed, where)
+
     def _fly(self, rows: Rows) -> Iterator[Difference | None]:
         """Fly from the start, without the log, as far as no message lacks."""
         new = rows.ticks >= self.unbroken_to
@@ -226,11 +269,12 @@ class _Verifier:
         times = [self.scenario.time_s(self.unbroken_to + k) for k in range(count + 1)]
         disturbances = self.scenario.disturbance.over(np.array(times))
         states, forces = np.empty((count + 1, 6)), np.empty((count + 1, 3))
-        if self.scenario.is_ideal:
+        controller = self.controller
+        if self.scenario.is_ideal and isinstance(controller, FuzzyController):
             kernels.closed_loop(
                 self.flown,
-                self.controller.scales,
-                self.controller.system.tables,
+                controller.scales,
+                controller.system.tables,
                 as_table(disturbances),
                 self.limit,
                 self.scenario.step,
@@ -241,7 +285,7 @@ class _Verifier:
             fly_on(
                 self.chaser,
                 self.scenario,
-                self.controller,
+                controller,
                 self.unbroken_to,
                 disturbances,
                 states,
@@ -326,6 +370,8 @@ class _Verifier:
             row = int(np.searchsorted(self.rows.ticks, tick))
             if not np.isnan(self.spent[row]).any():
                 figures['energy_n2s'], figures['saturated_ticks'] = self.spent[row].tolist()
+            if self.free:  # what was flown is saturated already
+                figures.pop('saturated_ticks', None)
             if self.rows.has_state[row]:
                 state = self.rows.states[row].tolist()
                 figures['distance_m'] = math.hypot(*state[:3])
@@ -368,5 +414,6 @@ def verify(path: str | Path) -> Verification:
         tally.add(block)
         difference = verifier.first_difference(block)
         if difference is not None:
-            return Verification(reader.path, tally.last + 1, difference, ())
-    return Verification(reader.path, tally.last + 1, None, tally.gaps(reader.damage))
+            return Verification(reader.path, tally.last + 1, difference, (), verifier.free)
+    gaps = tally.gaps(reader.damage)
+    return Verification(reader.path, tally.last + 1, None, gaps, verifier.free)
