@@ -27,6 +27,7 @@ MAY_IMPORT = {
     'rpo_sim': {'rpo_core', 'rpo_ros'},
     'rpo_ctrl': {'rpo_core', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_log', 'rpo_ros'},
+    'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_log'},  # messages' definitions, the palette
     'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log'},
 }
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}

@@ -14,6 +14,9 @@ NODE_MANIFEST = 'node_manifest'
 RECORDER_STATUS = 'recorder_status'
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
+MARKERS = 'markers'
+CHASER_POSE = 'chaser_pose'
+TF = '/tf'
 
 LVLH_FRAME = 'target_lvlh'
 """Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""

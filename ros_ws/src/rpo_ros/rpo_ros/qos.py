@@ -44,3 +44,6 @@ NEWEST = QoSProfile(
     durability=QoSDurabilityPolicy.VOLATILE,
 )
 """For viewers: they look now and then, and no sender repeats anything for them."""
+
+TF = _reliable(100, QoSDurabilityPolicy.VOLATILE)
+"""As tf2's broadcasters publish."""

@@ -1,0 +1,66 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the page and the terminal view have in common: they listen to a run's topics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+
+from rpo_ros import conversions, names, qos
+from rpo_ros.running import FlightNode
+from rpo_view.live import LiveRun
+from rpo_view.newest import Newest
+
+
+class ListeningNode(FlightNode):
+    """Fills `live` when it looks; run it by `run_viewer`."""
+
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(name, overrides)
+        self.live = LiveRun()
+        self.topic = self.resolve_topic_name(names.RELATIVE_STATE)
+        self._states = Newest(self, Odometry, names.RELATIVE_STATE)
+        self._forces = {
+            'force_n': Newest(self, WrenchStamped, names.CONTROL_FORCE),
+            'disturbance_n': Newest(self, WrenchStamped, names.DISTURBANCE_FORCE),
+        }
+        self._decisions = Newest(self, DiagnosticArray, names.DECISION)
+        for topic, react in (
+            (names.RUN_STATUS, self._on_status),
+            (names.NODE_MANIFEST, self._on_manifest),
+        ):
+            self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
+
+    def look(self) -> None:
+        """Take in the newest of every topic; what is not finite or in another frame is left out."""
+        state = self._states.take()
+        if state is not None:
+            values = conversions.from_odometry(state)
+            if not conversions.fault_of(state, values):
+                self.live.on_state(conversions.from_stamp(state.header.stamp), values)
+        for name, newest in self._forces.items():
+            force = newest.take()
+            if force is not None:
+                values = conversions.from_wrench(force)
+                if not conversions.fault_of(force, values):
+                    setattr(self.live, name, values)
+        decision = self._decisions.take()
+        for status in decision.status if decision is not None else ():
+            axis = status.name.rpartition(': ')[2]
+            self.live.on_decision(axis, status.message, values_of(status))
+
+    def _on_status(self, status: DiagnosticStatus) -> None:
+        self.live.on_status(status.message, values_of(status))
+
+    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
+        self.live.on_manifest(values_of(manifest))
+
+
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a status by their keys."""
+    return {pair.key: pair.value for pair in status.values}

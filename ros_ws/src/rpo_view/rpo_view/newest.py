@@ -1,0 +1,61 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The newest message of a topic, taken when a viewer looks.
+
+At full speed a run publishes thousands of states a second; a callback for each would take a
+processor from the flight. Here the middleware keeps the last one, and Python sees only that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from rpo_ros import qos
+from rpo_ros.parameters import Row
+from rpo_ros.running import FlightNode, run_node
+
+
+class _Unspun(CallbackGroup):
+    """Keeps its subscriptions out of the executor's hands."""
+
+    def can_execute(self, entity: object) -> bool:
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        """Nothing was begun."""
+
+
+class Newest:
+    """One topic, looked at now and then; the node must be run by `run_viewer`."""
+
+    def __init__(self, node: Node, kind: type, topic: str, *, raw: bool = False) -> None:
+        self._subscription = node.create_subscription(
+            kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=raw
+        )
+
+    @staticmethod
+    def _never(_message: object) -> None:
+        raise RuntimeError('a viewer looks by itself: run it by run_viewer')
+
+    def take(self) -> Any:
+        """Return the newest message since the last look; None if none came."""
+        newest, topic = None, self._subscription
+        with topic.handle:
+            while taken := topic.handle.take_message(topic.msg_type, topic.raw):
+                newest = taken[0]
+        return newest
+
+
+def run_viewer(
+    command: str, make: Callable[[], FlightNode], about: str | None, rows: tuple[Row, ...]
+) -> int:
+    """Run a viewer node: by the stock executor, since only that one honours callback groups."""
+    return run_node(command, make, about, rows, SingleThreadedExecutor)

@@ -1,0 +1,107 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `visualizer`: the run as RViz and Foxglove show it: /tf, a pose, markers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
+from nav_msgs.msg import Odometry
+from visualization_msgs.msg import MarkerArray
+
+from rpo_ros import conversions, names, qos
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode
+from rpo_view.newest import Newest, run_viewer
+from rpo_view.scene import Look, markers
+from rpo_view.trail import Trail
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among the ROS 2 wheels
+    TFMessage = None
+
+PARAMETERS = (
+    Row('rate_hz', 10.0, 'how often the scene is published, by wall time', 'Hz',
+        least=0.1, most=100.0, wall=True, example='30.0'),
+    Row('arrow_m_per_n', 20.0, 'length of the thrust arrow for a force', 'm/N', most=1e4,
+        wall=True),
+    Row('keep_out_radius_m', 5.0, 'sphere drawn around the target; 0: none', 'm', most=1e4,
+        wall=True),
+    Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach; 0: none', 'deg',
+        most=80.0, wall=True),
+    Row('trail_points', 1000, 'longest trail; a longer one gets coarser', least=2, most=1e5,
+        wall=True),
+)  # fmt: skip
+
+
+class VisualizerNode(FlightNode):
+    """Looks at the newest state and force now and then, so that it never slows a run down."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('visualizer', overrides)
+        values = declare(self, PARAMETERS)
+        self._look = Look(
+            values['arrow_m_per_n'], values['keep_out_radius_m'], values['corridor_half_angle_deg']
+        )
+        self._trail = Trail(values['trail_points'])
+        self._stamp_ns = 0
+        self._force_n: tuple[float, ...] | None = None
+        self._states = Newest(self, Odometry, names.RELATIVE_STATE)
+        self._forces = Newest(self, WrenchStamped, names.CONTROL_FORCE)
+        self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
+        self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
+        self._tf = None
+        if TFMessage is None:
+            self.get_logger().warning(
+                f'tf2_msgs is not installed: {names.TF} is not published, {names.CHASER_POSE} is'
+            )
+        else:
+            self._tf = self.create_publisher(TFMessage, names.TF, qos.TF)
+        self.every(1.0 / values['rate_hz'], self._show)
+        self.get_logger().info(f'showing {self.resolve_topic_name(names.RELATIVE_STATE)}')
+
+    def _show(self) -> None:
+        force, state = self._forces.take(), self._states.take()
+        if force is not None:
+            self._force_n = conversions.from_wrench(force)
+        if state is None:
+            return
+        values = conversions.from_odometry(state)
+        if conversions.fault_of(state, (*values, *(self._force_n or ()))):
+            return
+        stamp_ns = conversions.from_stamp(state.header.stamp)
+        if stamp_ns < self._stamp_ns:  # another run
+            self._trail.clear()
+        self._stamp_ns = stamp_ns
+        self._trail.add(values[:3])
+        self._publish(state, values[:3])
+
+    def _publish(self, state: Odometry, position_m: tuple[float, ...]) -> None:
+        self._pose.publish(PoseStamped(header=state.header, pose=state.pose.pose))
+        if self._tf is not None:
+            self._tf.publish(TFMessage(transforms=[transform_of(state)]))
+        trail = [*self._trail.points, position_m]
+        scene = markers(state.header.stamp, position_m, self._force_n, trail, self._look)
+        self._markers.publish(scene)
+
+
+def transform_of(state: Odometry) -> TransformStamped:
+    """Return the transform from the target's LVLH frame to the chaser."""
+    transform = TransformStamped(header=state.header, child_frame_id=state.child_frame_id)
+    position, shift = state.pose.pose.position, transform.transform.translation
+    shift.x, shift.y, shift.z = position.x, position.y, position.z
+    transform.transform.rotation = state.pose.pose.orientation
+    return transform
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_view visualizer`."""
+    return run_viewer('ros2 run rpo_view visualizer', VisualizerNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

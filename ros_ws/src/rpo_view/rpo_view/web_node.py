@@ -1,0 +1,49 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `web`: the run live on a page in a browser on this machine; no account, no internet."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rpo_ros.parameters import Row, declare
+from rpo_view.listening import ListeningNode
+from rpo_view.newest import run_viewer
+from rpo_view.web_server import LivePage
+
+PARAMETERS = (
+    Row('port', 8700, 'of the page, on 127.0.0.1 only; 0: any that is free', most=65535,
+        wall=True, example='8701'),
+    Row('rate_hz', 15.0, 'how often the page is brought up to date, by wall time', 'Hz',
+        least=0.1, most=60.0, wall=True),
+)  # fmt: skip
+
+
+class WebNode(ListeningNode):
+    """Hands what it hears to the page's server."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('web', overrides)
+        values = declare(self, PARAMETERS)
+        self.page = LivePage(values['port'])
+        self.every(1.0 / values['rate_hz'], self._show)
+        self.get_logger().info(f'{self.topic} is shown at {self.page.url}')
+
+    def _show(self) -> None:
+        self.look()
+        self.page.feed.publish(self.live.snapshot(self.topic), list(self.live.trail.points))
+
+    def close(self) -> None:
+        """Let the browsers go."""
+        self.page.close()
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_view web`."""
+    return run_viewer('ros2 run rpo_view web', WebNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

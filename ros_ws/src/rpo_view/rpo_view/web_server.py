@@ -1,0 +1,165 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live page and its stream of events, served to this machine alone; no ROS."""
+
+from __future__ import annotations
+
+import errno
+import json
+import threading
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from typing import Any
+
+from rpo_core.validation import InputError
+from rpo_log.style import COLOURS
+
+HOST = '127.0.0.1'
+_NAMES = (HOST, 'localhost')
+_HEADERS = {
+    'Cache-Control': 'no-store',
+    'X-Content-Type-Options': 'nosniff',
+    'Content-Security-Policy': (
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+        "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
+        "frame-ancestors 'none'"
+    ),
+}
+_KEEP_ALIVE_S = 5.0
+_PALETTE_GOES = '/* The palette of rpo_log.style comes here. */'
+
+
+def page() -> bytes:
+    """Return the page, complete in itself."""
+    text = resources.files('rpo_view').joinpath('page/live.html').read_text(encoding='utf-8')
+    light, dark = (
+        ' '.join(f'--{name}: {pair[i]};' for name, pair in COLOURS.items()) for i in (0, 1)
+    )
+    palette = f':root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}'
+    return text.replace(_PALETTE_GOES, palette).encode()
+
+
+class Feed:
+    """The newest snapshot, for any number of readers; a slow reader misses some."""
+
+    def __init__(self) -> None:
+        self._news = threading.Condition()
+        self._version = 0
+        self._now = b'{}'
+        self._trail: list[Any] = []
+        self.closed = False
+
+    def publish(self, snapshot: dict[str, Any], trail: list[Any]) -> None:
+        """Set what readers get next; the trail goes to those who come new."""
+        with self._news:
+            self._now = json.dumps(snapshot, allow_nan=False).encode()
+            self._trail = trail
+            self._version += 1
+            self._news.notify_all()
+
+    def close(self) -> None:
+        """Let all readers go."""
+        with self._news:
+            self.closed = True
+            self._news.notify_all()
+
+    def trail(self) -> bytes:
+        """Return the way so far, as JSON."""
+        with self._news:
+            return json.dumps(self._trail, allow_nan=False).encode()
+
+    def after(self, version: int) -> tuple[int, bytes]:
+        """Return the newest snapshot once it is newer than `version`, or b'' when none comes."""
+        with self._news:
+            self._news.wait_for(lambda: self.closed or self._version > version, _KEEP_ALIVE_S)
+            return self._version, self._now if self._version > version else b''
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """`/` the page, `/events` the stream of events; anything else is not here."""
+
+    server: LivePage
+    protocol_version = 'HTTP/1.1'
+    server_version = 'rpo_view'
+    sys_version = ''
+
+    def do_GET(self) -> None:
+        # A page elsewhere that has its name resolved to this machine says that name here.
+        host, _, port = self.headers.get('Host', '').rpartition(':')
+        if host not in _NAMES or port != str(self.server.server_port):
+            self.send_error(HTTPStatus.FORBIDDEN, 'only as 127.0.0.1 or localhost')
+        elif self.path == '/':
+            self._page()
+        elif self.path == '/events':
+            self._events()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def _head(self, kind: str) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header('Content-Type', kind)
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+
+    def _page(self) -> None:
+        self._head('text/html; charset=utf-8')
+        self.send_header('Content-Length', str(len(self.server.page)))
+        self.end_headers()
+        self.wfile.write(self.server.page)
+
+    def _events(self) -> None:
+        self._head('text/event-stream')
+        self.send_header('Connection', 'close')
+        self.end_headers()
+        self.close_connection = True
+        feed = self.server.feed
+        try:
+            self.wfile.write(b'event: trail\ndata: ' + feed.trail() + b'\n\n')
+            version = 0
+            while not feed.closed:
+                version, snapshot = feed.after(version)
+                self.wfile.write(b'data: ' + snapshot + b'\n\n' if snapshot else b': alive\n\n')
+                self.wfile.flush()
+        except OSError:
+            pass  # the reader is gone
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing: a page that reloads is no news."""
+
+
+class LivePage(ThreadingHTTPServer):
+    """Serves the page on 127.0.0.1 from a thread of its own.
+
+    Raises
+    ------
+    InputError
+        If the port cannot be had.
+    """
+
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, port: int) -> None:
+        self.feed = Feed()
+        self.page = page()
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            taken = error.errno == errno.EADDRINUSE
+            why = 'it is taken' if taken else str(error.strerror)
+            raise InputError(
+                f'`port` must be one that can be listened on; got {port}: {why}'
+            ) from None
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f'http://{HOST}:{self.server_port}/'
+
+    def close(self) -> None:
+        """Stop serving."""
+        self.feed.close()
+        self.shutdown()
+        self.server_close()

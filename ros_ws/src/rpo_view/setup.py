@@ -1,0 +1,30 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+from setuptools import find_packages, setup
+
+package_name = 'rpo_view'
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={package_name: ['page/*.html']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=False,  # the page is read as a file
+    author='The RPO stack authors',
+    maintainer='The RPO stack authors',
+    maintainer_email='rpo-stack@example.org',
+    description='Live views of a run: visualizer, web, foxglove, watch.',
+    license='Apache-2.0',
+    extras_require={'test': ['pytest'], 'view': ['foxglove-sdk', 'rich']},
+    entry_points={
+        'console_scripts': [
+            'visualizer = rpo_view.visualizer_node:main',
+            'web = rpo_view.web_node:main',
+        ],
+    },
+)
