@@ -107,3 +107,23 @@ def test_a_schedule_covers_both_its_ends_and_no_stamp_of_no_tick():
     assert Schedule().covers(None)
     with pytest.raises(InputError, match='`to_tick` must be >= from_tick'):
         Schedule(5, 3)
+
+
+def test_a_delay_by_time_holds_a_message_for_that_time():
+    channel = FaultyChannel(FaultRates(delay=1.0), 0, delay_s=0.5)
+    assert channel.take('first', now_s=10.0) == []
+    assert channel.take('second', faulty=False, now_s=10.1) == [('second', '')]
+    assert channel.due(10.49) == []
+    assert channel.due(10.5) == [('first', '')]
+    assert channel.held == 0
+
+
+@given(RATES, SEEDS)
+def test_by_time_as_by_messages_nothing_is_lost_but_the_lost(rates, seed):
+    channel = FaultyChannel(rates, seed, delay_s=3.5)
+    out = [pair for now in range(60) for pair in channel.take(now, now_s=1.0 + now)]
+    out += channel.take(60, faulty=False, now_s=61.0) + channel.due(99.0)
+    assert channel.held == 0
+    assert (
+        channel.counts['sent'] == len(out) == 61 - channel.counts['drop'] + channel.counts['repeat']
+    )

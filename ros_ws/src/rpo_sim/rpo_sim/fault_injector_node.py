@@ -11,6 +11,7 @@ from __future__ import annotations
 import copy
 import math
 import sys
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -34,7 +35,9 @@ from rpo_sim.faults import (
 )
 
 ANY, AUTO, STATE, FORCE = 'any', 'auto', 'state', 'force'
-_LAST_TICK = 1e9
+_LAST_TICK = 1_000_000_000
+_CLOCK_S = 0.002
+"""How finely delays by time are kept."""
 
 PARAMETERS = (
     Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to',
@@ -42,7 +45,7 @@ PARAMETERS = (
     Row('to_topic', names.CONTROL_FORCE, 'topic to pass messages on to'),
     Row('message', AUTO, 'what the topics carry; auto: told from their names',
         choices=(AUTO, STATE, FORCE)),
-    Row('seed', 0.0, 'of the random numbers; a whole number'),
+    Row('seed', 0, 'of the random numbers'),
     Row('drop', 0.0, 'share of the messages lost', most=1.0),
     Row('freeze', 0.0, 'share replaced by the message passed on before', most=1.0),
     Row('corrupt', 0.0, 'share spoilt', most=1.0),
@@ -50,9 +53,10 @@ PARAMETERS = (
     Row('reorder', 0.0, 'share passed on after its successor', most=1.0),
     Row('repeat', 0.0, 'share passed on twice', most=1.0),
     Row('corruption', ANY, 'how a message is spoilt', choices=(ANY, *CORRUPTIONS)),
-    Row('delay_messages', 2.0, 'how many messages later a delayed one goes out; a whole number',
-        least=1.0),
-    Row('from_tick', 0.0, 'first tick with faults', most=_LAST_TICK),
+    Row('delay_messages', 2, 'how many messages later a delayed one goes out', least=1),
+    Row('delay_s', 0.0, 'wall time that a delayed one is held instead; 0: count messages', 's',
+        most=60.0),
+    Row('from_tick', 0, 'first tick with faults', most=_LAST_TICK),
     Row('to_tick', _LAST_TICK, 'last tick with faults', most=_LAST_TICK),
     Row('scenario', 'approach', 'what flies, to tell a tick from a stamp'),
 )  # fmt: skip
@@ -95,12 +99,6 @@ def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | 
     return spoilt
 
 
-def _whole(name: str, value: float) -> int:
-    if value != int(value):
-        raise InputError(f'`{name}` must be a whole number; got {value!r}')
-    return int(value)
-
-
 class FaultInjectorNode(FlightNode):
     """Stands between two topics and does harm by chance, the same harm for the same seed."""
 
@@ -116,21 +114,31 @@ class FaultInjectorNode(FlightNode):
         corruption = values['corruption']
         self.channel: FaultyChannel[Odometry | WrenchStamped] = FaultyChannel(
             FaultRates(**{name: values[name] for name in KINDS}),
-            _whole('seed', values['seed']),
-            _whole('delay_messages', values['delay_messages']),
+            values['seed'],
+            values['delay_messages'],
             CORRUPTIONS if corruption == ANY else (corruption,),
+            values['delay_s'],
         )
         last = math.inf if values['to_tick'] == _LAST_TICK else values['to_tick']
         self._schedule = Schedule(values['from_tick'], last)
         self._scenario = scenario.load_scenario(files.find('scenario', values['scenario']))
         self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)
         self.create_subscription(kind, source, self._on_message, qos.LOCKSTEP)
+        if values['delay_s'] > 0.0:
+            self.every(_CLOCK_S, self._on_clock)
         health.publish_health(self, self._health)
         self.get_logger().info(f'faults between {source} and {sink}')
 
     def _on_message(self, message: Odometry | WrenchStamped) -> None:
         tick = self._scenario.tick_of(conversions.from_stamp(message.header.stamp))
-        for out, corruption in self.channel.take(message, self._schedule.covers(tick)):
+        faulty = self._schedule.covers(tick)
+        self._pass_on(self.channel.take(message, faulty, time.monotonic()))
+
+    def _on_clock(self) -> None:
+        self._pass_on(self.channel.due(time.monotonic()))
+
+    def _pass_on(self, messages: list[tuple[Odometry | WrenchStamped, str]]) -> None:
+        for out, corruption in messages:
             self._out.publish(corrupted(out, corruption))
 
     def _health(self) -> health.Health:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from random import Random
 from typing import Any, Generic, TypeVar
@@ -27,7 +28,7 @@ class FaultRates:
     drop : lost
     freeze : the message passed on before comes in its place
     corrupt : changed, see CORRUPTIONS
-    delay : passed on some messages later
+    delay : passed on some messages, or some time, later
     reorder : passed on after its successor
     repeat : passed on twice
     """
@@ -73,9 +74,10 @@ class Schedule:
 
 @dataclass
 class _Held(Generic[Message]):
-    """What goes out once `left` more messages have come."""
+    """What goes out once `left` more messages have come, or at a time; `left` 0: by time."""
 
     left: int
+    due_s: float
     out: list[tuple[Message, str]]
 
 
@@ -88,6 +90,7 @@ class FaultyChannel(Generic[Message]):
     rates : how often what happens
     seed : of the random numbers
     delay_messages : how many messages later a delayed one is passed on, >= 1
+    delay_s : how much later instead, if > 0; then `due` must be asked now and again
     corruptions : of CORRUPTIONS, those that may happen
     """
 
@@ -97,10 +100,12 @@ class FaultyChannel(Generic[Message]):
         seed: int,
         delay_messages: int = 2,
         corruptions: tuple[str, ...] = CORRUPTIONS,
+        delay_s: float = 0.0,
     ) -> None:
         self.rates = rates
         self.counts: Counter[str] = Counter()
-        self._delay_messages = delay_messages
+        self._delay_messages = 0 if delay_s > 0.0 else delay_messages
+        self._delay_s = delay_s
         self._corruptions = corruptions
         self._random = Random(seed)
         self._held: list[_Held[Message]] = []
@@ -111,19 +116,31 @@ class FaultyChannel(Generic[Message]):
         """How many messages are on their way."""
         return sum(len(held.out) for held in self._held)
 
-    def take(self, message: Message, faulty: bool = True) -> list[tuple[Message, str]]:
+    def take(
+        self, message: Message, faulty: bool = True, now_s: float = 0.0
+    ) -> list[tuple[Message, str]]:
         """Return what goes out now, in this order, each with its corruption ('' if none).
 
         faulty : whether faults may befall this message; those held back come out all the same
+        now_s : of a steady clock, for delays by time
         """
         self.counts['received'] += 1
         hit = self._draw(faulty)
         out, wait = self._fate(message, hit)
-        due = self._due()
-        if wait:
-            self._held.append(_Held(wait, out))
+        for held in self._held:
+            held.left -= held.left > 0
+        due = self._release(lambda held: held.left == 0 and held.due_s == 0.0)
+        if wait or (out and 'delay' in hit):
+            due_s = 0.0 if wait else now_s + self._delay_s
+            self._held.append(_Held(wait, due_s, out))
             out = []
         out = out + due
+        self.counts['sent'] += len(out)
+        return out
+
+    def due(self, now_s: float) -> list[tuple[Message, str]]:
+        """Return what goes out by time, each with its corruption ('' if none)."""
+        out = self._release(lambda held: 0.0 < held.due_s <= now_s)
         self.counts['sent'] += len(out)
         return out
 
@@ -151,11 +168,7 @@ class FaultyChannel(Generic[Message]):
         wait = self._delay_messages if 'delay' in hit else int('reorder' in hit)
         return [(message, hit.get('corrupt', ''))] * (1 + ('repeat' in hit)), wait
 
-    def _due(self) -> list[tuple[Message, str]]:
-        due: list[tuple[Message, str]] = []
-        for held in self._held:
-            held.left -= 1
-            if held.left == 0:
-                due += held.out
-        self._held = [held for held in self._held if held.left]
-        return due
+    def _release(self, ready: Callable[[_Held[Message]], bool]) -> list[tuple[Message, str]]:
+        out = [pair for held in self._held if ready(held) for pair in held.out]
+        self._held = [held for held in self._held if not ready(held)]
+        return out
