@@ -11,10 +11,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_log import schemas, topics
 from rpo_log.errors import Kind, LogError
-from rpo_log.surroundings import HEALTH_TYPE
+from rpo_log.side_file import TYPE as SIDE_TYPE
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-TYPES = sorted({*topics.TYPES.values(), HEALTH_TYPE})
+TYPES = sorted({*topics.TYPES.values(), SIDE_TYPE})
 
 
 @pytest.mark.parametrize('name', TYPES)

@@ -89,7 +89,7 @@ def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_p
     np.testing.assert_array_equal(flown.states, expected.states)
     np.testing.assert_array_equal(flown.forces_n, expected.forces_n)
     np.testing.assert_array_equal(flown.disturbances_n, expected.disturbances_n)
-    log = (tmp_path / 'run' / 'run.mcap').read_bytes()
+    log = b''.join((tmp_path / 'run' / f).read_bytes() for f in ('run.mcap', 'decisions.mcap'))
     first = first_digest(log, tmp_path_factory.getbasetemp().parent)
     assert hashlib.sha256(log).hexdigest() == first, f'{way}: not the bytes of the first way'
     info = yaml.safe_load((tmp_path / 'run' / 'run_info.yaml').read_text())

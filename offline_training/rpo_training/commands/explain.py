@@ -100,7 +100,33 @@ def _explain_run(console: Console, path: str, at: float) -> None:
         console.print('The logged force is the same, bit for bit.')
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
+    said = _compare_said(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
+    if not said or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
         raise typer.Exit(1)
+
+
+def _compare_said(console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]) -> bool:
+    """Compare with what the controller said in flight; return whether that is no other."""
+    from rpo_log.decisions import decision_at
+
+    said = decision_at(path, stamp_ns)
+    if said is None:
+        console.print('The run holds no decision of the controller: this is computed anew.')
+        return True
+    age_s = (stamp_ns - said.stamp_ns) / 1e9
+    if age_s > 0.0:
+        console.print(
+            f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
+        )
+        return True
+    expected = [(d.sentence, {name: repr(x) for name, x in d.pairs()}) for d in found]
+    told = [(axis.message, dict(axis.values)) for axis in said.axes]
+    if told == expected:
+        console.print('The controller said the same in flight, number by number.')
+        return True
+    for axis, (sentence, _) in zip(found, told, strict=False):
+        console.print(f'In flight the controller said of {axis.axis}: {sentence}', highlight=False)
+    return False
 
 
 def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from itertools import pairwise
 from typing import Any
@@ -88,12 +88,39 @@ class Decision:
         """The strongest rule in words; those that tie with it are left to the table."""
         return self.rules[0].sentence if self.rules else 'no rule fires → no force, 0.00'
 
+    def pairs(self) -> list[tuple[str, float]]:
+        """Return what is published of the decision; grades and strengths that are 0 are left out.
+
+        Keys: force_n, output, position_error, velocity_error; position.<word>, velocity.<word> the
+        grades; rule.<position word>.<velocity word>.<force word> the strengths of the rules that
+        fire; force.<word> those of the output words.
+        """
+        five = (('position', self.position_grades), ('velocity', self.velocity_grades))
+        return [
+            ('force_n', self.force_n),
+            ('output', self.output),
+            ('position_error', self.position_error),
+            ('velocity_error', self.velocity_error),
+            *_grades(five),
+            *((f'rule.{r.position}.{r.velocity}.{r.force}', r.strength) for r in self.rules),
+            *_grades([('force', self.strengths)]),
+        ]
+
     def as_dict(self) -> dict[str, Any]:
         """Return the decision as plain names, numbers, texts and lists, to be published."""
         data = asdict(self)
         for name in ('position_grades', 'velocity_grades', 'strengths'):
             data[name] = dict(zip(WORDS, data[name], strict=True))
         return {**data, 'rules': list(data['rules']), 'sentence': self.sentence}
+
+
+def _grades(named: Iterable[tuple[str, kernels.Five]]) -> list[tuple[str, float]]:
+    return [
+        (f'{name}.{word}', grade)
+        for name, grades in named
+        for word, grade in zip(WORDS, grades, strict=True)
+        if grade > 0.0
+    ]
 
 
 def decide(

@@ -14,11 +14,13 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 from rpo_core import files
 from rpo_core.controller import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError
+from rpo_ctrl.decision import DecisionPublisher, Reason
 from rpo_ros import health, names
 from rpo_ros.answering import AnsweringNode, Force
 from rpo_ros.parameters import Row, declare
@@ -29,6 +31,8 @@ PARAMETERS = (
         example='path/to/mine.yaml'),
     Row('autostart', True, 'configure and activate at the start; false: wait for `ros2 lifecycle '
         'set`', wall=True),
+    Row('decision_rate_hz', 1.0, 'decisions published per simulated second; 0: none', 'Hz',
+        most=1e4),
 )  # fmt: skip
 
 ZERO: Force = (0.0, 0.0, 0.0)
@@ -60,6 +64,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         self.active = False
         self._began = False
         self._sha256 = ''
+        self._flown = 'none'
         self._cause: Exception | None = None
         self._asked: tuple[Any, ...] = ()
         self._given: Force = ZERO
@@ -68,6 +73,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         self._starting = self.values['autostart']
         if self._starting:
             self._autostart()
+        self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])
         self.answer_on(names.CONTROL_FORCE)
         if not self.active:
             self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
@@ -79,6 +85,10 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
     @abstractmethod
     def command_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force:
         """Return the force [N] that `self.law` commands in a finite state, target LVLH."""
+
+    def reasons(self, state: tuple[float, ...], force: Force) -> Sequence[Reason]:
+        """Return for each axis why the law commands this force."""
+        return [(f'commands {f:.3g} N', [('force_n', f)]) for f in force]
 
     @property
     def _full(self) -> str:
@@ -109,6 +119,15 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         self.answered_zero += 1
         return ZERO
 
+    def after_answer(self, stamp: Time, state: tuple[float, ...], force: Force) -> None:
+        """Publish why, when it is time: the force is on its way already."""
+        self._decision.offer(stamp, self._flown, lambda: self._explain(state, force))
+
+    def _explain(self, state: tuple[float, ...], force: Force) -> tuple[bytes, Sequence[Reason]]:
+        if self.active:
+            return health.OK, self.reasons(state, force)
+        return health.WARN, [('inactive: commands zero', [('force_n', 0.0)])] * 3
+
     def _autostart(self) -> None:
         """Configure and activate; raises what kept it from that."""
         for trigger in (self.trigger_configure, self.trigger_activate):
@@ -126,6 +145,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         """Make a law the one that flies, and say so."""
         self.law = law
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
+        self._flown = f'{law.name} {self._sha256[:12]}'
         shaping = {row.name: self.values[row.name] for row in self._rows if not row.wall}
         shaping['controller'] = law.name
         if not hasattr(self, '_manifest'):
@@ -167,7 +187,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
 
     def _forget(self) -> None:
         self.active = False
-        self.law, self._sha256 = None, ''
+        self.law, self._sha256, self._flown = None, '', 'none'
 
     def _end(self) -> None:
         self._forget()

@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rpo_core import controller
+from rpo_core import controller, explain
 from rpo_ctrl.controller_node import PARAMETERS, ControllerNode
+from rpo_ctrl.decision import Reason
 from rpo_ros.answering import Force
 from rpo_ros.running import run_node
+
+_AXES = tuple(enumerate(explain.AXES))
 
 
 class FuzzyControllerNode(ControllerNode):
@@ -22,11 +25,16 @@ class FuzzyControllerNode(ControllerNode):
 
     def parse(self, document: Any) -> controller.FuzzyController:
         """Return the fuzzy controller of a parsed file; raises InputError."""
-        return controller.parse(document)
+        return controller.only_fuzzy(controller.parse(document))
 
     def command_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force:
         """Return the commanded force [N] of a relative state."""
         return self.law.force_n(state[:3], state[3:])
+
+    def reasons(self, state: tuple[float, ...], force: Force) -> Sequence[Reason]:
+        """Return for each axis the strongest rule in words, grades and strengths."""
+        found = [explain.decide(self.law, state[i], state[3 + i], axis) for i, axis in _AXES]
+        return [(decision.sentence, decision.pairs()) for decision in found]
 
 
 def main() -> int:

@@ -136,16 +136,31 @@ def encode_status(
     values: Mapping[str, str] | Iterable[tuple[str, str]],
 ) -> bytes:
     """Return the CDR of a DiagnosticStatus."""
-    pairs = list(values.items() if isinstance(values, Mapping) else values)
-    buffer = bytearray(HEADER + bytes([level]))
-    for text in (name, message, hardware_id):
+    pairs = tuple(values.items() if isinstance(values, Mapping) else values)
+    buffer = bytearray(HEADER)
+    _put_status(buffer, Status(level, name, message, hardware_id, pairs))
+    return bytes(buffer)
+
+
+def _put_status(buffer: bytearray, status: Status) -> None:
+    buffer.append(status.level)
+    for text in (status.name, status.message, status.hardware_id):
         _pad(buffer, 4)
         buffer += _string(text)
     _pad(buffer, 4)
-    buffer += _LENGTH.pack(len(pairs))
-    for text in (part for pair in pairs for part in pair):
+    buffer += _LENGTH.pack(len(status.values))
+    for text in (part for pair in status.values for part in pair):
         _pad(buffer, 4)
         buffer += _string(text)
+
+
+def encode_array(stamp_ns: int, frame_id: str, statuses: Sequence[Status]) -> bytes:
+    """Return the CDR of a DiagnosticArray."""
+    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
+    _pad(buffer, 4)
+    buffer += _LENGTH.pack(len(statuses))
+    for status in statuses:
+        _put_status(buffer, status)
     return bytes(buffer)
 
 
@@ -189,6 +204,21 @@ class _Cursor:
         except UnicodeDecodeError:
             raise CdrError(f'must hold UTF-8 text at {start}') from None
 
+    def count(self) -> int:
+        """Return the length of a sequence whose elements take at least a byte each."""
+        count = self.integer()
+        if count > len(self.data):  # a damaged count must not loop
+            raise CdrError(f'must hold {count} elements; got {len(self.data)} bytes')
+        return count
+
+    def status(self) -> Status:
+        if self.at >= len(self.data):
+            raise CdrError('must hold a level; got no more bytes')
+        level, self.at = self.data[self.at], self.at + 1
+        name, message, hardware_id = self.string(), self.string(), self.string()
+        values = tuple((self.string(), self.string()) for _ in range(self.count()))
+        return Status(level, name, message, hardware_id, values)
+
     def end(self, spare: int = 0) -> None:
         if not 0 <= len(self.data) - self.at <= spare:
             raise CdrError(f'must be {self.at} bytes; got {len(self.data)}')
@@ -230,16 +260,18 @@ def decode_odometry(data: bytes) -> Odometry:
 def decode_status(data: bytes) -> Status:
     """Return a diagnostic_msgs/msg/DiagnosticStatus; raises CdrError."""
     cursor = _Cursor(data)
-    if len(data) < 5:
-        raise CdrError('must hold a level; got no more bytes')
-    level, cursor.at = data[4], 5
-    name, message, hardware_id = cursor.string(), cursor.string(), cursor.string()
-    count = cursor.integer()
-    if count > len(data):  # each pair takes at least 10 bytes: a damaged count must not loop
-        raise CdrError(f'must hold {count} pairs; got {len(data)} bytes')
-    values = tuple((cursor.string(), cursor.string()) for _ in range(count))
+    status = cursor.status()
     cursor.end(spare=3)
-    return Status(level, name, message, hardware_id, values)
+    return status
+
+
+def decode_array(data: bytes) -> tuple[int, tuple[Status, ...]]:
+    """Return stamp [ns] and statuses of a diagnostic_msgs/msg/DiagnosticArray; raises CdrError."""
+    cursor = _Cursor(data)
+    stamp, _frame = cursor.stamp(), cursor.string()
+    statuses = tuple(cursor.status() for _ in range(cursor.count()))
+    cursor.end(spare=3)
+    return stamp, statuses
 
 
 def floats_at(type_name: str, data: bytes) -> int:
@@ -262,6 +294,11 @@ def canonical(type_name: str, data: bytes) -> bytes:
         return data
     if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
         return data[:4] + encode_status(*decode_status(data))[4:]
+    if type_name == 'diagnostic_msgs/msg/DiagnosticArray':
+        cursor = _Cursor(data)
+        cursor.stamp()
+        stamp, statuses = decode_array(data)
+        return encode_array(stamp, cursor.string(), statuses)
     strings, floats = _STAMPED[type_name]
     texts, numbers = data[12 : -8 * floats], data[-8 * floats :]
     if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:

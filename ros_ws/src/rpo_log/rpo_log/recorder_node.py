@@ -23,6 +23,7 @@ from rpo_core import files, scenario
 from rpo_core.validation import InputError
 from rpo_log import run as run_log
 from rpo_log import surroundings
+from rpo_log.decisions import DecisionLogWriter
 from rpo_log.errors import LogError
 from rpo_log.writer import RunLogWriter
 from rpo_ros import health, names, qos
@@ -83,7 +84,10 @@ class RecorderNode(FlightNode):
         self._heard_s = time.monotonic()
         self._interrupted = False
         self._health_log: surroundings.HealthLogWriter | None = None
+        self._decisions: DecisionLogWriter | None = None
+        self._decision_topic = self.resolve_topic_name(names.DECISION)
         self._begun = time.time()
+        self._rate = health.Rate()
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
         except LogError as error:
@@ -106,6 +110,10 @@ class RecorderNode(FlightNode):
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
+        on_decision = partial(self._on_raw, self._decision_topic)
+        self.create_subscription(
+            DiagnosticArray, names.DECISION, on_decision, qos.RECORDING, raw=True
+        )
         self.create_subscription(
             DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
         )
@@ -117,6 +125,8 @@ class RecorderNode(FlightNode):
         if self.log is not None:
             if name in self._recorded:
                 self.log.record(name, data)
+            elif self._decisions is not None and name == self._decision_topic:
+                self._decisions.record(data)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
@@ -170,17 +180,22 @@ class RecorderNode(FlightNode):
     def _look(self) -> None:
         if self.log is None:
             self._begin()
-        if not self._ready and self.log is not None and self._heard >= set(self._expected):
+        if not self._ready and self.log is not None and self._heard >= self._awaited:
             self._ready = True
             self._say('ready')
         if self._end is not None:
             phase, tick, moment = self._end
             grace = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
-            complete = self.log is not None and self.log.next_tick > tick
-            if complete or time.monotonic() - moment > grace:
+            if self._complete(tick) or time.monotonic() - moment > grace:
                 self._finish()
         elif self._ready:
             self._watch_plant()
+
+    def _complete(self, tick: int) -> bool:
+        """Return whether all is there up to the last tick of the flight."""
+        if self._decisions is not None and self._decisions.owes(tick):
+            return False
+        return self.log is not None and self.log.next_tick > tick
 
     def _watch_plant(self) -> None:
         now_s = time.monotonic()
@@ -219,10 +234,23 @@ class RecorderNode(FlightNode):
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
         self._health_log = surroundings.HealthLogWriter(self.folder)
+        self._awaited = set(self._expected)
+        rate_hz = self._decision_rate_hz()
+        if rate_hz > 0.0:
+            self._awaited.add(self._decision_topic)
+            self._decisions = DecisionLogWriter(self.folder, self._decision_topic, base, rate_hz)
         for name, data in self._early:
             self._on_raw(name, data)
         self._early.clear()
         self.get_logger().info(f'recording {flown.name} to {self.folder}')
+
+    def _decision_rate_hz(self) -> float:
+        """Return how often the controller says why, by its own account; 0 if it does not."""
+        manifest = self._manifests.get('controller')
+        try:
+            return float(_values(manifest)[f'{_PARAMETER}decision_rate_hz']) if manifest else 0.0
+        except (KeyError, ValueError):
+            return 0.0
 
     def _attachments(self) -> dict[str, bytes]:
         """Return what the nodes run with: their files, and a file of all their parameters."""
@@ -261,12 +289,15 @@ class RecorderNode(FlightNode):
         """Write what depends on the wall clock and the machine, apart from the run's log."""
         if self._health_log is not None:
             self._health_log.close()
+        if self._decisions is not None:
+            self._decisions.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': _utc(self._begun),
             'recorded_to': _utc(time.time()),
             'run': {'end': phase, 'last_tick': None if tick == NEVER else tick},
             'messages': dict(summary.messages),
+            'decisions': self._decisions.messages if self._decisions is not None else None,
             'resent_and_dropped': dict(summary.duplicates),
             'faults': None if summary.whole else summary.sentence(),
         }
@@ -285,11 +316,22 @@ class RecorderNode(FlightNode):
 
     def _health(self) -> health.Health:
         if self.log is None:
-            return health.OK, 'waiting for a run', {'messages': 0}
+            values = {'messages': 0, 'backlog': len(self._early), 'lost': 0}
+            return health.OK, 'waiting for a run', values
         summary = self.log.summary
-        level = health.ERROR if summary.failure else health.OK
-        values = {'messages': sum(summary.messages.values()), 'lost': summary.lost}
-        return level, summary.failure or 'recording', values
+        failures = [summary.failure, *(f.failure for f in (self._health_log, self._decisions) if f)]
+        failure = next(filter(None, failures), '')
+        messages = sum(summary.messages.values())
+        values = {
+            'messages': messages,
+            'rate_hz': self._rate.per_s(messages),
+            'backlog': self.log.waiting,
+            'lost': summary.lost,
+            'missing': sum(count for count, _ in summary.missing.values()),
+            'decisions': self._decisions.messages if self._decisions else 0,
+        }
+        level = health.ERROR if failure else health.WARN if not summary.whole else health.OK
+        return level, failure or 'recording', values
 
     def interrupt(self, reason: str) -> None:
         """Wait a moment for the plant's last words; an interruption is no fault of the log."""

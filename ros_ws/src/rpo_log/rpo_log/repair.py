@@ -24,11 +24,14 @@ from mcap.records import Attachment, Channel, Header, Metadata, Schema
 from rpo_log import rosbag2
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.mcap_file import McapFile
-from rpo_log.run import HEALTH_FILE, METADATA_FILE, cannot_write, log_files
+from rpo_log.run import DECISIONS_FILE, HEALTH_FILE, METADATA_FILE, cannot_write, log_files
 from rpo_log.scan import Record, Scan, chunk_records, inner_records, parse
 
 DAMAGED = '.damaged'
 """What is added to the name of a damaged file that a repaired one replaces."""
+
+_BESIDE = (HEALTH_FILE, DECISIONS_FILE)
+"""Files of a run folder that are no part of its bag."""
 
 _HEAD = struct.Struct('<HIQQ')
 
@@ -300,8 +303,8 @@ def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> R
     files = log_files(folder)
     if not files:
         raise LogError(Kind.NOT_FOUND, folder, 'holds no run.mcap')
-    health = folder / HEALTH_FILE
-    examined = {file: examine(file) for file in [*files, *([health] if health.exists() else [])]}
+    beside = [folder / name for name in _BESIDE if (folder / name).exists()]
+    examined = {file: examine(file) for file in [*files, *beside]}
     sound = not any(found.damage or found.lost_chunks for found in examined.values())
     if sound and (folder / METADATA_FILE).exists():
         return Repair(folder, tuple(examined.values()))
@@ -316,7 +319,7 @@ def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> R
             done += repair(file, in_place=True).files
         else:
             done.append(rebuild(file, target / file.name))
-    _write_metadata(target, [found for found in done if found.path.name != HEALTH_FILE])
+    _write_metadata(target, [found for found in done if found.path.name not in _BESIDE])
     return Repair(target, tuple(done))
 
 

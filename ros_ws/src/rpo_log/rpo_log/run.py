@@ -20,6 +20,7 @@ PARAMETERS = 'parameters.yaml'
 
 METADATA_FILE = 'metadata.yaml'
 HEALTH_FILE = 'health.mcap'
+DECISIONS_FILE = 'decisions.mcap'
 INFO_FILE = 'run_info.yaml'
 
 MAX_CHUNK_TICKS = 512
@@ -133,7 +134,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
         taken = log_files(folder)
         taken += [
             folder / name
-            for name in (METADATA_FILE, HEALTH_FILE, INFO_FILE)
+            for name in (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE)
             if (folder / name).exists()
         ]
         if taken and not overwrite:

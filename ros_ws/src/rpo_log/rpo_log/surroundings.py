@@ -13,82 +13,31 @@ from typing import Any
 
 import yaml
 
-from rpo_log import rosbag2, schemas
-from rpo_log.errors import LogError
-from rpo_log.mcap_file import McapFile
 from rpo_log.run import HEALTH_FILE, INFO_FILE, cannot_write
+from rpo_log.side_file import SideFile
 from rpo_log.topics import Qos
 
-HEALTH_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 CHUNK_S = 2.0
 """Wall time after which a chunk is closed: so much a crash may take."""
 
 _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
 
 
-class HealthLogWriter:
+class HealthLogWriter(SideFile):
     """Writes `/diagnostics` to health.mcap, stamped with the wall clock; never raises once open.
 
     folder : that of the run, prepared (`rpo_log.run.prepare_folder`)
-    failure : why the log ended early; None if it did not
     """
 
     def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
-        self.failure: str | None = None
-        self.messages = 0
-        definition = schemas.definition(HEALTH_TYPE)
-        path = Path(folder) / HEALTH_FILE
-        self._file = McapFile(path)
-        self._name = name
-        self._stamps = (0, 0)
-        try:
-            self._add_rosbag2_record()
-            schema = self._file.add_schema(HEALTH_TYPE, definition.text.encode())
-            self._channel = self._file.add_channel(
-                name,
-                schema,
-                {
-                    'offered_qos_profiles': rosbag2.qos_text([Qos()]),
-                    'topic_type_hash': definition.type_hash,
-                },
-            )
-            self._file.close_chunk()
-        except OSError as error:
-            raise cannot_write(path, error) from None
+        super().__init__(Path(folder) / HEALTH_FILE, name, Qos())
         self._closed_s = time.monotonic()
 
-    def write(self, stamp_ns: int, data: bytes) -> None:
-        """Log the CDR of one DiagnosticArray, received at `stamp_ns` (UTC since 1970)."""
-        if self.failure is not None:
-            return
-        try:
-            self._file.add_message(self._channel, stamp_ns, self.messages, data)
-            self._stamps = (self._stamps[0] if self.messages else stamp_ns, stamp_ns)
-            self.messages += 1
-            now_s = time.monotonic()
-            if now_s - self._closed_s >= CHUNK_S:
-                self._closed_s = now_s
-                self._file.close_chunk()
-        except OSError as error:
-            self.failure = error.strerror or str(error)
-
-    def close(self) -> None:
-        """End the file; never raises."""
-        try:
-            if self.failure is None:
-                self._add_rosbag2_record()
-                self._file.finish()
-        except (OSError, LogError) as error:
-            self.failure = getattr(error, 'strerror', None) or str(error)
-        self._file.close()
-
-    def _add_rosbag2_record(self) -> None:
-        type_hash = schemas.definition(HEALTH_TYPE).type_hash
-        qos = [Qos().to_document()]
-        topic = rosbag2.BagTopic(self._name, HEALTH_TYPE, type_hash, qos, self.messages)
-        file = rosbag2.BagFile(HEALTH_FILE, *self._stamps, self.messages)
-        document = rosbag2.metadata([topic], [file])
-        self._file.add_metadata(rosbag2.RECORD, rosbag2.record_values(document))
+    def chunk_is_full(self) -> bool:
+        """Give a crash no more than CHUNK_S of wall time."""
+        full = time.monotonic() - self._closed_s >= CHUNK_S
+        self._closed_s = time.monotonic() if full else self._closed_s
+        return full
 
 
 def machine_facts() -> dict[str, Any]:

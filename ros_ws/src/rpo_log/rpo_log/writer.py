@@ -127,6 +127,11 @@ class RunLogWriter:
         return self.summary
 
     @property
+    def waiting(self) -> int:
+        """Messages that wait for others of their tick."""
+        return self._orderer.waiting
+
+    @property
     def next_tick(self) -> int:
         """The first tick that is not complete yet, or not yet given up."""
         return self._orderer.next_tick

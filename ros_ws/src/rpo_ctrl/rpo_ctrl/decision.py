@@ -1,0 +1,54 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Topic `decision`: why the controller commands what it commands, some times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+
+from rpo_core.cadence import Cadence
+from rpo_ros import conversions, names, qos
+
+Reason = tuple[str, Sequence[tuple[str, float]]]
+"""Of one axis: a sentence, and names and numbers."""
+
+
+class DecisionPublisher:
+    """Publishes decisions when they are due, each with the stamp of its state.
+
+    rate_hz : per second of simulated time, by the stamps alone; 0: never
+    """
+
+    def __init__(self, node: Node, rate_hz: float) -> None:
+        self._cadence = Cadence(rate_hz)
+        self._before_ns: int | None = None
+        self._explained_ns: int | None = None
+        self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
+
+    def offer(
+        self, stamp: Time, flown: str, explain: Callable[[], tuple[bytes, Sequence[Reason]]]
+    ) -> None:
+        """Publish the decision on a state if it is due; a state that comes again gets it again.
+
+        flown : controller and hash of its file
+        explain : returns level and the reasons of x, y, z
+        """
+        stamp_ns = conversions.from_stamp(stamp)
+        if self._cadence.due(stamp_ns, self._before_ns):
+            self._explained_ns = stamp_ns
+        self._before_ns = stamp_ns
+        if stamp_ns != self._explained_ns:
+            return
+        level, reasons = explain()
+        array = DiagnosticArray()
+        array.header.stamp = stamp
+        array.header.frame_id = names.LVLH_FRAME
+        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
+            status = conversions.to_status(level, f'decision: {axis}', sentence, pairs)
+            status.hardware_id = flown
+            array.status.append(status)
+        self._out.publish(array)

@@ -1,0 +1,107 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""decisions.mcap: what is due, whatever arrives; the same bytes; bytes that are not ours."""
+
+import random
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from hypothesis import given
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+
+from rpo_core.cadence import Cadence
+from rpo_log import cdr
+from rpo_log.decisions import DecisionLogWriter, decision_at, read_decisions
+from rpo_log.errors import LogError
+from rpo_log.run import DECISIONS_FILE, TimeBase
+from rpo_log.side_file import TYPE
+
+BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)
+RATE_HZ = 2.0
+
+
+def said(tick: int, text: str = 'because') -> bytes:
+    statuses = [
+        cdr.Status(0, f'decision: {axis}', text, 'handmade', (('force_n', str(tick)),))
+        for axis in 'xyz'
+    ]
+    return cdr.encode_array(BASE.stamp_ns(tick), 'target_lvlh', statuses)
+
+
+def written(folder, messages) -> bytes:
+    folder.mkdir()
+    writer = DecisionLogWriter(folder, '/decision', BASE, RATE_HZ)
+    for message in messages:
+        writer.record(message)
+    writer.close()
+    assert writer.failure is None
+    return (folder / DECISIONS_FILE).read_bytes()
+
+
+def test_only_what_is_due_is_kept_once_and_in_order(tmp_path):
+    due = [said(tick) for tick in range(0, 41, 5)]
+    clean = written(tmp_path / 'clean', due)
+    noise = [said(tick) for tick in (3, 7, 12)] + [b'', b'\x00\x01\x00\x00', said(0)[:30]]
+    mixed = [m for message in due for m in (message, *random.Random(1).sample(noise, 2), message)]
+    assert written(tmp_path / 'mixed', mixed) == clean
+    found = list(read_decisions(tmp_path / 'clean' / DECISIONS_FILE))
+    assert [BASE.tick_of(decision.stamp_ns) for decision in found] == list(range(0, 41, 5))
+    assert [d.numbers[2]['force_n'] for d in found] == [str(tick) for tick in range(0, 41, 5)]
+
+
+def test_the_decision_at_an_instant_is_the_last_one_before(tmp_path):
+    written(tmp_path / 'run', [said(tick) for tick in (0, 5, 10)])
+    assert decision_at(tmp_path / 'run', BASE.stamp_ns(9)).stamp_ns == BASE.stamp_ns(5)
+    assert decision_at(tmp_path / 'run' / 'run.mcap', BASE.stamp_ns(40)).stamp_ns == (
+        BASE.stamp_ns(10)
+    )
+    assert decision_at(tmp_path, BASE.stamp_ns(9)) is None
+
+
+def test_a_log_owes_decisions_up_to_the_last_tick(tmp_path):
+    writer = DecisionLogWriter(tmp_path, '/decision', BASE, RATE_HZ)
+    assert writer.owes(0)
+    writer.record(said(0))
+    assert not writer.owes(4) and writer.owes(5)
+    writer.close()
+
+
+def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path):
+    written(tmp_path / 'run', [said(0)])
+    path = tmp_path / 'run' / DECISIONS_FILE
+    path.write_bytes(b'garbage' * 100)
+    with pytest.raises(LogError, match='is not an MCAP file'):
+        decision_at(tmp_path / 'run', BASE.stamp_ns(0))
+
+
+@given(st.lists(st.integers(1, 10**9), min_size=1, max_size=50), st.floats(0.01, 1e3))
+def test_each_period_has_exactly_one_first_stamp(steps, rate_hz):
+    cadence = Cadence(rate_hz)
+    stamps = [BASE.epoch_ns + sum(steps[:k]) for k in range(len(steps) + 1)]
+    due = [b for a, b in zip([None, *stamps], stamps, strict=False) if cadence.due(b, a)]
+    assert len(due) == len({cadence.period(stamp) for stamp in stamps})
+
+
+TEXT = st.text(st.characters(codec='utf-8', exclude_characters='\x00'), max_size=9)
+STATUS = st.builds(
+    cdr.Status, st.integers(0, 3), TEXT, TEXT, TEXT,
+    st.lists(st.tuples(TEXT, TEXT), max_size=3).map(tuple),
+)  # fmt: skip
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), TEXT, st.lists(STATUS, max_size=4).map(tuple))
+def test_an_array_round_trips_and_is_what_the_middleware_reads_and_writes(stamp_ns, frame, axes):
+    data = cdr.encode_array(stamp_ns, frame, axes)
+    assert cdr.decode_array(data) == (stamp_ns, axes)
+    wire = serialize_message(deserialize_message(data, DiagnosticArray))
+    assert cdr.canonical(TYPE, bytes(wire)) == data
+
+
+@given(st.binary(max_size=200))
+def test_bytes_that_are_no_array_are_a_cdr_error(data):
+    for candidate in (data, cdr.HEADER + data, said(0)[:40] + data):
+        try:
+            cdr.decode_array(candidate)
+        except cdr.CdrError:
+            continue

@@ -1,0 +1,87 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Topic `decision`: what the controller says is what it does, when it is due, and recorded."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from inside import inside
+from nav_msgs.msg import Odometry
+from processes import flight
+
+from rpo_core.explain import decisions
+from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_log.decisions import read_decisions
+from rpo_log.reader import controller_of, read_run
+from rpo_ros import conversions, qos
+
+EPOCH_NS = 1_767_225_600_000_000_000
+STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
+
+
+def heard(bench, rate_hz, ticks, deactivate_at=None):
+    """Return the decisions on so many states, 0.1 s apart."""
+    node = bench.start(FuzzyControllerNode({'decision_rate_hz': rate_hz}))
+    said = []
+    states = bench.user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
+    bench.user.create_subscription(DiagnosticArray, 'decision', said.append, qos.LOCKSTEP)
+    bench.until(lambda: states.get_subscription_count())
+    bench.until(lambda: bench.user.count_publishers('decision'))
+    for tick in range(ticks):
+        if tick == deactivate_at:
+            node.trigger_deactivate()
+        for _ in range(2):  # the plant asks again now and then
+            states.publish(conversions.to_odometry(EPOCH_NS + tick * 100_000_000, STATE))
+            count = node.answered + 1
+            bench.until(lambda: node.answered >= count)  # noqa: B023
+    bench.until(lambda: len(said) >= (2 if rate_hz else 0))
+    return said
+
+
+def test_it_says_what_it_does_once_a_period(ros_env):
+    with inside() as bench:
+        said = heard(bench, 5.0, ticks=11)
+    ticks = [(conversions.from_stamp(m.header.stamp) - EPOCH_NS) // 100_000_000 for m in said]
+    assert sorted(set(ticks)) == [0, 2, 4, 6, 8, 10]
+    node_said = {(s.name, s.message, tuple((v.key, v.value) for v in s.values))
+                 for m in said for s in m.status}  # fmt: skip
+    from rpo_core.controller import load_controller
+
+    expected = {
+        (f'decision: {d.axis}', d.sentence, tuple((k, repr(x)) for k, x in d.pairs()))
+        for d in decisions(load_controller('trained'), STATE)
+    }
+    assert node_said == expected
+
+
+def test_inactive_it_says_that_it_commands_zero(ros_env):
+    with inside() as bench:
+        said = heard(bench, 10.0, ticks=4, deactivate_at=2)
+    levels = [m.status[0].level for m in said]
+    assert levels[0] == b'\x00' and levels[-1] == b'\x01'
+    assert said[-1].status[0].message == 'inactive: commands zero'
+
+
+def test_off_it_says_nothing(ros_env):
+    with inside() as bench:
+        assert heard(bench, 0.0, ticks=3) == []
+
+
+def test_the_log_has_what_was_said_and_it_is_true(ros_env, tmp_path):
+    output = tmp_path / 'run'
+    with flight(ros_env, tmp_path) as ros:
+        node = ros.node(
+            'rpo_bringup', 'final_approach', '--scenario', 'quick', '--output', str(output),
+            '--no-report', '--ros-args', '-p', 'decision_rate_hz:=2.0',
+        )  # fmt: skip
+        assert node.wait() == 0, node.output
+    log = read_run(output)
+    found = list(read_decisions(output / 'decisions.mcap'))
+    ticks = [log.base.tick_of(decision.stamp_ns) for decision in found]
+    assert ticks == list(range(0, log.base.last_tick + 1, 5))
+    controller = controller_of(log)
+    for tick, decision in zip(ticks, found, strict=True):
+        for axis, expected in zip(
+            decision.axes, decisions(controller, log.states[tick].tolist()), strict=True
+        ):
+            assert axis.message == expected.sentence
+            assert list(axis.values) == [(k, repr(x)) for k, x in expected.pairs()]
+            assert float(dict(axis.values)['force_n']) == expected.force_n
