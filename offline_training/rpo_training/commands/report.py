@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo report runs/demo` | `rpo report runs/demo/run.mcap --open` |
-`rpo report runs/paper_test_1 --output shared/campaign` | `rpo report trained`
+`rpo report runs/paper_test_1 --output shared/campaign` | `rpo report trained`.
+Exit code 3: a log that ends early, reported as far as it goes
 """
 
 
@@ -36,42 +38,57 @@ def report(
     """Draw a run, a campaign or a controller: PNGs, and one HTML page that needs nothing else."""
     from rich.console import Console
 
+    from rpo_training.report import recognise
     from rpo_training.report.page import write
 
-    with Console(stderr=True).status(f'reporting {target}'):
-        made, folder = _made(target)
+    kind = recognise.kind_of(target)
+    with Console(stderr=True).status(f'{target}: reporting this {kind.value}'):
+        made, folder, code = _OF[kind.value](target)
         paths = write(made, output or folder)
     for path in paths:
         typer.echo(path)
     if open_:
         typer.launch(paths[-1].resolve().as_uri())
+    raise typer.Exit(int(code))
 
 
-def _made(target: str) -> tuple[Report, Path]:
-    """Return the report of what is given, and where it goes if nothing else is said."""
-    from rpo_core.validation import InputError
-    from rpo_training.report import recognise
-
-    kind = recognise.kind_of(target)
-    path = Path(target)
-    if kind is recognise.Kind.RUN:
-        return _of_run(path)
-    if kind is recognise.Kind.CAMPAIGN:
-        from rpo_training.report import campaign
-
-        return campaign.report_of(path), path / 'report'
-    from rpo_training.report import controller
-
-    try:
-        return controller.report_of(target), Path('runs') / f'report_{path.stem}'
-    except InputError as error:
-        raise InputError(f'{target}: no run, no campaign, and no controller: {error}') from None
+Made = tuple['Report', Path, int]
+"""A report, where it goes if nothing else is said, and the exit code."""
 
 
-def _of_run(path: Path) -> tuple[Report, Path]:
+def _of_run(target: str) -> Made:
+    from rpo_log.errors import ExitCode
     from rpo_log.report import folder_of, print_table
     from rpo_training.report import run
 
-    made, flight = run.report_of(path)
-    print_table(flight, made.title)
-    return made, folder_of(path)
+    made, shown = run.report_of(Path(target))
+    folder = folder_of(Path(target))
+    if shown.whole:
+        print_table(shown.flight, made.title)
+        return made, folder, ExitCode.OK
+    typer.echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
+    return made, folder, ExitCode.INCOMPLETE
+
+
+def _of_campaign(target: str) -> Made:
+    from rpo_training.report import campaign
+
+    return campaign.report_of(Path(target)), Path(target) / 'report', 0
+
+
+def _of_controller(target: str) -> Made:
+    from rpo_core.validation import InputError
+    from rpo_training.report import controller
+
+    try:
+        made = controller.report_of(target)
+    except InputError as error:
+        raise InputError(f'{target}: no run, no campaign, and no controller: {error}') from None
+    return made, Path('runs') / f'report_{Path(target).stem}', 0
+
+
+_OF: dict[str, Callable[[str], Made]] = {
+    'run': _of_run,
+    'campaign': _of_campaign,
+    'controller': _of_controller,
+}

@@ -62,7 +62,8 @@ def report_of(folder: Path) -> Report:
         )
     kept = found_rates[0]
     return Report(
-        f'Campaign {config.name}: {config.controller}, {config.scenario}',
+        f'Campaign {config.name}: {store.campaign.scenario.name}, controller '
+        f'{store.campaign.controller.name}',
         f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}.',
         sections,
     )

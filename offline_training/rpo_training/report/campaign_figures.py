@@ -93,7 +93,7 @@ def distributions(columns: Mapping[str, tuple[str, Floats]], success: Bools) -> 
             label=['success', 'failure'],
         )
         axes.axvline(np.median(values), **_LIMIT, label='median')
-        axes.set(xlabel=label, ylabel='runs', xlim=span)
+        axes.set(xlabel=label, ylabel='runs [1]', xlim=span)
         axes.grid(axis='x', visible=False)
     style.legend_below(figure, panels[0][0])
     return figure

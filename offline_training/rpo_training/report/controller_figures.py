@@ -112,7 +112,7 @@ def starts(found: Assessment) -> Any:
         1.0, color=style.LIGHT['ink'], linestyle=(0, (4, 3)), linewidth=1.0, label='limit'
     )
     conditions.set(
-        xlabel='share of its limit [1]', ylabel='starts that stay below', xlim=(0.0, None)
+        xlabel='share of its limit [1]', ylabel='starts that stay below [1]', xlim=(0.0, None)
     )
     style.legend_below(figure, energy, conditions, columns=3)
     return figure

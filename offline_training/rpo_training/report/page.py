@@ -43,6 +43,7 @@ def write(report: Report, folder: Path) -> list[Path]:
             for picture in report.pictures:
                 paths.append(folder / f'{picture.name}.png')
                 picture.figure.savefig(paths[-1])
+                picture.figure.set_layout_engine('none')  # the SVG keeps the layout
         paths.append(folder / PAGE)
         paths[-1].write_text(html(report), encoding='utf-8')
     except OSError as error:
@@ -120,7 +121,7 @@ def _(block: File) -> str:
 @_block.register
 def _(block: Picture) -> str:
     return (
-        f'<figure id="{escape(block.name)}"><div class="drawing">{svg(block)}</div>'
+        f'<figure><div class="drawing">{svg(block)}</div>'
         f'<figcaption>{escape(block.caption)}</figcaption></figure>\n'
     )
 
@@ -159,7 +160,12 @@ def svg(picture: Picture) -> str:
     text = text[text.index('<svg') :]
     text = re.sub(r'<metadata>.*?</metadata>', '', text, flags=re.DOTALL)
     text = re.sub('#[0-9a-f]{6}', _named, text)
-    text = re.sub(r'( id="|xlink:href="#|url\(#)', rf'\g<1>{picture.name}-', text)
+    numbers: dict[str, int] = {}
+    text = re.sub(
+        r'( id="|xlink:href="#|url\(#)([^")]+)',
+        lambda m: f'{m[1]}{picture.name}-{numbers.setdefault(m[2], len(numbers))}',
+        text,
+    )
     text = re.sub(r'\s*\n\s*', '\n', text)
     text = re.sub(r' d="[^"]*"', lambda d: re.sub(r'(\.\d\d)\d+', r'\1', d.group()), text)
     box = re.search(r'viewBox="[^"]+"', text)

@@ -18,7 +18,7 @@ from rpo_core.validation import InputError
 from rpo_log import report as log_report
 from rpo_log import style
 from rpo_log.errors import LogError
-from rpo_log.reader import RunLog, controller_of, flight_of, read_run
+from rpo_log.reader import RunLog, controller_of, read_run
 from rpo_log.run import INFO_FILE
 from rpo_training import optimal
 from rpo_training.report import run_figures
@@ -31,6 +31,7 @@ from rpo_training.report.approach import (
     passage,
 )
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
+from rpo_training.report.flown import Flown, flown
 
 MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""
@@ -49,11 +50,11 @@ class _Optima:
     missing: tuple[str, ...]
 
 
-def report_of(path: Path) -> tuple[Report, Flight]:
-    """Return the report and the flight of a run folder or .mcap file; LogError if not whole."""
+def report_of(path: Path) -> tuple[Report, Flown]:
+    """Return the report of a run folder or .mcap file, and what it is about; raises LogError."""
     log = read_run(path)
-    flight = flight_of(log)
-    optima = _optima(flight)
+    shown = flown(log)
+    flight, optima = shown.flight, _optima(shown)
     controller: AnyController | None
     try:
         controller, why = controller_of(log), ''
@@ -61,7 +62,7 @@ def report_of(path: Path) -> tuple[Report, Flight]:
         controller, why = None, str(error)
     with style.applied():
         sections = [
-            Section('Figures', tuple(_tables(flight))),
+            Section('Figures', tuple(_tables(shown))),
             Section('Time histories', (_histories(flight),)),
             Section('Approach', tuple(_approach(flight, optima))),
             Section('Energy', tuple(_energy(flight, optima))),
@@ -71,11 +72,12 @@ def report_of(path: Path) -> tuple[Report, Flight]:
             Section('Files', tuple(_files(log))),
         ]
     title = log_report.title_of(log)
-    return Report(title, _summary(flight, log), tuple(sections)), flight
+    return Report(title, _summary(shown, log), tuple(sections)), shown
 
 
-def _optima(flight: Flight) -> _Optima:
-    scenario, arrived = flight.scenario, arrival_s(flight)
+def _optima(shown: Flown) -> _Optima:
+    scenario = shown.planned
+    arrived = arrival_s(shown.flight) if shown.whole else None
     if scenario.ticks > MOST_TICKS:
         return _Optima({}, (f'Optima are computed for at most {MOST_TICKS} ticks.',))
     durations = [scenario.duration_s]
@@ -96,21 +98,26 @@ def _optima(flight: Flight) -> _Optima:
     return _Optima(flights, tuple(missing))
 
 
-def _summary(flight: Flight, log: RunLog) -> str:
+def _summary(shown: Flown, log: RunLog) -> str:
+    flight = shown.flight
     figures, arrived = metrics.assess(flight), arrival_s(flight)
-    when = 'does not arrive' if arrived is None else f'arrives after {arrived:.1f} s'
+    when = f'every axis within {ARRIVED_M:g} m ' + (
+        'never for good' if arrived is None else f'from {arrived:.1f} s on'
+    )
+    if not shown.whole:
+        when = f'not flown, or not logged, to its end at {shown.planned.duration_s:g} s'
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
     return (
-        f'{flight.scenario.duration_s:g} s from [{start}] m; {when} (every axis within '
-        f'{ARRIVED_M:g} m); J = {figures.energy_n2s:.4g} N²s. Log: {log.path.name}.'
+        f'{flight.scenario.duration_s:g} s from [{start}] m; {when}; '
+        f'J = {figures.energy_n2s:.4g} N²s. Log: {log.path.name}.'
     )
 
 
-def _tables(flight: Flight) -> list[Block]:
-    scenario = flight.scenario
+def _tables(shown: Flown) -> list[Block]:
+    flight, scenario = shown.flight, shown.planned
     found: list[tuple[str, ...]] = []
     for section, rows in log_report.rows(flight).items():
-        found += [(section,), *rows]
+        found += [(section,), *(row if shown.whole else (*row[:3], '') for row in rows)]
     facts = [
         ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
         ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),
@@ -123,7 +130,9 @@ def _tables(flight: Flight) -> list[Block]:
         ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
         ('navigation', 'as in the scenario' if scenario.navigation else 'perfect'),
     ]
+    cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
     return [
+        *([] if shown.whole else [Text(cut)]),
         Table(
             'What was flown, beside the limits',
             ('figure', 'flown', 'limit', 'verdict'),
@@ -164,9 +173,9 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
 
 
 def _energy(flight: Flight, optima: _Optima) -> list[Block]:
-    flown = metrics.assess(flight)
-    rows = [_energy_row('flown', flight, flown.energy_n2s)]
-    rows += [_energy_row(n, f, flown.energy_n2s) for n, f in optima.flights.items()]
+    spent_n2s = metrics.assess(flight).energy_n2s
+    rows = [_energy_row('flown', flight, spent_n2s)]
+    rows += [_energy_row(n, f, spent_n2s) for n, f in optima.flights.items()]
     columns = (
         'flight',
         'J [N²s]',
@@ -184,7 +193,7 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
             'under the limit of force and all conditions of training, with the disturbance known, '
             'thrusters and navigation perfect; once in the whole time, once with 30 s after the '
             'time at which this flight arrived.',
-            f'Energy over time; the flight ends at {flown.energy_n2s:.4g} N²s.',
+            f'Energy over time; the flight ends at {spent_n2s:.4g} N²s.',
         ),
         Table('Beside the best possible', columns, tuple(rows)),
         *map(Text, optima.missing),

@@ -156,7 +156,7 @@ def time_histories(flight: Flight) -> Any:
             limit_lines(close, limit, _CLAIMED)
     if disturbed:
         limit_lines(panels[2][0], level, _CLAIMED)
-    panels[0][0].set_title('whole flight')
+    panels[0][0].set_title('from the start')
     panels[0][1].set_title(f'last {min(CLOSE_UP_S, flight.scenario.duration_s):g} s')
     for axes in panels[2]:
         axes.set_xlabel('time [s]')

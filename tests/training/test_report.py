@@ -1,0 +1,304 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo report`: what the page holds, that it needs nothing else, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+from campaign_documents import write_campaign
+from hypothesis import given
+from hypothesis import strategies as st
+from log_runs import FORCE, Run, make_run
+from pages import Page
+from typer.testing import CliRunner
+
+from rpo_core.closed_loop import Flight
+from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
+from rpo_log import style
+from rpo_log.errors import LogError
+from rpo_log.reader import read_run
+from rpo_training import optimal
+from rpo_training.campaign import config, flying
+from rpo_training.campaign.store import Store
+from rpo_training.cli import app
+from rpo_training.report import approach, campaign, flown, page, recognise, run, sensitivity
+from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
+
+UNITLESS = {'word of the position error', 'word of the velocity error', ''}
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(app, ['report', *map(str, arguments)], env={'COLUMNS': '200'})
+
+
+@pytest.fixture(scope='module')
+def short_run() -> Run:
+    return make_run(20.0)
+
+
+@pytest.fixture(scope='module')
+def folder(short_run, tmp_path_factory):
+    path = tmp_path_factory.mktemp('flown')
+    assert short_run.write(path).whole
+    return path
+
+
+def refuse_optima(patch):
+    """Let there be no cvxpy: an optimum is a sentence."""
+
+    def refuse(*_):
+        raise InputError('an optimum needs the campaign layer')
+
+    patch.setattr(optimal, 'constrained', refuse)
+
+
+@pytest.fixture(scope='module')
+def store(tmp_path_factory):
+    """A finished campaign of 90 runs."""
+    path = tmp_path_factory.mktemp('campaign')
+    store = Store.create(path / 'flown', config.load(write_campaign(path)))
+    flying.fly(store, 1)
+    return store
+
+
+def check_page(path, made: Report) -> Page:
+    """Whether a page is whole, accessible and alone in the world; return it."""
+    source = path.read_text('utf-8')
+    found = Page(source)
+    ids = [e.attributes['id'] for e in found.elements if 'id' in e.attributes]
+    assert len(ids) == len(set(ids)), 'identifiers must be unique'
+    assert len(found.all('h1')) == 1 and found.all('html')[0].attributes['lang'] == 'en'
+    assert [h.text for h in found.all('h2')] == [s.title for s in made.sections]
+    links = [a.attributes['href'] for a in found.all('a') if 'svg' not in a.path]
+    assert links and all(link[0] == '#' and link[1:] in ids for link in links)
+    assert "default-src 'none'" in source and not found.all('script') and not found.all('img')
+    for element in found.elements:
+        for name in ('src', 'href', 'xlink:href', 'style', 'data'):
+            assert 'http' not in element.attributes.get(name, ''), element
+    assert not re.search(r'@import|url\((?!#)', source)
+    for table in found.all('table'):
+        assert 'section' in table.path
+    assert len(found.all('caption')) == len(found.all('table'))
+    assert all(th.attributes.get('scope') for th in found.all('th'))
+    check_pictures(found, made)
+    return found
+
+
+def check_pictures(found: Page, made: Report) -> None:
+    drawings = [e for e in found.all('svg') if e.attributes.get('role') == 'img']
+    assert [d.attributes['aria-label'] for d in drawings] == [p.alt for p in made.pictures]
+    assert all(len(d.attributes['aria-label']) > 15 and d.text.strip() for d in drawings)
+    assert len(found.all('figcaption')) == len(drawings)
+    for picture in made.pictures:
+        check_labels(picture)
+
+
+def check_labels(picture: Picture) -> None:
+    """Whether every axis that has a scale says what it shows, in what unit."""
+    labels = []
+    for axes in picture.figure.axes:
+        if axes.axison:
+            labels += [axes.get_xlabel(), axes.get_ylabel()]
+            labels += [axes.get_zlabel()] if hasattr(axes, 'get_zlabel') else []
+    assert sum(label != '' for label in labels) >= 1, picture.name
+    for label in labels:
+        assert label in UNITLESS or re.search(r'\[.+\]$', label), (picture.name, label)
+
+
+@pytest.fixture(scope='module')
+def run_page(folder, tmp_path_factory):
+    """The report of a run without cvxpy, and its page."""
+    with pytest.MonkeyPatch.context() as patch:
+        refuse_optima(patch)
+        made, shown = run.report_of(folder)
+    assert shown.whole
+    return made, page.write(made, tmp_path_factory.mktemp('report'))
+
+
+def test_a_run(run_page):
+    made, paths = run_page
+    found = check_page(paths[-1], made)
+    text = found.all('main')[0].text
+    assert 'an optimum needs the campaign layer' in text
+    assert 'position error is' in text and '→ force' in text
+    assert 'disturbance: paper_offset' in text, 'the scenario is attached'
+    assert [p.name for p in paths] == [*(f'{p.name}.png' for p in made.pictures), 'report.html']
+    assert all(path.read_bytes().startswith(b'\x89PNG') for path in paths[:-1])
+    assert {'time_histories', 'approach', 'energy', 'limits', 'disturbance', 'phase_planes'} == {
+        p.name for p in made.pictures
+    }
+
+
+def test_a_page_has_the_same_bytes_twice(run_page):
+    made, paths = run_page
+    assert page.html(made) == paths[-1].read_text('utf-8')
+
+
+def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
+    messages = [m for m in short_run.messages if m[1] <= 120]
+    lost = [m for m in messages if m[:2] != (FORCE, 100)]
+    for name, sent, last in (('cut', messages, 120), ('hole', lost, 99)):
+        short_run.write(tmp_path / name, sent)
+        shown = flown.flown(read_run(tmp_path / name))
+        assert not shown.whole and 'ends at tick 120 of 200' in '; '.join(shown.gaps)
+        assert shown.flight.scenario.ticks == last and shown.planned.ticks == 200
+        assert (shown.flight.states == short_run.flight.states[: last + 1]).all()
+    short_run.write(tmp_path / 'stub', [m for m in messages if m[1] <= 5])
+    with pytest.raises(LogError, match='must hold a whole flight'):
+        flown.flown(read_run(tmp_path / 'stub'))
+
+
+@pytest.mark.parametrize(('limit', 'kept'), [(1e6, '90 / 90'), (0.0, '0 / 90')])
+def test_a_campaign_where_every_run_succeeds_or_none(store, limit, kept):
+    texts = store.campaign.texts
+    changed = (texts[0].replace('late_position_m: 60.0', f'late_position_m: {limit}'), *texts[1:])
+    assert changed != texts
+    with files_of(store, changed):
+        made = campaign.report_of(store.folder)
+    rates, worst = (
+        next(b for b in section.blocks if isinstance(b, Table))
+        for section in (made.sections[0], made.sections[4])
+    )
+    assert rates.rows[0][:2] == ('success', kept)
+    run = int(np.argmax(store.column('energy_n2s')))
+    assert worst.rows[1][-1] == f'rpo campaign {store.folder} --run {run}'
+
+
+@contextmanager
+def files_of(store, texts):
+    """Let the campaign's file say something else."""
+    path = store.folder / 'campaign.yaml'
+    path.write_text(texts[0])
+    yield
+    path.write_text(store.campaign.texts[0])
+
+
+@pytest.mark.parametrize(
+    ('target', 'sentence'),
+    [
+        ('nobody', 'must be one of'),
+        ('no/where.mcap', 'does not exist'),
+        ('no/where.yaml', 'there is no file'),
+        ('', 'must be a shipped name or a path'),
+    ],
+)
+def test_what_is_nothing_is_one_sentence(target, sentence):
+    done = invoke(target)
+    assert done.exit_code == 2 and sentence in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_folders_are_recognised(folder, store, tmp_path):
+    assert recognise.kind_of(str(folder)) is recognise.Kind.RUN
+    assert recognise.kind_of(str(folder / 'run.mcap')) is recognise.Kind.RUN
+    assert recognise.kind_of(str(store.folder)) is recognise.Kind.CAMPAIGN
+    assert recognise.kind_of('trained') is recognise.Kind.CONTROLLER
+    with pytest.raises(InputError, match=r'must be the folder of a run .* or of a campaign'):
+        recognise.kind_of(str(tmp_path))
+
+
+def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_path):
+    begun = Store.create(tmp_path / 'begun', store.campaign)
+    done = invoke(begun.folder)
+    assert done.exit_code == 2 and 'go on with rpo campaign --resume' in done.stderr
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(InputError, match=r'file: cannot be written: File exists'):
+        page.write(Report('', '', ()), tmp_path / 'file')
+
+
+@given(st.text(st.characters(exclude_categories=['Cs', 'Cc']), min_size=1))
+def test_no_text_of_a_file_becomes_markup(text):
+    blocks = (Text(text), Table(text, (text, text), ((text, text), (text,))), File(text, text))
+    source = page.html(Report(text, text, (Section('s', blocks),)))
+    found = Page(source)
+    tags = {element.tag for element in found.elements}
+    assert tags <= {
+        *('html', 'head', 'meta', 'title', 'link', 'style', 'body', 'header', 'h1', 'p', 'nav'),
+        *('ul', 'li', 'a', 'main', 'section', 'h2', 'div', 'table', 'caption', 'thead', 'tbody'),
+        *('tr', 'th', 'td', 'details', 'summary', 'pre', 'code'),
+    }
+    assert found.all('h1')[0].text == text
+    assert [e.text for tag in ('caption', 'td', 'summary', 'code') for e in found.all(tag)] == [
+        text
+    ] * 4
+
+
+def test_a_picture_may_use_no_colour_of_its_own():
+    assert len(style.NAMES) == len(style.COLOURS), 'a light colour must have one name'
+    with style.applied():
+        figure = style.new_figure(2.0)
+        axes = figure.subplots()
+        axes.plot([0.0, 1.0], [0.0, 1.0], color=style.LIGHT['x'])
+        good = page.svg(Picture('one', figure, '', 'a rising line'))
+        axes.plot([0.0, 1.0], [1.0, 0.0], color='#123456')
+        bad = Picture('two', figure, '', 'and a falling one')
+    assert 'var(--x)' in good and not re.search('#[0-9a-f]{6}', good)
+    with pytest.raises(ValueError, match='#123456'):
+        page.svg(bad)
+
+
+def test_influence_is_spearmans():
+    rng = np.random.default_rng(1)
+    a, b, noise = rng.uniform(-1.0, 1.0, (3, 400))
+    b = np.round(b, 1)  # ties
+    outcome = a**3 + b**2 + 0.1 * noise
+    drawn = {'a': a, 'b': b, 'noise': noise, 'constant': np.ones(400)}
+    found = {i.column: i for i in sensitivity.influences(drawn, outcome)}
+    assert set(found) == {'a', 'b', 'noise'}
+    for name in found:
+        middle = (drawn[name].min() + drawn[name].max()) / 2
+        for ours, values in (
+            (found[name].signed, drawn[name]),
+            (found[name].size, abs(drawn[name] - middle)),
+        ):
+            assert ours == pytest.approx(scipy.stats.spearmanr(values, outcome)[0], abs=1e-12)
+    assert abs(found['b'].signed) < 0.2 < found['b'].size, 'either side does the same'
+    assert sensitivity.influences(drawn, np.ones(400)) == []
+
+
+def test_the_chance_level_is_exceeded_by_chance_alone_as_often_as_said():
+    rng = np.random.default_rng(2)
+    n, trials = 60, 4000
+    one = rng.normal(size=n)
+    drawn = {str(i): column for i, column in enumerate(rng.normal(size=(trials, n)))}
+    level = sensitivity.chance_level(n)
+    beyond = sum(abs(i.signed) > level for i in sensitivity.influences(drawn, one))
+    # binomial, 0.01 of 4000 = 40, sigma 6.3; small samples have lighter tails than the normal
+    assert 15 < beyond < 60
+
+
+def straight_flight(start, end, ticks=100):
+    """A flight along a line, whatever its dynamics."""
+    base = load_scenario('approach')
+    scenario = replace(base, duration_s=ticks * base.dt_s, initial_position_m=tuple(start))
+    share = np.linspace(0.0, 1.0, ticks + 1)[:, None]
+    positions = (1.0 - share) * np.array(start) + share * np.array(end)
+    velocity = (np.array(end) - np.array(start)) / scenario.duration_s
+    states = np.hstack([positions, np.tile(velocity, (ticks + 1, 1))])
+    zeros = np.zeros((ticks + 1, 3))
+    return Flight(scenario, states, zeros, zeros)
+
+
+def test_passage_of_the_aids_on_a_straight_line():
+    flight = straight_flight([0.0, -50.0, 0.0], [0.0, 0.0, 0.0])  # 5 m/s, in 10 s
+    aids = approach.Aids.of(flight)
+    assert (aids.axis, aids.sign) == (1, -1.0)
+    found = dict(approach.passage(flight, aids))
+    assert found['enters the keep-out sphere of 5 m at'] == '9.0 s'
+    assert found['there, closing at'] == '5 m/s'
+    assert found["there, off the corridor's axis"] == '0.0°'
+    assert approach.arrival_s(flight) == pytest.approx(
+        9.9, abs=0.11
+    )  # 0.5 m is at 9.9 s, give or take a rounding
+    away = straight_flight([30.0, 40.0, 0.0], [60.0, 80.0, 0.0])
+    assert approach.arrival_s(away) is None
+    aids = approach.Aids.of(away)
+    assert aids.off_axis_deg(away.positions_m)[0] == pytest.approx(np.rad2deg(np.arctan2(30, 40)))
+    assert dict(approach.passage(away, aids))['within 5 m of the target'] == 'never'

@@ -1,0 +1,109 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Whole reports in a real browser: nothing is fetched, nothing complains, light, dark, printed."""
+
+from __future__ import annotations
+
+import re
+import shutil
+
+import pytest
+from browser import browser
+from campaign_documents import write_campaign
+from log_runs import make_run
+from pages import Page
+from test_report import check_page
+from typer.testing import CliRunner
+
+from rpo_training.campaign import config, flying
+from rpo_training.campaign.store import Store
+from rpo_training.cli import app
+from rpo_training.report import campaign, controller, page, run
+
+CHROMIUM = shutil.which('chromium')
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed'),
+]
+
+FIGURES = """[...document.querySelectorAll('main svg[role=img]')].map(drawing => {
+  const box = drawing.getBoundingClientRect(), line = drawing.querySelector('path');
+  const text = drawing.querySelector('text');
+  return {width: box.width, height: box.height, texts: drawing.querySelectorAll('text').length,
+          colour: text && getComputedStyle(text).fill, stroke: getComputedStyle(line).stroke};
+})"""
+WIDE = """[...document.querySelectorAll('main table, main figure, main p')]
+  .filter(e => e.getBoundingClientRect().right > innerWidth + 1)
+  .map(e => e.outerHTML.slice(0, 80))"""
+
+
+def run_report(folder):
+    make_run(200.0).write(folder)
+    return run.report_of(folder)[0]
+
+
+def campaign_report(folder):
+    store = Store.create(folder / 'flown', config.load(write_campaign(folder)))
+    flying.fly(store, 1)
+    return campaign.report_of(store.folder)
+
+
+def controller_report(folder):
+    return controller.report_of('trained')
+
+
+@pytest.mark.parametrize('make', [run_report, campaign_report, controller_report])
+def test_a_report_in_chromium(make, tmp_path):
+    made = make(tmp_path)
+    path = page.write(made, tmp_path / 'report')[-1]
+    check_page(path, made)
+    seen = {}
+    with browser(CHROMIUM, tmp_path / 'profile') as shown:
+        for theme in ('light', 'dark'):
+            shown.open(path, theme=theme)
+            seen[theme] = shown.evaluate(FIGURES)
+            assert shown.evaluate('document.body.scrollWidth <= innerWidth')
+            assert shown.evaluate(WIDE) == []
+            background = shown.evaluate(
+                'getComputedStyle(document.documentElement).backgroundColor'
+            )
+            assert background == {'light': 'rgb(255, 255, 255)', 'dark': 'rgb(20, 22, 26)'}[theme]
+        shown.open(path, width=400)
+        assert shown.evaluate('document.body.scrollWidth <= innerWidth'), 'a telephone scrolls down'
+        shown.open(path, theme='dark')
+        shown.print(tmp_path / 'report.pdf')
+        assert shown.messages == []
+        assert set(shown.requests) == {path.resolve().as_uri()}
+    for theme in seen:
+        assert len(seen[theme]) == len(made.pictures)
+        assert all(f['width'] > 500 and f['height'] > 100 for f in seen[theme])
+        assert all(f['texts'] > 5 for f in seen[theme])
+    for light, dark in zip(seen['light'], seen['dark'], strict=True):
+        assert light['colour'] != dark['colour'], 'pictures follow the theme'
+    pdf = (tmp_path / 'report.pdf').read_bytes()
+    assert pdf.startswith(b'%PDF-') and len(re.findall(rb'/Type\s*/Page\b', pdf)) >= 3
+
+
+def test_an_aborted_run_by_command(tmp_path):
+    whole = make_run(20.0)
+    whole.write(tmp_path, [m for m in whole.messages if m[1] <= 120])
+    done = CliRunner().invoke(app, ['report', str(tmp_path), '-o', str(tmp_path / 'report')])
+    assert done.exit_code == 3 and 'ends at tick 120 of 200' in done.stderr, done.output
+    main = Page((tmp_path / 'report' / 'report.html').read_text('utf-8')).all('main')[0]
+    assert 'The log shows 12 s only' in main.text
+    assert not [td for td in main.text.split() if td in ('holds', 'MISSED')]
+    assert 'it would take arrival_distance' in main.text, 'no optimum in 20 s, and why'
+
+
+def test_the_optimum_is_drawn_beside_the_flight(tmp_path):
+    made = run_report(tmp_path)
+    table = next(
+        block
+        for section in made.sections
+        for block in section.blocks
+        if getattr(block, 'caption', '') == 'Beside the best possible'
+    )
+    assert [row[0] for row in table.rows][:2] == ['flown', 'optimum in 200 s']
+    ratios = [float(row[2]) for row in table.rows]
+    assert ratios[0] == 1.0 and all(ratio > 1.0 for ratio in ratios[1:]), 'none is below the least'
