@@ -15,7 +15,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests
 
-.PHONY: help setup demo test test-slow bench compile lint format lock clean
+.PHONY: help setup demo docs test test-slow bench compile lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -41,6 +41,10 @@ bench:  ## measure speed beside pyfuzzylite and scikit-fuzzy, and the paper's tr
 	$(SETUP) test train
 	$(ENV) rpo bench inference && rpo bench training
 
+docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and follows edits)
+	$(SETUP) docs
+	$(ENV) NO_MKDOCS_2_WARNING=1 mkdocs $(if $(SERVE),serve,build --quiet) --strict
+
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
 	$(ENV) python -m rpo_training.precompile
@@ -58,6 +62,6 @@ lock:  ## choose dependency versions anew where they must change (UPGRADE=1: eve
 	$(ENV) python ros_ws/underlay/lock.py $(if $(UPGRADE),--upgrade)
 
 clean:  ## remove all that set-up and tests made; runs/ stays
-	rm -rf .venv ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \
+	rm -rf .venv site ros_ws/build ros_ws/install ros_ws/log ros_ws/.setup.lock offline_training/*.egg-info \
 		.pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find $(SOURCES) -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,68 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What MkDocs does not do by itself: equations as MathML, links that leave docs/, folders in nav.
+
+The pages are read on a Git forge as well. There `$...$` is an equation and `../ros_ws/...` a link;
+here equations become MathML, which browsers draw without a script, and a link to a source file
+becomes its text.
+"""
+
+from __future__ import annotations
+
+import html
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+from latex2mathml.converter import convert
+
+ROOT = Path(__file__).resolve().parents[2]
+log = logging.getLogger('mkdocs.hooks.pages')  # what it warns of ends a strict build
+
+_EQUATION = re.compile(
+    r'<(?P<tag>span|div) class="arithmatex">\\[(\[](?P<latex>.*?)\\[)\]]</(?P=tag)>', re.S
+)
+_LINK = re.compile(r'(?<!!)\[(?P<text>[^\]]+)\]\((?P<target>[^)#:\s]+)(?:#[^)]*)?\)')
+
+
+def on_config(config: Any) -> Any:
+    """Replace a folder in the navigation by its pages."""
+    docs = Path(config['docs_dir'])
+    nav = []
+    for entry in config['nav']:
+        (title, target), *_ = entry.items() if isinstance(entry, dict) else [('', entry)]
+        if isinstance(target, str) and target.endswith('/'):
+            pages = sorted(path.relative_to(docs).as_posix() for path in docs.glob(f'{target}*.md'))
+            if pages:
+                nav.append({title: pages})
+        else:
+            nav.append(entry)
+    config['nav'] = nav
+    return config
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Turn links to files outside docs/ into their text, and warn of those that lead nowhere."""
+    folder = Path(page.file.abs_src_path).parent
+
+    def replace(match: re.Match[str]) -> str:
+        target = (folder / match['target']).resolve()
+        if target.is_relative_to(ROOT / 'docs'):
+            return match[0]
+        if not target.exists():
+            log.warning('%s: the link %s leads nowhere', page.file.src_path, match['target'])
+        where = target.relative_to(ROOT).as_posix() if target.is_relative_to(ROOT) else ''
+        return f'{match["text"]} (`{where}`)' if where not in match['text'] else match['text']
+
+    return _LINK.sub(replace, markdown)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Draw the equations."""
+
+    def replace(match: re.Match[str]) -> str:
+        display = 'block' if match['tag'] == 'div' else 'inline'
+        return convert(html.unescape(match['latex']).strip(), display=display)
+
+    return _EQUATION.sub(replace, content)

@@ -1,0 +1,235 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation is true: links, commands, names of code and tests, fields of files."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shlex
+import subprocess
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import typer
+from doc_blocks import (
+    DOCS,
+    PAGES,
+    ROOT,
+    Block,
+    blocks,
+    code,
+    folder_like_the_checkout,
+    needed_first,
+    run_block,
+    run_line,
+)
+
+from rpo_core import controller, rivals
+from rpo_core.disturbance import Disturbance, Harmonic
+from rpo_core.fuzzy import MembershipFunctions
+from rpo_core.hardware import Navigation, Thrusters
+from rpo_core.scenario import DISTURBANCES, Scenario
+from rpo_training.cli import app
+
+BLOCKS = [block for page in PAGES for block in blocks(page)]
+RUN_PAGES = [
+    page
+    for page in PAGES
+    if page.parent == DOCS and any(block.is_run for block in BLOCKS if block.page == page)
+]
+QUICK = [block for block in BLOCKS if 'quick' in block.orders]
+
+
+def lines(first: str) -> list[tuple[Block, list[str]]]:
+    """Return every command of the documentation that begins with a word, split."""
+    found = []
+    for block in BLOCKS:
+        for line in block.lines:
+            words = shlex.split(line, comments=True)
+            if words and words[0] == first:
+                found.append((block, words))
+    return found
+
+
+def test_links_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r'\]\(([^)#:\s]+)(?:#[^)]*)?\)', page.read_text()):
+            assert (page.parent / target).exists(), f'{page.relative_to(ROOT)}: {target}'
+
+
+def test_rpo_commands_are_understood():
+    group = typer.main.get_command(app)
+    commands = [(block, words) for block, words in lines('rpo') if '|' not in words]
+    assert len(commands) > 20
+    for block, words in commands:
+        arguments = words[1 : words.index('>')] if '>' in words else words[1:]
+        command, context = group, None
+        while hasattr(command, 'commands'):
+            assert arguments[0] in command.commands, f'{block.place}: {words}'
+            command = command.commands[arguments.pop(0)]
+        try:
+            context = command.make_context('rpo', arguments)
+        except typer.Exit:  # --help
+            continue
+        except Exception as error:
+            raise AssertionError(f'{block.place}: {shlex.join(words)}: {error}') from error
+        context.close()
+
+
+def test_ros2_executables_exist():
+    commands = [(block, words) for block, words in lines('ros2') if words[1] == 'run']
+    assert len(commands) > 10
+    for block, words in commands:
+        package, executable = words[2:4]
+        setup = (ROOT / 'ros_ws' / 'src' / package / 'setup.py').read_text()
+        assert f"'{executable} = {package}" in setup, f'{block.place}: {package} {executable}'
+
+
+def test_make_targets_exist():
+    targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    for block, words in lines('make'):
+        named = [word for word in words[1:] if '=' not in word]
+        assert set(named) <= targets, f'{block.place}: {words}'
+
+
+@pytest.mark.parametrize('source', [text for page in PAGES for text in code(page, 'python')])
+def test_python_in_the_pages_runs(source, capsys):
+    exec(compile(source, 'documentation', 'exec'), {'__name__': 'documentation'})
+    assert capsys.readouterr().out
+
+
+def test_the_site_leads_to_every_page():
+    nav = (ROOT / 'mkdocs.yml').read_text().partition('\nnav:')[2]
+    for page in DOCS.rglob('*.md'):
+        name = page.relative_to(DOCS).as_posix()
+        folder = f'{page.parent.name}/'
+        assert f' {name}\n' in f'{nav}\n' or f' {folder}\n' in f'{nav}\n', f'{name} is not in nav'
+
+
+# --- the page of requirements ----------------------------------------------------------------
+
+ROWS = [
+    [cell.strip() for cell in re.split(r'(?<!\\)\|', line)[1:-1]]
+    for line in (DOCS / 'requirements.md').read_text().splitlines()
+    if line.startswith('| ') and not line.startswith(('| statement', '| target'))
+]
+
+
+def module_file(dotted: str) -> tuple[Path, list[str]]:
+    """Return the file of a dotted name, and what of the name is in it."""
+    top, *rest = dotted.split('.')
+    folder = ROOT / 'ros_ws' / 'src' / top / top
+    folder = folder if folder.is_dir() else ROOT / 'offline_training' / top
+    while rest and (folder / rest[0]).is_dir():
+        folder = folder / rest.pop(0)
+    if rest and (folder / f'{rest[0]}.py').is_file():
+        return folder / f'{rest[0]}.py', rest[1:]
+    return folder / '__init__.py', rest
+
+
+def defined(body: list[ast.stmt], name: str) -> list[ast.stmt] | None:
+    """Return the body of what a name is bound to, empty for a value, None if it is not bound."""
+    for node in body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name:
+            return node.body
+        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, 'target', None)]
+        if any(isinstance(target, ast.Name) and target.id == name for target in targets):
+            return []
+    return None
+
+
+def holds_symbol(dotted: str) -> bool:
+    path, names = module_file(dotted)
+    if not path.is_file():
+        return False
+    body: list[ast.stmt] | None = ast.parse(path.read_text()).body
+    for name in names:
+        body = defined(body, name) if body is not None else None
+    return body is not None
+
+
+def test_every_requirement_names_code_and_tests_that_exist():
+    assert len(ROWS) > 40
+    for row in ROWS:
+        *_, where, held = row
+        for name in re.findall(r'`([^`]+)`', where):
+            exists = (ROOT / name).is_file() if '/' in name else holds_symbol(name)
+            assert exists, f'{row[0]}: there is no {name}'
+        tests = re.findall(r'`(tests/[^`]+)`', held)
+        assert tests or 'measured' in held, f'{row[0]}: nothing holds it'
+        for name in tests:
+            path, _, function = name.partition('::')
+            assert (ROOT / path).is_file(), name
+            assert f'def {function}(' in (ROOT / path).read_text(), name
+
+
+def test_every_target_has_a_row():
+    targets = {row[0] for row in ROWS}
+    wanted = [*(f'Q{i}' for i in range(1, 6)), *(f'P{i}' for i in range(1, 5))]
+    wanted += ['D1', 'D2', 'R1', 'R2', 'R3', 'R4', 'U1']
+    assert set(wanted) <= targets
+
+
+def test_a_name_that_does_not_exist_is_noticed():
+    assert holds_symbol('rpo_core.fuzzy.FuzzySystem.from_vector')
+    assert holds_symbol('rpo_core.metrics.PENALTY')
+    assert not holds_symbol('rpo_core.fuzzy.FuzzySystem.from_victor')
+    assert not holds_symbol('rpo_core.fuzy')
+
+
+# --- the page of file formats ----------------------------------------------------------------
+
+
+def test_every_field_of_every_file_is_described():
+    text = (DOCS / 'file_formats.md').read_text()
+    names = {'schema', 'kind', 'epoch', 'initial_position_axis_m', *DISTURBANCES}
+    for section in (Scenario, Disturbance, Harmonic, Thrusters, Navigation, MembershipFunctions):
+        names |= {field.name for field in fields(section)} - {'epoch_ns'}
+    for kind, rival in rivals.KINDS.items():
+        names |= {kind, *rivals.parameters(rival)}
+    names |= set(rivals.Model.__dataclass_fields__)
+    names |= set(controller.to_document(controller.load_controller('trained')))
+    missing = sorted(name for name in names if not re.search(rf'\b{name}\b', text))
+    assert not missing
+
+
+# --- running what is printed -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize('block', QUICK, ids=lambda block: block.place)
+def test_quick_commands(block, ros_env, tmp_path):
+    cwd = folder_like_the_checkout(tmp_path / 'page')
+    run_block(block, cwd, {**os.environ, **ros_env}, 50.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('page', RUN_PAGES, ids=lambda page: page.stem)
+def test_a_pages_commands_as_printed(page, ros_env, tmp_path):
+    cwd = folder_like_the_checkout(tmp_path / 'page')
+    env = {**os.environ, **ros_env}
+    del env['RPO_JIT']  # as a user has it
+    for command in needed_first(page):
+        returned, said = run_line(command, cwd, env, 600.0)
+        assert returned == 0, f'{page.name}: `{command}`\n{said}'
+    for block in blocks(page):
+        if block.is_run:
+            run_block(block, cwd, env, 600.0)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path):
+    done = subprocess.run(['make', 'docs'], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert 'WARNING' not in done.stdout + done.stderr
+    pages = sorted((ROOT / 'site').rglob('*.html'))
+    assert len(pages) > 10
+    for page in pages:
+        text = page.read_text()
+        fetched = re.findall(r'<(?:script|link|img|iframe)[^>]*(?:src|href)="(https?:[^"]*)"', text)
+        assert not [url for url in fetched if 'canonical' not in url], f'{page.name}: {fetched}'
+        assert 'class="arithmatex"' not in text, f'{page.name}: an equation was not drawn'
