@@ -15,6 +15,7 @@ setup(
         (f'share/{package_name}', ['package.xml']),
         (f'share/{package_name}/config', sorted(glob('config/*.yaml'))),
         (f'share/{package_name}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+        (f'share/{package_name}/config/monitors', sorted(glob('config/monitors/*.yaml'))),
         (f'share/{package_name}/launch', sorted(glob('launch/*.launch.*'))),
     ],
     install_requires=['setuptools'],
@@ -28,6 +29,8 @@ setup(
     entry_points={
         'console_scripts': [
             'final_approach = rpo_bringup.final_approach:main',
+            'monitor = rpo_bringup.monitor_node:main',
+            'trial = rpo_bringup.trial:main',
         ],
     },
 )

@@ -25,6 +25,7 @@ Parsed = TypeVar('Parsed')
 _SHIPPED = {
     'scenario': ('rpo_bringup', 'config/scenarios'),
     'controller': ('rpo_ctrl', 'config/controllers'),
+    'monitor': ('rpo_bringup', 'config/monitors'),
 }
 
 

@@ -1,0 +1,170 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `monitor`: watches a flight and warns, has the controller coast, or aborts the run."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Odometry
+from rclpy.client import Client
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from rpo_core.watch import ABORT, COAST, WARN, Detection, Watch, load_monitor
+from rpo_ros import conversions, health, names, qos
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode, run_node
+
+PARAMETERS = (
+    Row('table', 'default', 'shipped monitor table, or path of a monitor file',
+        example='path/to/mine.yaml'),
+    Row('react', True, 'false: warn only, whatever the table says', changeable=True),
+    Row('controller_node', 'fuzzy_controller', 'the controller that is told to coast'),
+    Row('plant_node', 'plant', 'the plant that is told to abort'),
+)  # fmt: skip
+
+_LOOK_S = 0.2
+_RUNNING = 'running'
+
+
+class MonitorNode(FlightNode):
+    """Samples states, commands and diagnostics; reacts once when a fault begins to hold."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('monitor', overrides)
+        self.values = declare(self, PARAMETERS)
+        self.watch = Watch(load_monitor(self.values['table']))
+        self.phase = ''
+        self.reacted: dict[str, str] = {}
+        self._fresh: set[str] = set()
+        self.answers: dict[str, str] = {}
+        self._commanded_s = time.monotonic()
+        self._newest_ns = 0
+        self._owed: dict[str, Client] = {}
+        controller, plant = self.values['controller_node'], self.values['plant_node']
+        self._coast = self.create_client(ChangeState, f'{controller}/change_state')
+        self._abort = self.create_client(Trigger, f'{plant}/abort')
+        self._watched = f'{self.resolve_topic_name(controller).lstrip("/")}: health'
+        self._subscribe()
+        self.every(_LOOK_S, self._look)
+        health.publish_health(self, self._health)
+        self.get_logger().info(f'watching by the table {self.watch.table.name}')
+
+    def _subscribe(self) -> None:
+        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(WrenchStamped, names.CONTROL_FORCE, self._on_force, qos.LOCKSTEP)
+        self.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE
+        )
+        self.create_subscription(
+            DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
+        )
+
+    def _on_state(self, message: Odometry) -> None:
+        stamp_ns = conversions.from_stamp(message.header.stamp)
+        if stamp_ns != self._newest_ns:  # a state that is sent again is no new sample
+            self._newest_ns = stamp_ns
+            state = conversions.from_odometry(message)
+            self._sample(self.watch.table.limits.faults_of_state(state))
+
+    def _on_force(self, message: WrenchStamped) -> None:
+        self._commanded_s = time.monotonic()
+        force = conversions.from_wrench(message)
+        self._sample(self.watch.table.limits.faults_of_force(force))
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        phase = {pair.key: pair.value for pair in message.values}.get('phase', '')
+        if phase == _RUNNING and self.phase != _RUNNING:
+            self._commanded_s = time.monotonic()
+            self.watch.clear(self.watch.table.rules)
+            self._owed.clear()
+        self.phase = phase
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._watched:
+                values = {pair.key: pair.value for pair in status.values}
+                inactive = values.get('state', 'active') != 'active'
+                self._sample({'controller_inactive': inactive and self.phase == _RUNNING})
+
+    def _look(self) -> None:
+        """Notice silence, and ask again for what could not be asked for."""
+        silent = time.monotonic() - self._commanded_s > self.watch.table.limits.force_age_s
+        self._sample({'force_stale': silent and self.phase == _RUNNING})
+        if self.phase != _RUNNING:
+            self._owed.clear()
+        for reaction, client in list(self._owed.items()):
+            if client.service_is_ready():
+                self._ask(reaction, self._owed.pop(reaction))
+
+    def _sample(self, seen: Mapping[str, bool]) -> None:
+        for detection in self.watch.sample(seen):
+            self._react(detection)
+
+    def _react(self, detection: Detection) -> None:
+        reaction = detection.reaction if self.values['react'] else WARN
+        self.reacted[detection.fault] = reaction
+        self._fresh.add(detection.fault)
+        log = self.get_logger()
+        said = Detection(detection.fault, reaction).sentence
+        log.warning(said) if reaction == WARN else log.error(said)
+        if reaction == COAST:
+            self._owed[COAST] = self._coast
+        elif reaction == ABORT:
+            self._owed[ABORT] = self._abort
+        for asked, client in list(self._owed.items()):
+            if client.service_is_ready():
+                self._ask(asked, self._owed.pop(asked))
+
+    def _ask(self, reaction: str, client: Client) -> None:
+        request: Any = Trigger.Request()
+        if reaction == COAST:
+            request = ChangeState.Request(
+                transition=Transition(id=Transition.TRANSITION_DEACTIVATE)
+            )
+        client.call_async(request).add_done_callback(
+            lambda future: self._on_answer(reaction, client, future)
+        )
+
+    def _on_answer(self, reaction: str, client: Client, future: Future) -> None:
+        response = future.result()
+        done = response is not None and response.success
+        self.answers[reaction] = (
+            'done' if done else 'refused'
+        )
+        log, said = self.get_logger(), f'{reaction}: {self.answers[reaction]} by {client.srv_name}'
+        log.info(said) if done else log.warning(said)
+
+    def _health(self) -> health.Health:
+        level, said = health.OK, 'nothing to report'
+        faults = self.watch.holding | self._fresh  # one that came and went is told of once
+        self._fresh = set()
+        if faults:
+            level, said = health.WARN, ', '.join(sorted(faults))
+            if any(self.reacted.get(fault) != WARN for fault in faults):
+                level = health.ERROR
+        if self._owed:
+            level, said = health.ERROR, f'{said}; nobody there to {", ".join(self._owed)}'
+        counts = {f'detected_{k}': n for k, n in self.watch.detected.items() if n}
+        reactions = {f'reaction_{k}': reaction for k, reaction in sorted(self.reacted.items())}
+        answers = {f'answer_{k}': answer for k, answer in sorted(self.answers.items())}
+        values = {'phase': self.phase, 'table': self.watch.table.name}
+        values |= {**counts, **reactions, **answers}
+        return level, said, values
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_bringup monitor`."""
+    return run_node('ros2 run rpo_bringup monitor', MonitorNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,114 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Limits and persistence counters, against a plain count; the shipped table on shipped flights."""
+
+import math
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rpo_core import closed_loop, files, watch
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
+from rpo_core.watch import ABORT, MonitorTable, Rule, Watch, load_monitor
+
+SHIPPED = load_monitor('default')
+
+
+def of(count, window):
+    return Watch(MonitorTable('test', SHIPPED.limits, {'too_fast': Rule(count, window, ABORT)}))
+
+
+@given(st.lists(st.booleans(), max_size=60), st.integers(1, 8), st.integers(0, 8))
+def test_a_fault_begins_at_n_of_the_last_m_and_again_after_a_whole_window_without(
+    samples, count, more
+):
+    window = count + more
+    watched, holds = of(count, window), False
+    for end in range(1, len(samples) + 1):
+        seen = sum(samples[max(0, end - window) : end])
+        begins = not holds and seen >= count
+        holds = (holds and seen > 0) or begins
+        found = watched.sample({'too_fast': samples[end - 1]})
+        assert [d.fault for d in found] == ['too_fast'] * begins
+        assert ('too_fast' in watched.holding) == holds
+
+
+def test_cleared_it_begins_anew():
+    watched = of(2, 3)
+    assert [bool(watched.sample({'too_fast': True})) for _ in range(3)] == [False, True, False]
+    watched.clear(['too_fast'])
+    assert [bool(watched.sample({'too_fast': True})) for _ in range(3)] == [False, True, False]
+    assert watched.detected == {'too_fast': 2}
+
+
+@pytest.mark.parametrize(
+    ('state', 'faults'),
+    [
+        ((0, 0, 0, 0, 0, 0), set()),
+        ((399, 0, 0, 0, 0, 0), set()),
+        ((401, 0, 0, 0, 0, 0), {'out_of_range'}),
+        ((0, 0, 0, 0, 0.0999, 0), set()),
+        ((0, 0, 0, 0, 0, -0.1001), {'too_fast'}),
+        ((0, 10, 0, 0, 3.1001, 0), {'too_fast'}),
+        ((0, 10, 0, 0, 3.0999, 0), set()),
+        ((math.nan, 0, 0, 0, 0, 0), {'not_finite'}),
+        ((0, 0, 0, 0, math.inf, 0), {'not_finite'}),
+    ],
+)
+def test_limits_of_a_state(state, faults):
+    found = SHIPPED.limits.faults_of_state(state)
+    assert {fault for fault, shown in found.items() if shown} == faults
+
+
+@pytest.mark.parametrize(('degrees', 'off'), [(29.9, False), (30.1, True), (180.0, True)])
+def test_the_corridor_is_a_cone_about_its_axis(degrees, off, tmp_path):
+    document = yaml.safe_load(files.find('monitor', 'default').read_text())
+    document['limits'].update(corridor_half_angle_deg=30.0, corridor_axis=[0, -2.0, 0])
+    limits = watch.parse(document).limits
+    angle = math.radians(degrees)
+    state = (50 * math.sin(angle) * 0.6, -50 * math.cos(angle), 50 * math.sin(angle) * 0.8, 0, 0, 0)
+    assert limits.faults_of_state(state)['off_corridor'] is off
+
+
+def test_limits_of_a_force():
+    assert SHIPPED.limits.faults_of_force((0.0, -0.5, 0.1)) == {'force_saturated': True}
+    assert SHIPPED.limits.faults_of_force((0.0, -0.49, 0.1)) == {'force_saturated': False}
+    assert SHIPPED.limits.faults_of_force((0.0, math.nan, 0.1)) == {'not_finite': True}
+
+
+@pytest.mark.parametrize('scenario', ['paper_test', 'approach'])
+@pytest.mark.parametrize('controller', ['trained', 'handmade', 'paper_ga'])
+def test_shipped_flights_are_no_fault(scenario, controller):
+    flown = closed_loop.fly(load_scenario(scenario), load_controller(controller))
+    watched = Watch(SHIPPED)
+    for state, force in zip(flown.states.tolist(), flown.forces_n.tolist(), strict=True):
+        watched.sample(SHIPPED.limits.faults_of_state(state))
+        watched.sample(SHIPPED.limits.faults_of_force(force))
+    assert not any(watched.detected.values())
+
+
+@pytest.mark.parametrize(
+    ('path', 'value', 'said'),
+    [
+        ('schema', 'rpo/monitor/2', '`schema` must be rpo/monitor/1'),
+        ('limits.range_m', math.nan, '`limits.range_m` must be a finite number'),
+        ('limits.corridor_axis', [0, 0, 0], '`limits.corridor_axis` must not be zero'),
+        ('limits.corridor_axis', [0, 1], '`limits.corridor_axis` must be a list of 3'),
+        ('faults.too_fast.count', 31, '`faults.too_fast.count` must be a whole number >= 1'),
+        ('faults.too_fast.reaction', 'pray', '`faults.too_fast.reaction` must be one of warn'),
+        ('faults.too_slow', {}, '`faults.too_slow` is not a known field'),
+    ],
+)
+def test_a_bad_table_is_refused_in_one_sentence(path, value, said):
+    document = yaml.safe_load(files.find('monitor', 'default').read_text())
+    *parents, last = path.split('.')
+    place = document
+    for parent in parents:
+        place = place[parent]
+    place[last] = value
+    with pytest.raises(InputError, match=said):
+        watch.parse(document)

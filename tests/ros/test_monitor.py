@@ -1,0 +1,127 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The monitor in a running system: each fault is injected, and its reaction is seen."""
+
+import math
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from inside import inside
+from nav_msgs.msg import Odometry
+
+from rpo_bringup.monitor_node import MonitorNode
+from rpo_core import files
+from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ros import conversions, qos
+from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
+
+FAST = {'real_time_factor': 20.0}
+
+
+def table(folder, **rules):
+    """Write the shipped table with some rules changed to react at the first sample."""
+    document = yaml.safe_load(files.find('monitor', 'default').read_text())
+    document['limits']['force_age_s'] = 0.3
+    for fault, reaction in rules.items():
+        document['faults'][fault] = {'count': 1, 'window': 1, 'reaction': reaction}
+    path = folder / 'mine.yaml'
+    path.write_text(yaml.safe_dump(document))
+    return str(path)
+
+
+class Liar:
+    """Publishes what the system should not hear."""
+
+    def __init__(self, bench):
+        self.bench = bench
+        self.states = bench.user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
+        self.forces = bench.user.create_publisher(WrenchStamped, 'control_force', qos.LOCKSTEP)
+
+    def state(self, *state):
+        self.bench.until(lambda: self.states.get_subscription_count())
+        self.states.publish(conversions.to_odometry(1, state))
+
+    def force(self, *force):
+        self.bench.until(lambda: self.forces.get_subscription_count())
+        self.forces.publish(conversions.to_wrench(conversions.to_stamp(1), force))
+
+
+def flying(bench, path, **monitor):
+    """Start plant, controller and monitor; return them in flight."""
+    plant = bench.start(PlantNode(FAST))
+    controller = bench.start(FuzzyControllerNode())
+    watcher = bench.start(MonitorNode({'table': path, **monitor}))
+    bench.until(lambda: watcher.phase == 'running')
+    return plant, controller, watcher
+
+
+@pytest.mark.parametrize(
+    ('fault', 'lie'),
+    [
+        ('out_of_range', (500.0, 0, 0, 0, 0, 0)),
+        ('too_fast', (0, 0, 1.0, 0, 0, 0.5)),
+        ('not_finite', (0, 0, 1.0, 0, math.nan, 0)),
+    ],
+)
+def test_a_bad_state_aborts_the_run(ros_env, tmp_path, capfd, fault, lie):
+    with inside() as bench:
+        plant, _, watcher = flying(bench, table(tmp_path, **{fault: 'abort'}))
+        Liar(bench).state(*map(float, lie))
+        bench.until(lambda: plant.phase == 'aborted')
+        assert plant.exit_code == EXIT_ABORTED
+        assert watcher.watch.detected[fault] == 1
+        bench.until(lambda: watcher.phase == 'aborted' and watcher.answers == {'abort': 'done'})
+    said = capfd.readouterr().err
+    assert f'({fault}): abort' in said and 'abort: done by' in said
+
+
+def test_a_saturated_command_coasts(ros_env, tmp_path):
+    with inside() as bench:
+        plant, controller, watcher = flying(bench, table(tmp_path, force_saturated='coast'))
+        Liar(bench).force(0.0, 0.9, 0.0)
+        bench.until(lambda: not controller.active)
+        before = controller.answered_zero
+        bench.until(lambda: controller.answered_zero > before + 5)
+        assert plant.phase == 'running', 'the chaser drifts, the run goes on'
+        bench.until(lambda: watcher.watch.detected['controller_inactive'])
+
+
+def test_a_silent_controller_aborts(ros_env, tmp_path):
+    with inside() as bench:
+        plant, controller, _ = flying(bench, table(tmp_path, force_stale='abort'))
+        bench.executor.remove_node(controller)
+        bench.until(lambda: plant.phase == 'aborted')
+
+
+def test_told_not_to_react_it_warns_only_and_says_so_on_diagnostics(ros_env, tmp_path):
+    with inside() as bench:
+        heard = {}
+
+        def on_diagnostics(message):
+            heard.update({status.name: status for status in message.status})
+
+        bench.user.create_subscription(
+            DiagnosticArray, '/diagnostics', on_diagnostics, qos.DIAGNOSTICS
+        )
+        path = table(tmp_path, out_of_range='abort')
+        plant, _, _ = flying(bench, path, react=False)
+        Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        status = bench.until(
+            lambda: (s := heard.get('monitor: health')) and s.level != b'\x00' and s
+        )
+        values = {pair.key: pair.value for pair in status.values}
+        assert status.level == b'\x01' and values['reaction_out_of_range'] == 'warn'
+        assert plant.phase == 'running'
+        assert bench.set('/monitor', react=True) == (True, '')
+
+
+def test_nobody_there_to_react_is_an_error_on_diagnostics(ros_env, tmp_path):
+    with inside() as bench:
+        watcher = bench.start(MonitorNode({'table': table(tmp_path, out_of_range='abort')}))
+        watcher.phase = 'running'
+        Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        bench.until(lambda: watcher.watch.detected['out_of_range'])
+        level, said, _ = watcher._health()
+        assert level == b'\x02' and 'nobody there to abort' in said
