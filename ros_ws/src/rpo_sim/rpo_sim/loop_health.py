@@ -46,6 +46,7 @@ class LoopHealth:
             'tick': plant.tick,
             'tick_rate_hz': self._rate.per_s(plant.tick),
             **figures,
+            **self._latency.recent().figures('recent_latency'),
             **{f'ignored_{kind}': count for kind, count in sorted(plant.ignored.items())},
             'saturation_share': plant.saturated_ticks / max(1, plant.tick),
             'command_age_s': health.age_s(self._commanded_s),

@@ -52,10 +52,14 @@ class Histogram:
 
 
 class Latency:
-    """From a state sent to a force received, by tick."""
+    """From a state sent to a force received, by tick.
+
+    histogram : of the whole run
+    """
 
     def __init__(self) -> None:
         self.histogram = Histogram()
+        self._recent = Histogram()
         self._sent: dict[int, float] = {}
 
     def sent(self, tick: int, now_s: float) -> None:
@@ -68,6 +72,12 @@ class Latency:
         """Take the answer to the state of a tick."""
         if tick in self._sent:
             self.histogram.add(now_s - self._sent[tick])
+            self._recent.add(now_s - self._sent[tick])
+
+    def recent(self) -> Histogram:
+        """Return what has come since this was asked last."""
+        found, self._recent = self._recent, Histogram()
+        return found
 
 
 class Pace:

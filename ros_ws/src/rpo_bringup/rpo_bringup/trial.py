@@ -1,0 +1,83 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`trial`: try the running nodes, and print what was measured as a table."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from rpo_bringup.trials import latency, losses, soak
+from rpo_bringup.trials.fleet import TrialError
+from rpo_core.validation import InputError
+from rpo_log.errors import LogError
+
+EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
+
+_EXAMPLE = """examples:
+  ros2 run rpo_bringup trial latency --rates 10 50 100
+  ros2 run rpo_bringup trial losses --rates 0 0.2 0.5
+  ros2 run rpo_bringup trial soak --ticks 20000
+"""
+
+
+def _above(least: float, most: float) -> type[float]:
+    def number(text: str) -> float:
+        value = float(text)
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f'must be {least:g} to {most:g}; got {text}')
+        return value
+
+    return number  # type: ignore[return-value]
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='trial',
+        description='Try the running nodes, and print what was measured as a table.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    trials = parser.add_subparsers(dest='trial', required=True)
+    one = trials.add_parser('latency', help='latency and jitter of the loop in free running')
+    one.add_argument(
+        '--rates', nargs='+', type=_above(0.1, 1000.0), default=list(latency.RATES_HZ), metavar='HZ'
+    )
+    one.add_argument('--seconds', type=_above(1.0, 3600.0), default=30.0, help='of each (30)')
+    one = trials.add_parser('losses', help="the paper's test in free running with faulty channels")
+    one.add_argument(
+        '--rates', nargs='+', type=_above(0.0, 1.0), default=[0.0, 0.2, 0.4, 0.6, 0.8],
+        metavar='SHARE', help='of messages befallen, of each kind, both ways',
+    )  # fmt: skip
+    one.add_argument('--kinds', nargs='+', choices=losses.KINDS, default=list(losses.KINDS))
+    one.add_argument('--factor', type=_above(0.1, 100.0), default=20.0, help='x real time (20)')
+    one.add_argument('--seed', type=int, default=1)
+    one.add_argument('--stale-after-ticks', type=int, default=10)
+    one = trials.add_parser('soak', help='memory, files and speed over a million ticks')
+    one.add_argument('--ticks', type=int, default=1_000_000, help='(1000000)')
+    one.add_argument('--every', type=_above(1.0, 600.0), default=20.0, help='seconds (20)')
+    return parser.parse_args(argv)
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_bringup trial`."""
+    options = _arguments(sys.argv[1:])
+    try:
+        if options.trial == 'latency':
+            latency.run(options.rates, options.seconds)
+        elif options.trial == 'losses':
+            stale = options.stale_after_ticks
+            losses.run(options.rates, options.kinds, options.factor, options.seed, stale)
+        else:
+            return soak.run(options.ticks, options.every)
+    except (TrialError, InputError, LogError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_FAILED
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

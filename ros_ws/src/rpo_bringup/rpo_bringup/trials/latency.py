@@ -1,0 +1,38 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Latency and jitter of the loop in free running, at some rates: plant, controller, recorder."""
+
+from __future__ import annotations
+
+from rpo_bringup.trials.fleet import CONTROLLER, PLANT, RECORDER, fleet, machine
+
+RATES_HZ = (10.0, 50.0, 100.0)
+
+_COLUMNS = ('latency_p50', 'latency_p95', 'latency_max', 'tick_lateness_p95', 'tick_lateness_max')
+_COUNTS = ('overruns', 'held_ticks', 'stale_ticks')
+
+
+def _row(rate_hz: float, seconds: float) -> str:
+    with fleet() as nodes:
+        path = nodes.scenario('approach', dt_s=1.0 / rate_hz, duration_s=seconds)
+        nodes.start(CONTROLLER)
+        nodes.start(RECORDER, output=nodes.folder / 'run')
+        nodes.start(
+            PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False
+        )
+        _, values = nodes.flown('run')
+    cells = [f'{rate_hz:g} Hz', values['tick']]
+    cells += [f'{float(values[f"{name}_ms"]):.2f} ms' for name in _COLUMNS]
+    cells += [values[name] for name in _COUNTS]
+    return f'| {" | ".join(cells)} |'
+
+
+def run(rates_hz: list[float], seconds: float) -> None:
+    """Fly at each rate for so many seconds of real time, and print a row of the table."""
+    print(machine())
+    print(
+        '| rate | ticks | latency p50 | p95 | max | tick late p95 | max | overruns | held | zero |'
+    )
+    print('|---|---|---|---|---|---|---|---|---|---|')
+    for rate_hz in rates_hz:
+        print(_row(rate_hz, seconds), flush=True)

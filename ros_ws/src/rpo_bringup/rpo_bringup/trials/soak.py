@@ -1,0 +1,142 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A long run in lockstep: memory, open files and speed of every node, from time to time."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+
+from rpo_bringup.trials.fleet import CONTROLLER, INJECTOR, PLANT, RECORDER, Fleet, fleet, machine
+from rpo_ros import names, qos
+
+_NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
+_PAGE = os.sysconf('SC_PAGE_SIZE')
+_WARM_SHARE = 0.1
+"""Part of the run that is not judged: caches fill, allocators settle."""
+_FILE_S = 3600.0
+"""Simulated time per file of the log: the index of an MCAP file is kept until it is closed."""
+
+MOST_GROWTH_MB = 5.0
+"""Per node and run, after the warm-up."""
+MOST_SLOWER = 1.5
+"""Median latency of the last quarter beside that of the first after the warm-up."""
+
+
+Sample = tuple[int, float, list[tuple[float, int]]]
+"""Tick, latency [ms], and of each node memory [MB] and open files."""
+
+
+class _Health:
+    """The plant's last word on /diagnostics."""
+
+    def __init__(self, namespace: str) -> None:
+        rclpy.init()
+        self._node = rclpy.create_node('soak', namespace=namespace)
+        self._name = f'{namespace.lstrip("/")}/plant: health'
+        self.values: dict[str, str] = {}
+        self.running = False
+        self._node.create_subscription(
+            DiagnosticArray, names.DIAGNOSTICS, self._on_array, qos.DIAGNOSTICS
+        )
+
+    def _on_array(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            if status.name == self._name:
+                self.values = {pair.key: pair.value for pair in status.values}
+                self.running = status.message == 'running'
+
+    def wait(self, seconds: float) -> None:
+        """Listen for a time."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(self._node, timeout_sec=left)
+
+    def close(self) -> None:
+        """Leave ROS."""
+        self._node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _resident_mb(pid: int) -> float:
+    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * _PAGE / 1e6
+
+
+def _open_files(pid: int) -> int:
+    return len(os.listdir(f'/proc/{pid}/fd'))
+
+
+def _sample(nodes: Fleet) -> list[tuple[float, int]]:
+    """Return resident memory [MB] and open files of each node."""
+    pids = [nodes.processes[name].pid for name in _NODES]
+    return [(_resident_mb(pid), _open_files(pid)) for pid in pids]
+
+
+def _fly(nodes: Fleet, ticks: int, every_s: float) -> list[Sample]:
+    path = nodes.scenario('paper_test', duration_s=ticks * 0.1)
+    nodes.start(CONTROLLER)
+    nodes.start(INJECTOR, scenario=path)
+    nodes.start(RECORDER, output=nodes.folder / 'run', split_s=_FILE_S)
+    plant = nodes.start(PLANT, scenario=path, wait_for_recorder=True, publish_clock=False)
+    health = _Health(nodes.namespace)
+    samples = []
+    try:
+        while nodes.processes[plant].poll() is None:
+            health.wait(every_s)
+            if not health.running:
+                continue
+            tick, sample = int(health.values['tick']), _sample(nodes)
+            if tick == ticks or nodes.processes[plant].poll() is not None:
+                break
+            latency_ms = float(health.values['recent_latency_p50_ms'])
+            samples.append((tick, latency_ms, sample))
+            memory = ' | '.join(f'{mb:.1f} MB, {files}' for mb, files in sample)
+            rate = float(health.values['tick_rate_hz'])
+            print(f'| {tick} | {rate:.0f} /s | {latency_ms:.2f} ms | {memory} |', flush=True)
+    finally:
+        health.close()
+    nodes.ended()
+    return samples
+
+
+def _judge(samples: list[Sample], ticks: int) -> list[str]:
+    """Return what has grown, in words."""
+    warm = [sample for sample in samples if sample[0] > _WARM_SHARE * ticks]
+    if len(warm) < 4:
+        return ['too short to judge: fewer than 4 samples after the warm-up']
+    found = []
+    for index, name in enumerate(_NODES):
+        grown = warm[-1][2][index][0] - warm[0][2][index][0]
+        files = warm[-1][2][index][1] - warm[0][2][index][1]
+        print(f'{name}: {grown:+.2f} MB, {files:+d} files after the warm-up')
+        if grown > MOST_GROWTH_MB or files > 0:
+            found.append(f'{name} has grown')
+    quarter = max(1, len(warm) // 4)
+    first, last = (sorted(s[1] for s in part) for part in (warm[:quarter], warm[-quarter:]))
+    begin, end = first[len(first) // 2], last[len(last) // 2]
+    print(f'latency: {begin:.2f} ms in the first quarter, {end:.2f} ms in the last')
+    if end > MOST_SLOWER * begin:
+        found.append('the loop has become slower')
+    return found
+
+
+def run(ticks: int, every_s: float) -> int:
+    """Fly so many ticks through four processes; print samples and verdict; return the exit code."""
+    begun = time.monotonic()
+    print(machine())
+    print(
+        '| tick | rate | latency | '
+        + ' | '.join(f'{name}: memory, files' for name in _NODES)
+        + ' |'
+    )
+    print('|' + '---|' * (3 + len(_NODES)))
+    with fleet() as nodes:
+        samples = _fly(nodes, ticks, every_s)
+        grown = _judge(samples, ticks)
+    print(f'{ticks} ticks in {time.monotonic() - begun:.0f} s: {"; ".join(grown) or "no growth"}')
+    return int(bool(grown))
