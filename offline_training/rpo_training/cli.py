@@ -14,6 +14,7 @@ from rpo_log.errors import LogError
 from rpo_training.commands import (
     bench,
     campaign,
+    compare,
     evaluate,
     explain,
     export,
@@ -52,6 +53,7 @@ app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
 app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
+app.command(epilog=compare.EXAMPLES)(compare.compare)
 app.command(epilog=explain.EXAMPLES)(explain.explain)
 app.command(epilog=export.EXAMPLES)(export.export)
 app.command('import', epilog=import_.EXAMPLES)(import_.import_controller)

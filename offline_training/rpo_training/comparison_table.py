@@ -81,8 +81,8 @@ def notes(rows: Sequence[Row], least: float, campaign: str) -> list[str]:
     said = [
         f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
-        f"distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as phase: largest ∣r∣ and ∣v∣ of an axis "
-        f'in the last {window} s, J over the 400 s.',
+        "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
+        f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
         f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs, success as it is '
         "defined there, Wilson's 95 % interval.",
         f'Command: processor time of one call from Python on {machine()}.',
