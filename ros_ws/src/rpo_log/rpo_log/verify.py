@@ -18,7 +18,6 @@ The first difference ends it. Logs of any length are verified in bounded memory.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,49 +32,30 @@ from rpo_core.controller import FuzzyController
 from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table, kernel
 from rpo_log import cdr, topics
-from rpo_log.decode import Block, Odd, plain, values_of
+from rpo_log.decode import Block
+from rpo_log.difference import (
+    DISTURBANCE,
+    DYNAMICS,
+    FLOWN,
+    LAW,
+    NAVIGATION,
+    REST,
+    START,
+    WHOLE,
+    Difference,
+    odd_difference,
+)
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.reader import controller_of, scenario_of
 from rpo_log.rows import DelayLine, HeldForces, Rows, held_ticks
 from rpo_log.stream import RunReader
 from rpo_log.tally import Tally
-from rpo_log.topics import Topic
 
 FIGURE_TOLERANCE = 1e-9
 """Relative, for the figures in run_status: sums and norms, written as text, flown by nobody."""
 
-START, NAVIGATION, LAW, DISTURBANCE, FLOWN, DYNAMICS, WHOLE, REST = (
-    'start',
-    'navigation',
-    'control law',
-    'disturbance',
-    'force flown',
-    'dynamics',
-    'whole run',
-    'rest',
-)
-
 _STATE_FIELDS = tuple(cdr.ODOMETRY_FIELDS[cdr.POSITION] + cdr.ODOMETRY_FIELDS[cdr.VELOCITY])
 _FORCE_FIELDS = cdr.WRENCH_FIELDS[:3]
-
-
-@dataclass(frozen=True)
-class Difference:
-    """The first thing in a log that is not as computed."""
-
-    tick: int
-    topic: str
-    field: str
-    logged: float | str
-    computed: float | str
-    check: str
-
-    def sentence(self) -> str:
-        """Return one line for people."""
-        return (
-            f'tick {self.tick}, {self.topic}, {self.field}: logged {self.logged!r}, computed '
-            f'{self.computed!r} ({self.check})'
-        )
 
 
 @dataclass(frozen=True)
@@ -176,7 +156,9 @@ class _Verifier:
 
     def first_difference(self, block: Block) -> Difference | None:
         """Return the first difference in a block, None if there is none."""
-        found: list[Difference | None] = [self._odd(odd) for odd in block.odd]
+        found: list[Difference | None] = [
+            odd_difference(odd, self.scenario.stamp_ns(odd.tick)) for odd in block.odd
+        ]
         if len(block.ticks):
             self.rows = rows = Rows(block, self.rows, self.disturbed, self.free)
             flown = self.line.flown(rows.ticks, rows.flown)
@@ -336,24 +318,6 @@ class _Verifier:
             check,
         )
 
-    def _odd(self, odd: Odd) -> Difference:
-        """Name what a message holds beside its stamp and its values."""
-        expected = plain(
-            odd.topic, self.scenario.stamp_ns(odd.tick), values_of(odd.topic, odd.data)
-        )
-        pairs = zip(_items(odd.topic, odd.data), _items(odd.topic, expected), strict=True)
-        for (field, logged), (_, computed) in pairs:
-            if _bits(logged) != _bits(computed):
-                return Difference(odd.tick, odd.topic.name, field, logged, computed, REST)
-        return Difference(
-            odd.tick,
-            odd.topic.name,
-            'bytes between its fields',
-            odd.data.hex(),
-            expected.hex(),
-            REST,
-        )
-
     def _status(self, tick: int, status: cdr.Status) -> Difference | None:
         """Compare the figures of a run_status with the flight."""
         name = self.topics[topics.STATUS].name
@@ -377,26 +341,6 @@ class _Verifier:
                 figures['distance_m'] = math.hypot(*state[:3])
                 figures['speed_m_s'] = math.hypot(*state[3:])
         return figures
-
-
-def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
-    """Return the fields of a message, by name, in their order."""
-    if topic.role in topics.STATES:
-        odometry = cdr.decode_odometry(data)
-        return [
-            ('header.frame_id', odometry.frame_id),
-            ('child_frame_id', odometry.child_frame_id),
-            *zip(cdr.ODOMETRY_FIELDS, odometry.floats, strict=True),
-        ]
-    wrench = cdr.decode_wrench(data)
-    return [
-        ('header.frame_id', wrench.frame_id),
-        *zip(cdr.WRENCH_FIELDS, wrench.floats, strict=True),
-    ]
-
-
-def _bits(value: float | str) -> bytes:
-    return value.encode() if isinstance(value, str) else struct.pack('<d', value)
 
 
 def _same_figure(logged: str, computed: float) -> bool:
