@@ -19,6 +19,8 @@ from rpo_core.rivals import Rival
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
+from rpo_training.campaign import faults
+from rpo_training.campaign.faults import Faults
 
 SCHEMA = 'rpo/campaign/1'
 
@@ -98,6 +100,7 @@ class CampaignConfig:
     """All that decides the outcome of a campaign, but the scenario and the controller themselves.
 
     success : figure -> limit; a run succeeds that keeps them all
+    faults : of the messages between plant and controller, None without
     """
 
     name: str
@@ -108,6 +111,7 @@ class CampaignConfig:
     sampling: str
     dispersions: Mapping[str, Dispersion]
     success: Mapping[str, float]
+    faults: Faults | None = None
 
     def __post_init__(self) -> None:
         text('name', self.name)
@@ -135,13 +139,15 @@ class CampaignConfig:
 def parse(document: Any) -> CampaignConfig:
     """Return the configuration of a parsed YAML document; raises InputError."""
     names = ['name', 'scenario', 'controller', 'runs', 'dispersions', 'success']
-    data = mapping('', document, ['schema', *names], ['seed', 'sampling'])
+    data = mapping('', document, ['schema', *names], ['seed', 'sampling', 'faults'])
     if data['schema'] != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], KINDS)
     success = mapping('success', data['success'], [], FIGURES)
     if not success:
         raise InputError(f'`success` must limit at least one of {", ".join(FIGURES)}; got none')
+    with within('faults'):
+        lossy = faults.parse(data['faults']) if 'faults' in data else None
     return CampaignConfig(
         name=data['name'],
         scenario=data['scenario'],
@@ -154,6 +160,7 @@ def parse(document: Any) -> CampaignConfig:
             name: real(f'success.{name}', limit, FIGURES[name], least=0.0)
             for name, limit in success.items()
         },
+        faults=lossy,
     )
 
 
@@ -189,6 +196,9 @@ def to_document(config: CampaignConfig) -> dict[str, Any]:
         for name, d in config.dispersions.items()
     }
     plain['success'] = dict(config.success)
+    del plain['faults']
+    if config.faults is not None:
+        plain['faults'] = faults.to_document(config.faults)
     return {'schema': SCHEMA, **plain}
 
 

@@ -17,6 +17,7 @@ from rpo_core.rivals import Rival
 from rpo_training import lanes
 from rpo_training.campaign import loops, rivals
 from rpo_training.campaign.config import FIGURES, Campaign
+from rpo_training.campaign.faults import Faults
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, Runs, draw
 from rpo_training.genes import population_of
 
@@ -53,11 +54,11 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 def _fly(campaign: Campaign, runs: Runs) -> Floats:
     figures = np.empty((len(runs.numbers), loops.OUTCOMES))
     loop = make_loop(campaign)
-    w, ring = _scratch(), np.empty((loop.slots, loops.AXES))
+    w, line = _scratch(), loops.make_line(loop)
     fly, law = _flown_by(campaign.controller)
     for start in range(0, len(figures), loops.RUNS):
         fleet = make_fleet(campaign, runs, start)
-        fly(fleet, law, loop, w, ring)
+        fly(fleet, law, loop, w, line)
         loops.outcomes(w, fleet.masses, loop, figures[start : start + loops.RUNS])
     return np.ascontiguousarray(np.hstack([runs.parameters, figures]).T)
 
@@ -97,6 +98,8 @@ def make_loop(campaign: Campaign) -> loops.Loop:
         sines=np.array([h.function == 'sin' for h in harmonics], np.bool_),
         tail=window_ticks(scenario, ARRIVAL_WINDOW_S),
         late=window_ticks(scenario, CLAIM_WINDOW_S),
+        faulty=config.faults is not None,
+        faults=(config.faults or Faults()).fates,
     )
 
 

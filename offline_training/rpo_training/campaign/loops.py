@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The dispersed closed loop of 40 runs side by side, in the lanes of `rpo_training.lanes`.
 
-A tick: navigation measures the state with a bias and noise; the controller answers; the thrusters
-saturate the command of `delay` ticks ago, and give it with their own magnitude and direction; the
-disturbance is added; the chaser steps by its own mass about its own orbit. Every lane does the
-arithmetic of `rpo_core.hardware` in its order.
+A tick: navigation measures the state with a bias and noise; the controller answers; messages are
+lost or late, and the newest answer that has come is held; the thrusters saturate the command of
+`delay` ticks ago, and give it with their own magnitude and direction; the disturbance is added; the
+chaser steps by its own mass about its own orbit. Every lane does the arithmetic of
+`rpo_core.hardware` and `campaign.faults` in its order.
 
 Rows of scratch go on where those of `batch` end; axes lie one after the other in a row.
 """
@@ -15,10 +16,13 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.noise import six_normals
 from rpo_training import batch
+from rpo_training.campaign.faults import LOST, Fates, lateness
 from rpo_training.lanes import STRIDE, compiled
 
 RUNS = 40
@@ -66,6 +70,7 @@ class Loop(NamedTuple):
     times : (ticks,) [s]; noise : (2,) 1 sigma [m], [m/s]; slots : longest delay + 1
     axes, sines : (harmonics,) axis 0..2 of each wave, and whether it is a sine
     tail, late : last ticks whose norms are averaged, whose extremes are kept
+    faulty : whether messages are lost or late, as `faults` says
     """
 
     times: Any
@@ -77,6 +82,35 @@ class Loop(NamedTuple):
     sines: Any
     tail: int
     late: int
+    faulty: bool
+    faults: Fates
+
+
+class Line(NamedTuple):
+    """Commands on their way; see `make_line`.
+
+    ring : (slots, 120) saturated, for the delay of the thrusters
+    past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and when they come
+    newest, held : (40,), (120,) tick of the newest answer that has come, and the answer
+    """
+
+    ring: Any
+    past: Any
+    lateness: Any
+    newest: Any
+    held: Any
+
+
+def make_line(loop: Loop) -> Line:
+    """Return the scratch of one worker for commands on their way."""
+    depth = 2 * loop.faults.late_by + 1 if loop.faulty else 1
+    return Line(
+        np.empty((loop.slots, AXES)),
+        np.empty((depth, AXES)),
+        np.empty((depth, RUNS), np.int64),
+        np.empty(RUNS, np.int64),
+        np.empty(AXES),
+    )
 
 
 @compiled
@@ -106,6 +140,35 @@ def measure(w, keys, tick, sigma_r, sigma_v):  # type: ignore[no-untyped-def]
     for s in range(AXES):
         w[batch.R + s] = measured(w[TRUE_R + s], w[BIAS_R + s], sigma_r, w[NOISE_R + s])
         w[batch.V + s] = measured(w[TRUE_V + s], w[BIAS_V + s], sigma_v, w[NOISE_V + s])
+
+
+@compiled
+def clear(line):  # type: ignore[no-untyped-def]
+    """Forget all commands."""
+    line.ring[:] = line.past[:] = line.held[:] = 0.0
+    line.lateness[:] = LOST
+    line.newest[:] = -1
+
+
+@compiled
+def hold(w, keys, line, tick, faults):  # type: ignore[no-untyped-def]
+    """Replace row FORCE, the answers to this tick, by the newest that have come by now."""
+    depth, first, second = len(line.past), keys[0], keys[1]
+    slot = tick % depth
+    for s in range(AXES):
+        line.past[slot, s] = w[batch.FORCE + s]
+    for s in range(RUNS):
+        line.lateness[slot, s] = lateness(tick, int(first[s]), int(second[s]), faults)
+        for late in (0, faults.late_by, 2 * faults.late_by):
+            answered = tick - late
+            came = answered >= 0 and line.lateness[answered % depth, s] == late
+            if came and answered > line.newest[s]:
+                line.newest[s] = answered
+                for lane in (s, s + RUNS, s + 2 * RUNS):
+                    line.held[lane] = line.past[answered % depth, lane]
+        fresh = line.newest[s] >= 0 and tick - line.newest[s] <= faults.stale_after
+        for lane in (s, s + RUNS, s + 2 * RUNS):
+            w[batch.FORCE + lane] = line.held[lane] if fresh else 0.0
 
 
 @compiled
@@ -232,10 +295,12 @@ def count_state(w, tick, tail, late):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def advance(w, fleet, loop, ring, tick):  # type: ignore[no-untyped-def]
-    """Do what follows the answer in row FORCE: thrusters, disturbance, step, figures."""
+def advance(w, fleet, loop, line, tick):  # type: ignore[no-untyped-def]
+    """Do what follows the answer in row FORCE: its way, thrusters, disturbance, step, figures."""
     ticks = len(loop.times)
-    act(w, ring, fleet.delays, tick, loop.limit)
+    if loop.faulty:
+        hold(w, fleet.keys, line, tick, loop.faults)
+    act(w, line.ring, fleet.delays, tick, loop.limit)
     late = tick >= ticks - loop.late
     count_force(w, fleet.delays, tick, late)
     push(w, fleet, loop, loop.times[tick])
@@ -244,14 +309,14 @@ def advance(w, fleet, loop, ring, tick):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fly(fleet, law, loop, w, ring):  # type: ignore[no-untyped-def]
-    """Fly runs to the end; the sums stay in `w`. ring : (slots, 120), for the delayed commands."""
+def fly(fleet, law, loop, w, line):  # type: ignore[no-untyped-def]
+    """Fly runs to the end; the sums stay in `w`."""
     place(w, fleet)
-    ring[:] = 0.0
+    clear(line)
     for tick in range(len(loop.times)):
         measure(w, fleet.keys, tick, loop.noise[0], loop.noise[1])
         batch.command(w, AXES, law)
-        advance(w, fleet, loop, ring, tick)
+        advance(w, fleet, loop, line, tick)
 
 
 @compiled

@@ -28,11 +28,11 @@ def command(w, tick, law):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def fly(fleet, law, loop, w, ring):  # type: ignore[no-untyped-def]
-    """Fly runs to the end; the sums stay in `w`. ring : (slots, 120), for the delayed commands."""
+def fly(fleet, law, loop, w, line):  # type: ignore[no-untyped-def]
+    """Fly runs to the end; the sums stay in `w`."""
     loops.place(w, fleet)
-    ring[:] = 0.0
+    loops.clear(line)
     for tick in range(len(loop.times)):
         loops.measure(w, fleet.keys, tick, loop.noise[0], loop.noise[1])
         command(w, tick, law)
-        loops.advance(w, fleet, loop, ring, tick)
+        loops.advance(w, fleet, loop, line, tick)

@@ -52,7 +52,7 @@ class Runs(NamedTuple):
 
     numbers : (n,) int
     parameters : (n, 24), see `PARAMETERS`
-    keys : (n, 2) int, of the noise
+    keys : (n, 2) int, of noise and message faults
     """
 
     numbers: Ints
@@ -168,11 +168,11 @@ def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
 
 
 def _keys(campaign: Campaign, numbers: Ints) -> Ints:
-    """Return keys (n, 2) of the noise; zeros where there is none."""
+    """Return keys (n, 2) of noise and message faults; zeros where there are none."""
     config = campaign.config
     noisy = any(d.distribution == 'white' for d in config.dispersions.values())
     keys = np.zeros((len(numbers), 2), np.int64)
-    if noisy:
+    if noisy or config.faults is not None:
         for row, number in zip(keys, numbers.tolist(), strict=True):
             row[:] = _sequence(config.seed, _NOISE, number).generate_state(2)
     return keys

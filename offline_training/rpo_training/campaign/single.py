@@ -7,17 +7,38 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 
+import numpy as np
+
 from rpo_core import closed_loop
 from rpo_core.closed_loop import Flight
-from rpo_core.hardware import Navigation, Thrusters
+from rpo_core.hardware import Chaser, Navigation, Thrusters
 from rpo_core.scenario import Scenario
 from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.faults import Channel
 from rpo_training.campaign.sampling import Runs, draw
 
 
 def fly_run(campaign: Campaign, number: int) -> Flight:
-    """Return the flight of run `number`, tick by tick through the core."""
-    return closed_loop.fly(scenario_of(campaign, number), campaign.controller)
+    """Return the flight of run `number`, tick by tick through the core.
+
+    With message faults, its forces are those held at each tick.
+    """
+    scenario = scenario_of(campaign, number)
+    if campaign.config.faults is None:
+        return closed_loop.fly(scenario, campaign.controller)
+    key = draw(campaign, number, 1).keys[0].tolist()
+    channel = Channel(campaign.config.faults, (key[0], key[1]))
+    chaser, navigation = Chaser(scenario), scenario.navigation or Navigation()
+    states, held = np.empty((scenario.ticks + 1, 6)), np.empty((scenario.ticks + 1, 3))
+    disturbances = scenario.disturbance.over(scenario.times_s)
+    for tick, push in enumerate(disturbances.tolist()):
+        states[tick] = chaser.state
+        seen = navigation.solution(tick, chaser.state)
+        command = campaign.controller.force_n(seen[:3], seen[3:], tick)
+        held[tick] = force = channel.passed(tick, command)
+        if tick < scenario.ticks:
+            chaser.advance(force, (push[0], push[1], push[2]))
+    return Flight(scenario, states, held, disturbances)
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:

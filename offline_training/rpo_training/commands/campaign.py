@@ -21,8 +21,12 @@ EXAMPLES = """
 Examples: `rpo campaign offline_training/campaigns/paper_test.yaml` | `rpo campaign mine.yaml
 --runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
 runs/million --run 1234 --csv run.csv` | `rpo campaign runs/million --run 1234 --export
-run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --cluster tcp://127.0.0.1:8786`
+run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --faults` | `rpo
+campaign mine.yaml --cluster tcp://127.0.0.1:8786`
 """
+
+SWEEP_RUNS = 400
+"""Flights per share of `--faults`, if `--runs` does not say."""
 
 
 def campaign(
@@ -43,6 +47,9 @@ def campaign(
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    faults: Annotated[
+        bool, typer.Option('--faults', help='success against the share of messages lost, late')
+    ] = False,
     workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
     cluster: Annotated[
         str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
@@ -78,8 +85,50 @@ def campaign(
     if store is not None:
         _print(store)
         return
+    if faults:
+        _sweep(chosen, runs or min(chosen.config.runs, SWEEP_RUNS))
+        return
     folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
     _fly(Store.create(folder, chosen), workers, cluster)
+
+
+def _sweep(chosen: Campaign, runs: int) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from rpo_training.campaign.faults import Faults
+    from rpo_training.campaign.sweep import KINDS, PERCENTS, Sweep
+
+    config, base = chosen.config, chosen.config.faults or Faults()
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task('flying', total=len(KINDS) * len(PERCENTS))
+        sweep = Sweep(chosen, runs, lambda: bar.advance(task))
+        found = {kind: sweep.rows(kind) for kind in KINDS}
+        edges = {kind: sweep.edge(kind, found[kind]) for kind in KINDS}
+    title = (
+        f'{config.name}: {config.controller}, free running; % that succeed of {runs} flights, dispersed and alone\n'
+        f'states and forces lost, or late by {base.late_by_ticks} ticks; a force counts for '
+        f'{base.stale_after_ticks} ticks'
+    )
+    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ('share %', *(h for kind in KINDS for h in (kind, 'Wilson 95 %', 'alone'))):
+        table.add_column(heading, justify='right', no_wrap=True)
+    for rows in zip(*found.values(), strict=True):
+        cells = [str(rows[0].percent)]
+        for _, d, alone in rows:
+            interval = f'{100 * d.low:.1f} to {100 * d.high:.1f}'
+            cells += [f'{100 * d.kept / d.runs:.1f}', interval]
+            cells.append(f'{100 * alone.kept / alone.runs:.1f}')
+        table.add_row(*cells)
+    Console().print(table)
+    for kind, edge in edges.items():
+        some = 'not even without faults do all'
+        if edge.all_up_to is not None:
+            some = f'all succeed up to {edge.all_up_to} %'
+        none = '' if edge.none_from is None else f', none from {edge.none_from} %'
+        typer.echo(f'{config.scenario}, undispersed, messages {kind}: {some}{none}')
 
 
 def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
@@ -172,9 +221,14 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
 def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
     from rpo_core import scenario
+    from rpo_core.validation import InputError
     from rpo_training.campaign.single import scenario_of
     from rpo_training.ledger import write_aside
 
+    if chosen.config.faults is not None:
+        if export is not None:
+            raise InputError('`--export` writes a scenario; message faults are not part of one')
+        return
     path = export or Path(f'run_{number}.yaml')
     if export is None:
         again = ['rpo', 'campaign', str(source), '--run', str(number), '--export', str(path)]

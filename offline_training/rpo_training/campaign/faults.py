@@ -1,0 +1,137 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages lost or late between plant and controller, as a free-running plant sees it, offline.
+
+A tick is flown with the newest force that has come by then: the answer to its own state or an
+older one, held. A force that answers a state of more than `stale_after_ticks` ago counts as zero.
+What becomes of the messages of a tick is a function of (key of the run, tick), by Philox4x32-10.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+from rpo_core.kernels import Vector
+from rpo_core.noise import kernel, philox
+from rpo_core.validation import InputError, mapping, real, whole
+
+LOST = -1
+"""What `lateness` says of an answer that never comes."""
+
+STALE_AFTER_TICKS = 10
+LATE_BY_TICKS = 2
+"""As the free-running plant and the fault injector have it."""
+
+MOST_LATE_TICKS = 100
+
+SHARES = ('state_loss', 'state_delay', 'force_loss', 'force_delay')
+_WORDS = 2**32
+
+
+class Fates(NamedTuple):
+    """Faults as the kernels read them: thresholds of words of 32 bits, and ticks."""
+
+    state_loss: int
+    state_delay: int
+    force_loss: int
+    force_delay: int
+    late_by: int
+    stale_after: int
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Shares in [0, 1] of the messages of a topic that are lost, or late; independent.
+
+    late_by_ticks : how late a delayed message is
+    stale_after_ticks : a force that answers an older state than that counts as zero
+    """
+
+    state_loss: float = 0.0
+    state_delay: float = 0.0
+    force_loss: float = 0.0
+    force_delay: float = 0.0
+    late_by_ticks: int = LATE_BY_TICKS
+    stale_after_ticks: int = STALE_AFTER_TICKS
+
+    def __post_init__(self) -> None:
+        for name in SHARES:
+            real(name, getattr(self, name), least=0.0, most=1.0)
+        whole('late_by_ticks', self.late_by_ticks, least=1, most=MOST_LATE_TICKS)
+        whole('stale_after_ticks', self.stale_after_ticks, least=0, most=10_000_000)
+
+    @property
+    def delays(self) -> bool:
+        """Whether any message is late."""
+        return self.state_delay > 0.0 or self.force_delay > 0.0
+
+    @property
+    def fates(self) -> Fates:
+        """The same for the kernels."""
+        loss, delay, force_loss, force_delay = (
+            int(getattr(self, name) * _WORDS) for name in SHARES
+        )
+        late, stale = self.late_by_ticks, self.stale_after_ticks
+        return Fates(loss, delay, force_loss, force_delay, late, stale)
+
+
+def parse(value: Any) -> Faults:
+    """Return the section `faults` of a campaign file; one without effect is refused."""
+    repeats = ('state_repeat', 'force_repeat')
+    data = mapping('faults', value, [], [*asdict(Faults()), *repeats])
+    for name in repeats:
+        if name in data:
+            raise InputError(
+                f'`{name}` has no effect: a second answer to a state is ignored; leave it out'
+            )
+    found = Faults(**data)
+    if not found.delays and found.state_loss <= 0.0 and found.force_loss <= 0.0:
+        raise InputError(f'it has no effect: one of {", ".join(SHARES)} must be > 0')
+    if 'late_by_ticks' in data and not found.delays:
+        raise InputError('`late_by_ticks` has no effect: no message is delayed')
+    return found
+
+
+def to_document(faults: Faults) -> dict[str, Any]:
+    """Return the section that `parse` reads."""
+    document = asdict(faults)
+    if not faults.delays:
+        del document['late_by_ticks']
+    return document
+
+
+@kernel
+def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
+    """Ticks from state `tick` to the force that answers it; LOST if there is none."""
+    a, b, c, d = philox(tick, 2, 0, 0, k0, k1)
+    late = 0
+    if b < faults.state_delay:
+        late += faults.late_by
+    if d < faults.force_delay:
+        late += faults.late_by
+    return LOST if a < faults.state_loss or c < faults.force_loss else late
+
+
+class Channel:
+    """The way of one run from state to force: what comes when, and what is held.
+
+    key : two words of 32 bits
+    """
+
+    def __init__(self, faults: Faults, key: tuple[int, int]) -> None:
+        self._fates, self._key = faults.fates, key
+        self._coming: defaultdict[int, list[tuple[int, Vector]]] = defaultdict(list)
+        self._newest, self._held = -1, (0.0, 0.0, 0.0)
+
+    def passed(self, tick: int, command_n: Vector) -> Vector:
+        """Return the force [N] held at a tick, whose state the controller answers by a command."""
+        late = lateness(tick, *self._key, self._fates)
+        if late != LOST:
+            self._coming[tick + late].append((tick, command_n))
+        for answered, force in self._coming.pop(tick, []):
+            if answered > self._newest:
+                self._newest, self._held = answered, force
+        fresh = self._newest >= 0 and tick - self._newest <= self._fates.stale_after
+        return self._held if fresh else (0.0, 0.0, 0.0)
