@@ -107,12 +107,12 @@ def _sweep(chosen: Campaign, runs: int) -> None:
         sweep = Sweep(chosen, runs, lambda: bar.advance(task))
         found = {kind: sweep.rows(kind) for kind in KINDS}
         edges = {kind: sweep.edge(kind, found[kind]) for kind in KINDS}
-    title = (
-        f'{config.name}: {config.controller}, free running; % that succeed of {runs} flights, dispersed and alone\n'
-        f'states and forces lost, or late by {base.late_by_ticks} ticks; a force counts for '
-        f'{base.stale_after_ticks} ticks'
+    typer.echo(
+        f'{config.name}: {config.controller}, free running; % of {runs} flights that succeed,\n'
+        f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
+        f'a force counts for {base.stale_after_ticks} ticks'
     )
-    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for heading in ('share %', *(h for kind in KINDS for h in (kind, 'Wilson 95 %', 'alone'))):
         table.add_column(heading, justify='right', no_wrap=True)
     for rows in zip(*found.values(), strict=True):
