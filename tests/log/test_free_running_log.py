@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of free running: what was flown is proved, what hung on the wall clock is not accused."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
+
+from rpo_core.controller import load_controller
+from rpo_log import cdr
+from rpo_log.diff import diff
+from rpo_log.export import tables
+from rpo_log.reader import read_flight
+from rpo_log.stream import RunReader
+from rpo_log.verify import verify
+from rpo_log.writer import RunLogWriter
+from rpo_sim.free_running import FreeRunningPlant
+
+APPLIED, APPLIED_DISTURBANCE = '/applied_force', '/applied_disturbance'
+STALE_AFTER = 4
+LAME = range(60, 75)
+"""Ticks of which the plant gets no force: longer than it holds one."""
+
+
+class FreeRun:
+    """A flight with a fifth of the forces lost on their way to the plant, or late."""
+
+    def __init__(self, loss: float = 0.2) -> None:
+        run = make_run(30.0)
+        self.run, self.scenario = run, run.flight.scenario
+        self.plant = FreeRunningPlant(
+            self.scenario, ['control_force', 'disturbance_force'], STALE_AFTER
+        )
+        chance = random.Random(7)
+        law = load_controller('handmade')
+        self.messages: list[tuple[str, int, bytes]] = []
+        self.applied: list[tuple[float, float, float]] = []
+        for tick in range(self.scenario.ticks + 1):
+            state = self.plant.state
+            force = law.force_n(state[:3], state[3:])
+            disturbance = self.scenario.disturbance.force_n(self.scenario.time_s(tick))
+            lost = tick and (chance.random() < loss or tick in LAME)
+            self.plant.answer('disturbance_force', self.plant.stamp_ns, disturbance)
+            if not lost:
+                self.plant.answer('control_force', self.plant.stamp_ns, force)
+            logged = not lost or chance.random() < 0.5  # the recorder may have what the plant lacks
+            self._say(tick, state, force if logged else None, disturbance)
+            if tick < self.scenario.ticks:
+                self.plant.advance()
+
+    def _say(self, tick, state, force, disturbance):
+        stamp = self.scenario.stamp_ns(tick)
+        say = [(CLOCK, cdr.encode_clock(stamp))]
+        say.append((STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', state)))
+        forces = {FORCE: force, DISTURBANCE: disturbance}
+        forces[APPLIED] = self.plant.applied('control_force')
+        forces[APPLIED_DISTURBANCE] = self.plant.applied('disturbance_force')
+        self.applied.append(forces[APPLIED])
+        for name, value in forces.items():
+            if value is not None:
+                say.append((name, cdr.encode_wrench(stamp, 'target_lvlh', value)))
+        if tick in (0, self.scenario.ticks):
+            values = {key: repr(value) for key, value in self.plant.figures().items()}
+            values['phase'] = 'finished' if tick else 'running'
+            say.append((STATUS, cdr.encode_status(0, 'run', '', 'none', values)))
+        self.messages += [(name, tick, data) for name, data in say]
+
+    def write(self, folder, change=None):
+        """Write the log; `change(name, tick, data)` forges it."""
+        names = [CLOCK, STATE, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS]
+        parameters = f'plant: {{mode: free_running, stale_after_ticks: {STALE_AFTER}}}\n'
+        attached = {**self.run.attachments, 'parameters.yaml': parameters.encode()}
+        writer = RunLogWriter(folder, self.run.base, names, attached)
+        for name, tick, data in self.messages:
+            writer.write(name, tick, change(name, tick, data) if change else data)
+        return writer.close()
+
+
+@pytest.fixture(scope='module')
+def free():
+    return FreeRun()
+
+
+def forged(name, tick, force):
+    """Return a change that puts another force into one message."""
+
+    def change(topic, at, data):
+        if (topic, at) != (name, tick):
+            return data
+        return cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', force)
+
+    return change
+
+
+def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
+    summary = free.write(tmp_path / 'run')
+    assert summary.messages[FORCE] < summary.messages[STATE]
+    assert summary.whole, summary.sentence()
+    found = verify(tmp_path / 'run')
+    assert found.difference is None
+    assert found.exit_code == 0, found.gaps
+    assert found.free_running
+    assert 'When forces came cannot be computed' in found.sentence()
+
+
+def test_the_flight_of_a_log_is_what_was_flown(free, tmp_path):
+    free.write(tmp_path / 'run')
+    flight = read_flight(tmp_path / 'run')
+    np.testing.assert_array_equal(flight.forces_n, np.array(free.applied))
+    energy = float((flight.applied_forces_n**2).sum() * flight.scenario.dt_s)
+    assert math.isclose(energy, free.plant.energy_n2s, rel_tol=1e-12)
+    assert (flight.forces_n[LAME.stop - 1] == 0.0).all()
+    parts = list(tables(RunReader(tmp_path / 'run')))
+    applied, commanded = (
+        np.concatenate([part[name] for part in parts]) for name in ('applied_fx_n', 'fx_n')
+    )
+    np.testing.assert_array_equal(applied, flight.forces_n[:, 0])
+    assert np.isnan(commanded).any()
+
+
+def test_a_force_flown_that_nobody_commanded_is_found(free, tmp_path):
+    """Forge the force flown and all that follows from it: only its origin gives it away."""
+    logged = {tick for name, tick, _ in free.messages if name == FORCE}
+    tick = next(k for k in range(20, 50) if logged >= set(range(k - STALE_AFTER, k + 1)))
+    free.write(tmp_path / 'run', forged(APPLIED, tick, (0.01, 0.02, 0.03)))
+    found = verify(tmp_path / 'run').difference
+    assert (found.tick, found.topic) == (tick, APPLIED)
+    assert found.check == 'force flown'
+
+
+def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):
+    """The recorder may have lost what the plant got: the dynamics are checked all the same."""
+    gone = {j for j in range(20, 26)}
+    run = FreeRun(loss=0.0)
+    run.messages = [m for m in run.messages if not (m[0] == FORCE and m[1] in gone)]
+    run.write(tmp_path / 'run')
+    assert verify(tmp_path / 'run').exit_code == 0
+    run.write(tmp_path / 'forged', forged(APPLIED, 24, (0.01, 0.02, 0.03)))
+    found = verify(tmp_path / 'forged').difference
+    assert (found.tick, found.topic, found.check) == (25, STATE, 'dynamics')
+
+
+def test_diff_names_the_force_flown(free, tmp_path):
+    free.write(tmp_path / 'a')
+    free.write(tmp_path / 'b', forged(APPLIED, 9, (0.0, 0.0, 0.0)))
+    found = diff(tmp_path / 'a', tmp_path / 'b')
+    assert found.first['applied_force'][0] == 9
+    assert set(found.first) == {'applied_force'}
