@@ -30,6 +30,7 @@ setup(
         'console_scripts': [
             'final_approach = rpo_bringup.final_approach:main',
             'monitor = rpo_bringup.monitor_node:main',
+            'node_pages = rpo_bringup.node_pages:main',
             'trial = rpo_bringup.trial:main',
         ],
     },

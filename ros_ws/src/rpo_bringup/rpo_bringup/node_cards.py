@@ -1,0 +1,152 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the pages of the nodes say that neither parameter tables nor running nodes tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from rpo_ros import names
+
+Outcomes = tuple[tuple[str, str], ...]
+"""What happens -> what then."""
+
+MEANINGS = {
+    names.RELATIVE_STATE: 'true state of the chaser, target LVLH, stamp of its tick',
+    names.NAVIGATION_STATE: 'what navigation makes of it, where the scenario has errors of it',
+    names.CONTROL_FORCE: 'commanded force, target LVLH, stamp of the state it answers',
+    names.DISTURBANCE_FORCE: 'disturbance, target LVLH, stamp of the state it answers',
+    names.APPLIED_FORCE: 'force that was flown (free running)',
+    names.APPLIED_DISTURBANCE: 'disturbance that was flown (free running)',
+    names.RUN_STATUS: 'waiting, running, paused, finished or aborted; reason and figures',
+    names.DECISION: 'why the controller commands: per axis a sentence, grades and strengths',
+    names.NODE_MANIFEST: 'files and parameters that shape the flight, for the log',
+    names.RECORDER_STATUS: 'waiting, ready or closed',
+    names.CLOCK: 'simulated time, for others; no control depends on it',
+    names.DIAGNOSTICS: 'health, once a second of wall time',
+    names.MARKERS: 'target, chaser, thrust, trail, corridor',
+    names.CHASER_POSE: 'pose of the chaser in target LVLH',
+    f'{names.CONTROL_FORCE}_raw': 'what the sender said, to be spoilt (`from_topic`)',
+    '~/transition_event': 'each change of the lifecycle state',
+    '~/change_state': 'lifecycle: configure, activate, deactivate, cleanup, shutdown',
+    '~/get_state': 'lifecycle: the present state',
+    '~/get_available_states': 'lifecycle',
+    '~/get_available_transitions': 'lifecycle: from the present state',
+    '~/get_transition_graph': 'lifecycle',
+    '~/pause': 'data true: no tick passes; false: go on',
+    '~/step': 'while paused, let some ticks pass',
+    '~/reset': 'end this run and wait at tick 0 of another',
+    '~/abort': 'end the run as aborted',
+}
+"""Topic or service -> what it carries or does."""
+
+_BAD = 'a bad parameter or file'
+_BAD_OUTCOME = (_BAD, 'one sentence that names it; exit code 2; nothing is started')
+_SIGNAL = ('SIGINT or SIGTERM', 'ends in order, exit code 0')
+_UNFIT = (
+    'a state in another frame, or not finite',
+    'is not answered; counted on `/diagnostics` as `ignored_<kind>`',
+)
+_CODES = {0: 'done, or ended by a signal', 2: _BAD}
+
+
+@dataclass(frozen=True)
+class Card:
+    """A node: where it is, how it is tried for its page, how it fails.
+
+    cls : name of its class in its module, the last part of which is <executable>_node
+    trial : parameters under which the page's tool starts it, to see its topics
+    """
+
+    package: str
+    executable: str
+    cls: str
+    failures: Outcomes
+    exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
+    trial: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def module(self) -> ModuleType:
+        """The node's module, with its table of parameters."""
+        return import_module(f'{self.package}.{self.executable}_node')
+
+    @property
+    def command(self) -> str:
+        """What people type."""
+        return f'ros2 run {self.package} {self.executable}'
+
+
+_CONTROLLER: Outcomes = (
+    ('a bad file at start', 'one sentence, exit code 2, nothing is started'),
+    ('a bad file at `configure`, later', 'one sentence; the node stays unconfigured'),
+    ('before its first activation', 'it is silent; a plant waits'),
+    (
+        'deactivated, cleaned up',
+        'answers every state with zero force, warns, and says `inactive` on `decision` and '
+        '`/diagnostics`',
+    ),
+    ('`controller` set while active', 'refused with a sentence; deactivate first'),
+    ('the same state again', 'gets the same answer, whatever was changed in between'),
+    ('an error inside the law', 'logged with its cause; the node deactivates itself'),
+    _UNFIT,
+    ('shutdown transition', 'ends the process, exit code 0'),
+    _SIGNAL,
+)
+
+CARDS = (
+    Card('rpo_sim', 'plant', 'PlantNode', (
+        _BAD_OUTCOME,
+        ('a wrong answer: late, early, repeated, foreign stamp, not finite, wrong frame',
+         'changes nothing; counted on `/diagnostics`'),
+        ('no answer in time (lockstep)', 'the state is sent again every `resend_after_s`; after '
+         '`peer_timeout_s` the run is aborted, or flies on at zero force (`on_peer_timeout`)'),
+        ('no fresh force (free running)', 'the last one is held for `stale_after_ticks`, then '
+         'zero; a warning on `run_status`'),
+        ('nobody there at the start', 'waits and says for whom; `start_timeout_s` ends the wait'),
+        ('the recorder dies', 'flies on and warns'),
+        ('SIGINT or SIGTERM', 'says aborted, lets the recorder close its log, exit code 0'),
+    ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
+         {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0}),
+    Card('rpo_sim', 'navigation', 'NavigationNode', (_BAD_OUTCOME, _UNFIT, _SIGNAL)),
+    Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
+        _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '
+                       '`ignored_foreign_stamp`'), _UNFIT, _SIGNAL)),
+    Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
+        _BAD_OUTCOME, ('both topics the same', 'refused'),
+        ('SIGINT or SIGTERM', 'says what it did; exit code 0'))),
+    Card('rpo_ctrl', 'fuzzy_controller', 'FuzzyControllerNode', _CONTROLLER),
+    Card('rpo_ctrl', 'rival_controller', 'RivalControllerNode', _CONTROLLER),
+    Card('rpo_log', 'recorder', 'RecorderNode', (
+        _BAD_OUTCOME,
+        ('a run in the folder already', 'refused, unless `overwrite`'),
+        ('the disk is full or gone', 'the log ends, the flight does not; an error on '
+         '`/diagnostics`, exit code 1'),
+        ('a message lacks', 'counted, said at the end, exit code 1'),
+        ('the plant dies', 'noticed after `plant_timeout_s`; the log is closed, exit code 1'),
+        ('`kill -9`', 'at least 95 % of the run so far is readable; `rpo repair`'),
+        ('SIGINT or SIGTERM', 'waits a moment for the last words, closes the log, exit code 0'),
+    ), {**_CODES, 1: 'the log is not whole'}),
+    Card('rpo_log', 'replay', 'ReplayNode', (
+        _BAD_OUTCOME,
+        ('a driven controller answers otherwise than the log',
+         'the first difference is said, exit code 1'),
+        ('no answer in `answer_timeout_s`', 'exit code 3'), _SIGNAL,
+    ), {**_CODES, 1: 'answers differ', 3: 'no answer'}),
+    Card('rpo_bringup', 'monitor', 'MonitorNode', (
+        _BAD_OUTCOME,
+        ('a fault holds for n of m samples', 'its reaction, once: warn; coast: the controller is '
+         'deactivated; abort: the plant ends the run with exit code 3'),
+        ('nobody there to react', 'asked again as soon as there is; an error on `/diagnostics`'),
+        ('the reaction is refused', 'said, with a warning'), _SIGNAL)),
+    Card('rpo_view', 'visualizer', 'VisualizerNode', (
+        _BAD_OUTCOME, ('`tf2_msgs` is not installed', 'says so; `/tf` is not published'),
+        ('messages faster than `rate_hz`', 'only the newest is looked at'), _SIGNAL)),
+    Card('rpo_view', 'web', 'WebNode', (
+        _BAD_OUTCOME, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
+         trial={'port': 0}),
+)  # fmt: skip
+"""Every node of the stack."""

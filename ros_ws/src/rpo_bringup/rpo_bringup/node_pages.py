@@ -1,0 +1,185 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`node_pages`: writes one page per node: purpose, topics, parameters, failures, exit codes.
+
+Parameters come from the table that the node declares and checks by, topics and services from the
+node itself, started for it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from rclpy.qos import QoSProfile
+from rclpy.utilities import remove_ros_args
+
+from rpo_bringup.node_cards import CARDS, MEANINGS, Card
+from rpo_core import closed_loop, controller, scenario
+from rpo_log import cdr, run
+from rpo_log.writer import RunLogWriter
+from rpo_ros import names
+from rpo_ros.parameters import Row
+from rpo_ros.running import FlightNode
+
+INDEX = 'index.md'
+_EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
+_LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
+"""What every node has, and what not every machine has."""
+
+_STOCK_SERVICES = ('parameter', 'get_type_description')
+
+
+def _tiny_log(folder: Path) -> Path:
+    """Write a log of the scenario `quick`, for the nodes that need one."""
+    flown = scenario.load_scenario('quick')
+    flight = closed_loop.fly(flown, controller.load_controller(controller.DEFAULT_CONTROLLER))
+    base = run.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    topics = (names.CLOCK, f'/{names.RELATIVE_STATE}', f'/{names.CONTROL_FORCE}')
+    log = RunLogWriter(folder, base, topics, {})
+    for tick in range(flown.ticks + 1):
+        stamp = base.stamp_ns(tick)
+        state, force = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
+        log.write(topics[0], tick, cdr.encode_clock(stamp))
+        odometry = cdr.encode_odometry(stamp, names.LVLH_FRAME, names.CHASER_FRAME, state)
+        log.write(topics[1], tick, odometry)
+        log.write(topics[2], tick, cdr.encode_wrench(stamp, names.LVLH_FRAME, force))
+    log.close()
+    return folder
+
+
+def _make(card: Card, folder: Path) -> FlightNode:
+    """Start a node as its card says, with what it needs in a folder of its own."""
+    trial = dict(card.trial)
+    if card.executable == 'recorder':
+        trial['output'] = str(folder / 'recorded')
+    if card.executable == 'replay':
+        trial['bag'] = str(_tiny_log(folder / 'log'))
+    return getattr(card.module, card.cls)(trial)
+
+
+def _qos(profile: QoSProfile) -> str:
+    words = [profile.reliability.name, profile.durability.name]
+    return f'{", ".join(words)}, last {profile.depth}'.lower().replace('_', ' ')
+
+
+def _type(message: type) -> str:
+    return f'{message.__module__.split(".")[0]}/{message.__name__}'
+
+
+def _meaning(name: str) -> str:
+    if name not in MEANINGS:
+        raise KeyError(f'{name} has no meaning in node_cards.MEANINGS: say what it is')
+    return MEANINGS[name]
+
+
+def _short(node: FlightNode, name: str) -> str:
+    """Return a name as it is written in code: ~/ for the node's own, no leading slash else."""
+    own = f'{node.get_fully_qualified_name()}/'
+    if name.startswith(own):
+        return f'~/{name.removeprefix(own)}'
+    absolute = (names.CLOCK, names.DIAGNOSTICS)
+    return name if name in absolute else name.lstrip('/')
+
+
+def _topics(node: FlightNode) -> Iterator[tuple[str, ...]]:
+    for way, ends in (('publishes', node.publishers), ('listens', node.subscriptions)):
+        found = {
+            _short(node, end.topic_name): end for end in ends if end.topic_name not in _LEFT_OUT
+        }
+        for name, end in sorted(found.items()):
+            kind = _type(end.msg_type)
+            yield way, f'`{name}`', f'`{kind}`', _qos(end.qos_profile), _meaning(name)
+    if hasattr(node, 'label'):  # rclpy keeps the lifecycle's publisher to itself
+        name = '~/transition_event'
+        yield 'publishes', f'`{name}`', '`lifecycle_msgs/TransitionEvent`', '', _meaning(name)
+
+
+def _services(node: FlightNode) -> Iterator[tuple[str, ...]]:
+    for service in sorted(node.services, key=lambda service: service.service_name):
+        name = _short(node, service.service_name)
+        if not any(stock in name for stock in _STOCK_SERVICES):
+            yield f'`{name}`', f'`{_type(service.srv_type)}`', _meaning(name)
+
+
+def _parameters(rows: Sequence[Row]) -> Iterator[tuple[str, ...]]:
+    for row in rows:
+        flight = 'may change' if row.changeable else 'fixed'
+        yield f'`{row.name}`', row.kind, row.shown_default, row.range, flight, row.description
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
+    lines = [head, ['---'] * len(head), *rows]
+    return [f'| {" | ".join(str(cell).replace("|", chr(92) + "|") for cell in r)} |' for r in lines]
+
+
+def page(card: Card, folder: Path) -> str:
+    """Return the page of a node as Markdown; needs an initialised rclpy."""
+    about = (card.module.__doc__ or '').strip()
+    purpose = about.split(': ', 1)[-1]
+    rows = card.module.PARAMETERS
+    node = _make(card, folder)
+    try:
+        topics, services = list(_topics(node)), list(_services(node))
+    finally:
+        node.close()
+        node.destroy_node()
+    example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
+    lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']
+    lines += ['```sh', card.command, example, '```', '', '## Topics', '']
+    lines += _table(['', 'topic', 'type', 'quality of service', 'what'], topics)
+    if services:
+        lines += ['', '## Services', '', *_table(['service', 'type', 'what'], services)]
+    lines += ['', '## Parameters', '']
+    head = ['name', 'kind', 'default', 'allowed', 'in flight', 'what']
+    lines += _table(head, list(_parameters(rows)))
+    lines += ['', '## When something is wrong', '', *_table(['what', 'outcome'], card.failures)]
+    codes = list(card.exit_codes.items())
+    lines += ['', '## Exit codes', '', *_table(['code', 'meaning'], codes), '']
+    return '\n'.join(lines)
+
+
+def _index() -> str:
+    rows = [
+        (f'[{c.executable}]({c.executable}.md)', f'`{c.command}`',
+         (c.module.__doc__ or '').strip().splitlines()[0].split(': ', 1)[-1])
+        for c in CARDS
+    ]  # fmt: skip
+    text = 'Written by `ros2 run rpo_bringup node_pages docs/nodes`, from the nodes themselves.'
+    return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'what'], rows), ''])
+
+
+def pages() -> dict[str, str]:
+    """Return file name -> page of every node, and an index."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    found = {INDEX: _index()}
+    rclpy.init(args=None)
+    try:
+        for card in CARDS:
+            with tempfile.TemporaryDirectory() as folder:
+                found[f'{card.executable}.md'] = page(card, Path(folder))
+    finally:
+        rclpy.try_shutdown()
+    return found
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_bringup node_pages`."""
+    parser = argparse.ArgumentParser(prog='node_pages', description=__doc__, epilog=_EXAMPLE)
+    parser.add_argument('folder', type=Path, help='where the pages go')
+    folder = parser.parse_args(remove_ros_args(sys.argv)[1:]).folder
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in pages().items():
+        (folder / name).write_text(text, encoding='utf-8')
+    print(f'{len(CARDS)} pages in {folder}')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

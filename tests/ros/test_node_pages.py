@@ -1,0 +1,30 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""docs/nodes is what the nodes are: tables, topics, services as they run today."""
+
+import re
+from pathlib import Path
+
+from rpo_bringup import node_pages
+from rpo_bringup.node_cards import CARDS, MEANINGS
+
+ROOT = Path(__file__).parents[2]
+COMMANDS = {'final_approach', 'trial', 'node_pages', 'watch'}
+"""Executables that are no nodes."""
+
+
+def test_the_pages_are_not_stale(ros_env):
+    written = {path.name: path.read_text() for path in (ROOT / 'docs' / 'nodes').glob('*.md')}
+    found = node_pages.pages()
+    stale = sorted(name for name in {*written, *found} if written.get(name) != found.get(name))
+    assert not stale, 'write them anew: ros2 run rpo_bringup node_pages docs/nodes'
+    said = ''.join(found.values())
+    unused = [name for name in MEANINGS if f'`{name}`' not in said]
+    assert not unused, 'no node has them any more'
+
+
+def test_every_node_has_its_page():
+    scripts = set()
+    for setup in (ROOT / 'ros_ws' / 'src').glob('*/setup.py'):
+        scripts |= set(re.findall(r"'(\w+) = [\w.]+:main'", setup.read_text()))
+    assert scripts - COMMANDS == {card.executable for card in CARDS}
