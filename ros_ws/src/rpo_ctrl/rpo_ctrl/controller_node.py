@@ -229,6 +229,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         """Return what /diagnostics says: the lifecycle's state, the file and its hash."""
         level, _, values = super().health()
         doing = 'commanding' if self.active else 'commanding zero' if self._began else 'silent'
+        doing = 'no states: the plant is gone' if self.plant_gone else doing
         values = {
             'state': self.label,
             'controller': self.law.name if self.law is not None else '',

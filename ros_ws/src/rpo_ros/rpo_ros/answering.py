@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
@@ -18,6 +19,9 @@ from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
 
 Force = tuple[float, float, float]
+
+SILENT_S = 3.0
+"""A plant that flies and sends no state for so long is gone; a warning within a second of that."""
 
 
 class AnsweringNode(FlightNode):
@@ -33,11 +37,15 @@ class AnsweringNode(FlightNode):
         self.ignored: Counter[str] = Counter()
         self._answered_s: float | None = None
         self._rate = health.Rate()
+        self._plant_phase = ''
 
     def answer_on(self, topic: str) -> None:
         """Begin to answer; the subclass is ready."""
         self._force = self.create_publisher(WrenchStamped, topic, qos.LOCKSTEP)
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self._on_run_status, qos.LATCHED
+        )
         health.publish_health(self, self.health)
 
     @abstractmethod
@@ -49,6 +57,16 @@ class AnsweringNode(FlightNode):
 
     def after_answer(self, stamp: Time, state: tuple[float, ...], force: Force) -> None:
         """Do what may wait until the force is on its way."""
+
+    def _on_run_status(self, status: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in status.values}
+        self._plant_phase = values.get('phase', '')
+
+    @property
+    def plant_gone(self) -> bool:
+        """Whether states have ceased though the last word of the plant was that it flies."""
+        flying = self._plant_phase == 'running' and self._answered_s is not None
+        return flying and health.age_s(self._answered_s) > SILENT_S
 
     def _on_state(self, message: Odometry) -> None:
         state = conversions.from_odometry(message)
@@ -73,4 +91,6 @@ class AnsweringNode(FlightNode):
             'command_age_s': health.age_s(self._answered_s),
             **ignored,
         }
+        if self.plant_gone:
+            return health.WARN, 'no states: the plant is gone', values
         return health.WARN if ignored else health.OK, 'answering states', values

@@ -54,4 +54,4 @@ class LoopHealth:
         faults = sum(plant.ignored.values()) + sum(figures.get(name, 0) for name in _FAULTS)
         level = health.WARN if faults > self._faults or unrecorded else health.OK
         self._faults = faults
-        return level, phase, values
+        return level, f'{phase}, the recorder is gone' if unrecorded else phase, values

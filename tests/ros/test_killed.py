@@ -1,0 +1,175 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kill -9 of each node at random moments: what the others do, and how soon they say so."""
+
+import random
+import time
+
+import pytest
+import yaml
+from processes import flight
+from steering import steering
+
+import rpo_core.files
+from rpo_log.errors import ExitCode
+from rpo_log.verify import verify
+
+MODES = ('lockstep', 'free_running')
+WARN, ERROR = b'\x01', b'\x02'
+MOMENTS = 20
+SLACK_S = 3.0
+"""For a busy machine; health is told once a second."""
+PEER_TIMEOUT_S, STALE_TICKS, PLANT_TIMEOUT_S, RECORDER_LEASE_S, SILENT_S = 0.5, 5, 2.0, 5.0, 3.0
+TOPICS = {'fuzzy_controller': 'control_force', 'disturbance_injector': 'disturbance_force'}
+
+
+class Run:
+    """The nodes of a flight, any of which may die and be started anew."""
+
+    def __init__(self, ros, hand, mode, seed, duration_s):
+        self.ros, self.hand, self.mode = ros, hand, mode
+        self.chance = random.Random(seed)
+        self.count = 0
+        document = yaml.safe_load(rpo_core.files.shipped('scenario')['paper_test'].read_text())
+        path = ros.folder / 'long.yaml'
+        path.write_text(yaml.safe_dump({**document, 'duration_s': duration_s}))
+        self.scenario = str(path)
+
+    def controller(self):
+        return self.ros.node('rpo_ctrl', 'fuzzy_controller')
+
+    def injector(self):
+        return self.ros.node('rpo_sim', 'disturbance_injector', scenario=self.scenario)
+
+    def recorder(self):
+        self.count += 1
+        self.output = self.ros.folder / f'run_{self.count}'
+        options = {'output': str(self.output), 'plant_timeout_s': PLANT_TIMEOUT_S}
+        return self.ros.node('rpo_log', 'recorder', **options)
+
+    def plant(self, **options):
+        self.hand.statuses.clear()
+        return self.ros.node(
+            'rpo_sim', 'plant', scenario=self.scenario, mode=self.mode, real_time_factor=1.0,
+            peer_timeout_s=PEER_TIMEOUT_S, stale_after_ticks=STALE_TICKS, **options,
+        )  # fmt: skip
+
+    def kill(self, node):
+        """Kill a node at a random moment of the flight; return when."""
+        self.hand.passes(self.chance.uniform(0.05, 1.0))
+        self.hand.statuses.clear()
+        self.hand.health.clear()
+        node.process.kill()
+        node.process.wait()
+        return time.monotonic()
+
+    def warned(self, node, text, since_s, within_s):
+        """Wait until a node's health says a text, and check how soon."""
+
+        def said():
+            return [
+                moment
+                for moment, level, message, values in self.hand.health.get(node, ())
+                if level != b'\x00' and text in f'{message} {values}' and moment >= since_s
+            ]
+
+        assert self.hand.until(said)[0] - since_s <= within_s + 1.0 + SLACK_S
+
+
+@pytest.fixture
+def make(ros_env, tmp_path):
+    """Yield a maker of runs; nothing is left of them."""
+    with flight(ros_env, tmp_path) as ros, steering() as hand:
+        yield lambda mode, seed=1, duration_s=3600.0: Run(ros, hand, mode, seed, duration_s)
+
+
+def free_running_survives_a_peer(run, name, moments):
+    """Kill a peer and start it anew, again and again, in one flight."""
+    peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
+    nodes = {peer: begin() for peer, begin in peers.items()}
+    plant = run.plant()
+    run.hand.says('flying')
+    for _ in range(moments):
+        killed_s = run.kill(nodes[name])
+        values = run.hand.says(f'from {TOPICS[name]}: zero')
+        assert time.monotonic() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
+        assert run.hand.statuses[-1][1] == WARN
+        assert values['phase'] == 'running'
+        run.warned('plant', 'stale_ticks', killed_s, 1.0)
+        nodes[name] = peers[name]()
+        run.hand.says('forces are back')
+    assert plant.process.poll() is None
+    assert run.hand.trigger('abort').success
+    assert plant.wait() == 3
+    assert not any('Traceback' in node.output for node in run.ros.nodes)
+
+
+def test_free_running_survives_its_controller(make):
+    free_running_survives_a_peer(make('free_running'), 'fuzzy_controller', 1)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('name', TOPICS)
+def test_free_running_survives_each_peer_killed_at_20_moments(make, name):
+    free_running_survives_a_peer(make('free_running', seed=2), name, MOMENTS)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('name', TOPICS)
+def test_lockstep_aborts_when_a_peer_is_killed_at_20_moments(make, name):
+    run = make('lockstep', seed=3)
+    peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
+    nodes = {peer: begin() for peer, begin in peers.items()}
+    for _ in range(MOMENTS):
+        plant = run.plant()
+        run.hand.says('flying')
+        killed_s = run.kill(nodes[name])
+        run.hand.says(f'from {TOPICS[name]}')
+        assert time.monotonic() - killed_s < PEER_TIMEOUT_S + SLACK_S
+        assert run.hand.statuses[-1][:2] == ('aborted', ERROR)
+        assert plant.wait() == 3, plant.output
+        nodes[name] = peers[name]()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize('mode', MODES)
+def test_a_plant_killed_at_20_moments_is_missed_by_all(make, mode):
+    run = make(mode, seed=4)
+    controller, injector = run.controller(), run.injector()
+    for _ in range(MOMENTS):
+        recorder, plant = run.recorder(), run.plant(wait_for_recorder='true')
+        run.hand.says('flying')
+        killed_s = run.kill(plant)
+        recorder.says('the plant is gone')
+        assert time.monotonic() - killed_s < PLANT_TIMEOUT_S + SLACK_S
+        assert recorder.wait() == 1
+        for name in TOPICS:
+            run.warned(name, 'the plant is gone', killed_s, SILENT_S)
+        found = verify(run.output)
+        assert found.difference is None
+        assert found.exit_code == ExitCode.INCOMPLETE
+    assert controller.stop() == 0
+    assert injector.stop() == 0
+    assert not any('Traceback' in node.output for node in run.ros.nodes)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize('mode', MODES)
+def test_a_recorder_killed_at_20_moments_is_missed_by_the_plant(make, mode):
+    run = make(mode, seed=5)
+    run.controller(), run.injector()
+    for _ in range(MOMENTS):
+        recorder, plant = run.recorder(), run.plant(wait_for_recorder='true')
+        run.hand.says('flying')
+        killed_s = run.kill(recorder)
+        run.hand.says('the recorder is gone')
+        assert time.monotonic() - killed_s < RECORDER_LEASE_S + 1.0 + SLACK_S
+        assert run.hand.statuses[-1][:2] == ('running', WARN)
+        run.warned('plant', 'recorder', killed_s, RECORDER_LEASE_S + 1.0)
+        assert run.hand.trigger('abort').success
+        assert plant.wait() == 3
+        assert verify(run.output).difference is None
