@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,11 @@ OptimaByName = dict[str, Flight]
 
 def approach(flight: Flight, optima: OptimaByName, aids: Aids) -> Any:
     """Return the flight in space and in two planes, with the drawn aids around the target."""
-    figure = style.new_figure(7.8)
+    figure = style.new_figure(7.9)
     grid = figure.add_gridspec(2, 2, height_ratios=(9, 8))
-    space = figure.add_subplot(grid[0, :], projection='3d')
+    room, space = figure.add_subplot(grid[0, :]), figure.add_axes((0, 0, 1, 1), projection='3d')
+    room.set_axis_off()
+    space.set_in_layout(False)
     planes = [figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])]
     _in_space(space, flight, optima, aids)
     for axes, across, label in zip(
@@ -38,7 +41,37 @@ def approach(flight: Flight, optima: OptimaByName, aids: Aids) -> Any:
         _in_plane(axes, flight, optima, aids, across)
         axes.set(xlabel='y, V-bar [m]', ylabel=label)
     style.legend_below(figure, planes[0], columns=4)
+    _fit(figure, space, room)
     return figure
+
+
+def _fit(figure: Any, space: Any, room: Any) -> None:
+    """Give axes in space the size at which they and their labels fill their room.
+
+    The layout of matplotlib does not know how much of a cube's square a view leaves empty.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine('none')
+    target, size = room.get_window_extent(), figure.bbox.size
+    for _ in range(3):  # labels do not grow along
+        shown, square = _extent(space), space.get_window_extent()
+        scale = float((target.size / shown.size).min())
+        corner = (target.min + target.max) / 2 - scale * ((shown.min + shown.max) / 2 - square.min)
+        space.set_position((*(corner / size), *(scale * square.size / size)))
+        figure.draw_without_rendering()
+
+
+def _extent(space: Any) -> Any:
+    """Return the box around the cube of axes in space and its labels, after a drawing [pixels]."""
+    from matplotlib.transforms import Bbox
+
+    limits = (space.get_xlim3d(), space.get_ylim3d(), space.get_zlim3d())
+    corners = np.array(list(itertools.product(*limits, [1.0])))  # homogeneous
+    projected = corners @ space.get_proj().T
+    cube = Bbox.null()
+    cube.update_from_data_xy(space.transData.transform(projected[:, :2] / projected[:, 3:]))
+    labels = [axis.get_tightbbox() for axis in (space.xaxis, space.yaxis, space.zaxis)]
+    return Bbox.union([cube, *labels])
 
 
 def _paths(flight: Flight, optima: OptimaByName) -> list[tuple[str, Floats, str, Any]]:
@@ -85,7 +118,7 @@ def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> No
     axes.set_ylabel('z, H-bar [m]', labelpad=9)
     axes.set_zlabel('x, R-bar [m]', labelpad=5)
     reach = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
-    axes.set_box_aspect(reach, zoom=1.6 * reach.max() / np.linalg.norm(reach))
+    axes.set_box_aspect(reach)
     axes.locator_params(nbins=5)
     axes.view_init(elev=22.0, azim=-58.0)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -119,7 +152,7 @@ def limits(flight: Flight) -> Any:
     upper, lower = figure.subplots(2, 1, sharex=True)
     by_axis(upper, scenario.times_s[:-1], forces, 'force [N]')
     limit_lines(upper, scenario.max_force_n, 'limit')
-    by_axis(lower, scenario.times_s[1:-1], slew, 'slew df/dt [N/s]')
+    by_axis(lower, scenario.times_s[1:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
     limit_lines(lower, metrics.MAX_SLEW_N_S, 'limit')
     lower.set_xlabel('time [s]')
     style.legend_below(figure, upper)

@@ -164,10 +164,10 @@ def time_histories(flight: Flight) -> Any:
     return figure
 
 
-def by_axis(axes: Any, times_s: Any, values: Any, label: str) -> None:
+def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float = 1.5) -> None:
     """Draw the columns (n, 3) of a vector over time."""
     for name, colour, column in zip(style.AXIS_NAMES, style.AXES, values.T, strict=True):
-        axes.plot(times_s, column, color=colour, label=name)
+        axes.plot(times_s, column, color=colour, label=name, linewidth=linewidth)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
 
@@ -180,5 +180,6 @@ def limit_lines(axes: Any, value: float, name: str) -> None:
             color=style.LIGHT['ink'],
             linestyle=(0, (4, 3)),
             linewidth=1.0,
+            zorder=3.0,
             label=name if sign > 0 else None,
         )
