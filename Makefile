@@ -37,9 +37,9 @@ test-slow:  ## the slow tests
 	$(SETUP) test
 	$(ENV) pytest -m slow $(ARGS)
 
-bench:  ## measure speed beside pyfuzzylite and scikit-fuzzy, and the paper's training at full budget
+bench:  ## targets P1 to P4: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
 	$(SETUP) test train
-	$(ENV) rpo bench inference && rpo bench training
+	$(ENV) rpo bench $(ARGS)
 
 docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and follows edits)
 	$(SETUP) docs

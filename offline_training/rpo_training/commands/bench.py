@@ -4,43 +4,135 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+if TYPE_CHECKING:
+    from rpo_training.bench.table import Bench
+
 EXAMPLES = """
-Examples: `rpo bench inference` | `rpo bench training` | `rpo bench training --evaluations 600`
+Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluations 600` |
+`rpo bench --write docs/benchmarks.md`
 """
+
+PARTS = ('all', 'inference', 'training', 'campaign', 'ros')
 
 
 def bench(
-    what: Annotated[str, typer.Argument(help='inference or training')],
+    what: Annotated[str, typer.Argument(help=', '.join(PARTS))] = 'all',
     evaluations: Annotated[
-        int, typer.Option(min=1, help="controllers to fly; the paper's budget is 60 x 301")
+        int, typer.Option(min=1, help="training: controllers; the paper's budget is 60 x 301")
     ] = 60 * 301,
+    runs: Annotated[int, typer.Option(min=1, help='campaign: runs')] = 10_000,
     workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
+    write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
 ) -> None:
-    """Measure speed beside pyfuzzylite and scikit-fuzzy, which must be installed."""
-    from rpo_core.validation import choice
-    from rpo_training import bench as measure
+    """Measure speed beside the peers, in one run: targets P1 to P4."""
+    from rpo_core.validation import InputError, choice
+    from rpo_training.bench import machine
 
-    choice('what', what, ('inference', 'training'))
-    typer.echo(measure.machine())
-    if what == 'inference':
-        rates = measure.inference()
-        for rate in rates:
-            typer.echo(
-                f'{rate.name:26s} {rate.per_second:12.4g} inferences/s of one core   '
-                f'ours {rates[0].per_second / rate.per_second:9.4g} x   '
-                f'outputs differ by {rate.difference:.1e}'
-            )
-        return
-    for part, nanoseconds in measure.breakdown().items():
+    choice('what', what, PARTS)
+    if write is not None and what != 'all':
+        raise InputError('`--write` writes the whole table: leave the part out')
+    typer.echo(machine.machine())
+    load = machine.load_per_core()
+    if load > machine.BUSY:
+        typer.echo(
+            f'Load {load:.1f} per core: others work here, wall times are theirs too.', err=True
+        )
+    if what == 'all':
+        _all(output, write)
+    elif what == 'inference':
+        _inference()
+    elif what == 'training':
+        _training(evaluations, workers)
+    elif what == 'campaign':
+        _campaign(runs, workers)
+    else:
+        _ros()
+
+
+def _all(output: Path, page: Path | None) -> None:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from rpo_training.bench import table
+
+    with Progress(console=Console(stderr=True)) as bar:
+        tasks = {}
+
+        def said(what: str, share: float) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=1.0)
+            bar.update(tasks[what], completed=share)
+
+        found = table.run(said)
+    _print(found)
+    typer.echo(table.save(found, output))
+    if page is not None:
+        table.write(found, page)
+        typer.echo(page)
+
+
+def _print(found: Bench) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for heading in ('', 'what', 'target', 'ours', 'peer, same run', 'ratio', ''):
+        table.add_column(heading)
+    for r in found.rows:
+        verdict = '[green]held[/]' if r.holds else '[bold red]MISSED[/]'
+        table.add_row(r.target, r.what, r.wanted, r.ours, r.peer, r.ratio, verdict)
+    Console(highlight=False).print(table)
+
+
+def _inference() -> None:
+    from rpo_training.bench.inference import breakdown, inference
+
+    rates = inference()
+    for rate in rates:
+        typer.echo(
+            f'{rate.name:26s} {rate.per_second:12.4g} inferences/s of one core   '
+            f'ours {rates[0].per_second / rate.per_second:9.4g} x   '
+            f'outputs differ by {rate.difference:.1e}'
+        )
+    for part, nanoseconds in breakdown().items():
         typer.echo(f'{part:20s} {nanoseconds:6.2f} ns per axis and step')
-    budget = measure.training(evaluations, workers)
+
+
+def _training(evaluations: int, workers: int) -> None:
+    from rpo_training.bench.flying import training
+
+    budget = training(evaluations, workers)
     typer.echo(
         f'{budget.evaluations} controllers x 216 starts x {budget.steps} steps on {budget.workers} '
         f'threads: {budget.wall_s:.1f} s ({budget.cpu_s:.1f} s of CPU); '
         f'{budget.loops_per_evaluation} axis loops a controller instead of 648, '
         f'{budget.inferences_per_cpu_s:.3g} inferences per CPU second'
     )
+
+
+def _campaign(runs: int, workers: int) -> None:
+    from rpo_training.bench.flying import campaign
+
+    found = campaign(runs, workers)
+    typer.echo(
+        f'{found.runs} runs x {found.ticks} steps: {found.wall_s:.1f} s ({found.cpu_s:.1f} s of '
+        f'CPU); the core alone, run by run: {found.core_s_per_run:.3g} s of CPU a run'
+    )
+
+
+def _ros() -> None:
+    from rpo_training.bench import ros
+
+    typer.echo(f'two bare rclpy processes: {ros.ping_pong():.0f} round trips/s')
+    for name, fly in (('4 processes', ros.four_processes), ('1 process', ros.one_process)):
+        loop = fly()
+        typer.echo(
+            f'{name}: {loop.ticks_per_s:.0f} ticks/s, {loop.real_time_factor:.0f} x real time'
+        )

@@ -31,6 +31,7 @@ setup(
             'final_approach = rpo_bringup.final_approach:main',
             'monitor = rpo_bringup.monitor_node:main',
             'node_pages = rpo_bringup.node_pages:main',
+            'ping_pong = rpo_bringup.ping_pong:main',
             'trial = rpo_bringup.trial:main',
         ],
     },

@@ -1,13 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed, measured beside the peers: the same system, the same inputs, agreement checked.
+"""P1, fuzzy inference beside the peers: the same system, the same inputs, agreement checked.
 
 Times are CPU seconds of this process, the best of a few repetitions.
 """
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable
 from functools import partial
@@ -21,8 +20,8 @@ from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
 from rpo_training import batch, lanes
-from rpo_training.evaluation import Simulator, case_of_set
-from rpo_training.genes import GeneSpace, population_of
+from rpo_training.evaluation import case_of_set
+from rpo_training.genes import population_of
 
 Floats = NDArray[np.float64]
 
@@ -40,17 +39,6 @@ class Rate(NamedTuple):
     name: str
     per_second: float
     difference: float
-
-
-def machine() -> str:
-    """Return the machine in words."""
-    model = platform.processor() or platform.machine()
-    try:
-        with open('/proc/cpuinfo') as file:
-            model = next(line.split(':')[1].strip() for line in file if 'model name' in line)
-    except (OSError, StopIteration):
-        pass
-    return f'{model}, Python {platform.python_version()}, NumPy {np.__version__}'
 
 
 def _measure(work: Callable[[], Any], count: int, repetitions: int = 3) -> float:
@@ -206,38 +194,6 @@ def _skfuzzy(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
         return np.array(outputs)
 
     return run
-
-
-class Budget(NamedTuple):
-    """A training budget flown: wall and CPU seconds, and what the numbers mean."""
-
-    evaluations: int
-    workers: int
-    wall_s: float
-    cpu_s: float
-    loops_per_evaluation: int
-    steps: int
-
-    @property
-    def inferences_per_cpu_s(self) -> float:
-        """Inferences flown per CPU second."""
-        return self.evaluations * self.loops_per_evaluation * self.steps / self.cpu_s
-
-
-def training(evaluations: int = 60 * 301, workers: int = 0, seed: int = 1) -> Budget:
-    """Fly the paper's training budget: free rule tables, 216 starts, 2000 steps each."""
-    case = case_of_set(load_set('paper_training'))
-    space = GeneSpace('free')
-    rng = np.random.default_rng(seed)
-    with Simulator([case], workers) as simulator:
-        simulator.fly(space.decode(rng.random((2, space.size))))  # compiles
-        began, cpu = time.perf_counter(), time.process_time()
-        for first in range(0, evaluations, 60):
-            count = min(60, evaluations - first)
-            simulator.fly(space.decode(rng.random((count, space.size))))
-        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-        axes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
-        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.times.horizon)
 
 
 BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and step')

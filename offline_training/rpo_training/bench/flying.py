@@ -1,0 +1,106 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""P2 and P3, training and campaigns: the paper's budget, and 10 000 dispersed runs."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rpo_core.scenario import load_set
+from rpo_training.campaign import config, fleet, single
+from rpo_training.campaign.flying import fly
+from rpo_training.campaign.store import Store
+from rpo_training.evaluation import Simulator, case_of_set
+from rpo_training.genes import GeneSpace
+
+PAPER_BUDGET = 60 * 301
+"""Controllers that the paper's genetic algorithm flies: 60, in the first and 300 generations."""
+
+CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
+CAMPAIGN_RUNS = 10_000
+
+
+class Budget(NamedTuple):
+    """A training budget flown: wall and CPU seconds, and what the numbers mean."""
+
+    evaluations: int
+    workers: int
+    wall_s: float
+    cpu_s: float
+    loops_per_evaluation: int
+    steps: int
+
+    @property
+    def inferences_per_cpu_s(self) -> float:
+        """Inferences flown per CPU second."""
+        return self.evaluations * self.loops_per_evaluation * self.steps / self.cpu_s
+
+
+def training(
+    evaluations: int = PAPER_BUDGET,
+    workers: int = 0,
+    seed: int = 1,
+    said: Callable[[float], None] = lambda share: None,
+) -> Budget:
+    """Fly the paper's training budget: free rule tables, 216 starts, 2000 steps each.
+
+    said : is told the share that is flown
+    """
+    case = case_of_set(load_set('paper_training'))
+    space = GeneSpace('free')
+    rng = np.random.default_rng(seed)
+    with Simulator([case], workers) as simulator:
+        simulator.fly(space.decode(rng.random((2, space.size))))  # compiles
+        began, cpu = time.perf_counter(), time.process_time()
+        for first in range(0, evaluations, 60):
+            count = min(60, evaluations - first)
+            simulator.fly(space.decode(rng.random((count, space.size))))
+            said((first + count) / evaluations)
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+        axes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
+        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.times.horizon)
+
+
+class Dispersed(NamedTuple):
+    """A campaign flown: wall and CPU seconds; and of one run at a time, through the core."""
+
+    runs: int
+    ticks: int
+    wall_s: float
+    cpu_s: float
+    core_s_per_run: float
+
+
+def campaign(
+    runs: int = CAMPAIGN_RUNS, workers: int = 0, said: Callable[[float], None] = lambda share: None
+) -> Dispersed:
+    """Fly the shipped campaign, every dispersion on; then a few of its runs one by one.
+
+    said : is told the share that is flown
+    """
+    chosen = config.load(CAMPAIGN, runs=runs)
+    fleet.fly_runs(chosen, 0, 1)  # compiles
+    single.fly_run(chosen, 0)
+    flown = 0
+
+    def add(count: int, _successful: int) -> None:
+        nonlocal flown
+        flown += count
+        said(flown / runs)
+
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / 'campaign', chosen)
+        began, cpu = time.perf_counter(), time.process_time()
+        fly(store, workers, progress=add)
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+    few, began = 10, time.process_time()
+    for number in range(few):
+        single.fly_run(chosen, number)
+    each = (time.process_time() - began) / few
+    return Dispersed(runs, chosen.scenario.ticks, wall, cpu, each)

@@ -1,0 +1,130 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""P4, the ROS loop: real nodes over the paper's test, beside two bare rclpy processes.
+
+Each way is started with `ros2 run`, in a ROS domain of its own; the time is from `flying` to
+`finished`, as the plant's log lines have it: without start and discovery.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
+
+SCENARIO = 'paper_test'
+DOMAIN = '98'
+"""Away from everybody's 0 and from what tests take first."""
+
+_DEADLINE_S = 300.0
+_LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
+
+
+class Loop(NamedTuple):
+    """A flight through the nodes: wall time, ticks, and seconds simulated."""
+
+    wall_s: float
+    ticks: int
+    duration_s: float
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second."""
+        return self.duration_s / self.wall_s
+
+    @property
+    def ticks_per_s(self) -> float:
+        """Closed loops per second."""
+        return self.ticks / self.wall_s
+
+
+def _environment(folder: str) -> dict[str, str]:
+    if shutil.which('ros2') is None:
+        raise InputError('`rpo bench ros` starts ROS nodes: `source ros_ws/env.bash` first')
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': DOMAIN,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_LOG_DIR': folder,
+    }
+
+
+@contextmanager
+def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
+    """Run nodes in the background; they are gone at the end."""
+    environment, quiet = _environment(folder), subprocess.DEVNULL
+    nodes = [
+        subprocess.Popen(['ros2', 'run', *command], env=environment, stdout=quiet, stderr=quiet)
+        for command in commands
+    ]
+    try:
+        yield
+    finally:
+        for node in nodes:
+            node.terminate()
+        for node in nodes:
+            node.wait()
+
+
+def _said(command: Sequence[str], folder: str) -> str:
+    """Return what a command says; raises InputError if it fails."""
+    done = subprocess.run(
+        ['ros2', 'run', *command],
+        env=_environment(folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=_DEADLINE_S,
+    )
+    if done.returncode:
+        last = (done.stdout.strip() or 'nothing').splitlines()[-1]
+        raise InputError(f'`ros2 run {" ".join(command)}` ended with {done.returncode}: {last}')
+    return done.stdout
+
+
+def _loop(said: str) -> Loop:
+    times = {phase: float(moment) for moment, phase in _LINE.findall(said)}
+    if set(times) != {'flying', 'finished'}:
+        raise InputError(f'the plant did not say when it flew; it said: {said[-300:]!r}')
+    scenario = load_scenario(SCENARIO)
+    return Loop(times['finished'] - times['flying'], scenario.ticks, scenario.duration_s)
+
+
+def one_process() -> Loop:
+    """Fly plant, controller, disturbance and recorder in one process."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = str(Path(folder) / 'run')
+        command = ['rpo_bringup', 'final_approach', '--scenario', SCENARIO, '--no-report']
+        return _loop(_said([*command, '--output', output], folder))
+
+
+def four_processes() -> Loop:
+    """Fly plant, controller, disturbance and recorder as four processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        flown = ['--ros-args', '-p', f'scenario:={SCENARIO}']
+        output = ['--ros-args', '-p', f'output:={folder}/run']
+        others = [
+            ['rpo_ctrl', 'fuzzy_controller'],
+            ['rpo_sim', 'disturbance_injector', *flown],
+            ['rpo_log', 'recorder', *output],
+        ]
+        with _started(others, folder):
+            return _loop(
+                _said(['rpo_sim', 'plant', *flown, '-p', 'wait_for_recorder:=true'], folder)
+            )
+
+
+def ping_pong() -> float:
+    """Return round trips per second of two bare rclpy processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        said = _said(['rpo_bringup', 'ping_pong'], folder)
+    return float(said.split()[0])

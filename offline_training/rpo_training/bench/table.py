@@ -1,0 +1,203 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""All of P1 to P4 in one run: a table with the target and the peer's figure beside ours."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rpo_training.bench import flying, inference, machine, ros
+from rpo_training.ledger import write_aside
+
+MAX_TRAINING_S, MAX_CAMPAIGN_S = 180.0, 10.0
+LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
+LEAST_FOUR, LEAST_ONE = 100.0, 150.0
+"""The targets: wall time, ratios to the peers, x real time as four processes and in one."""
+
+NAIVE_LOOPS = 216 * 3
+"""Axis loops of a controller, without symmetry."""
+
+Said = Callable[[str, float], None]
+"""Is told what is measured, and the share of it that is done."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A target: what it is about, what was measured, and the peer's figure of the same run."""
+
+    target: str
+    what: str
+    wanted: str
+    ours: str
+    peer: str
+    ratio: str
+    holds: bool
+
+
+@dataclass(frozen=True)
+class Bench:
+    """One run of all.
+
+    machine : facts, `machine.facts`
+    figures : every number measured, with its unit in its name
+    """
+
+    date: str
+    machine: dict[str, Any]
+    rows: tuple[Row, ...]
+    figures: dict[str, float]
+
+
+def run(said: Said = lambda what, share: None) -> Bench:
+    """Measure all; some minutes."""
+    date = datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
+    facts, rows = machine.facts(), []
+    figures: dict[str, float] = {}
+    for part in (_inference, _training, _campaign, _ros):
+        for row, measured in part(said, figures):
+            rows.append(row)
+            figures.update(measured)
+    return Bench(date, facts, tuple(rows), figures)
+
+
+Measured = Iterator[tuple[Row, dict[str, float]]]
+
+
+def _inference(said: Said, _: dict[str, float]) -> Measured:
+    said('P1 inference', 0.0)
+    ours, _scalar, *peers = inference.inference()
+    said('P1 inference', 1.0)
+    figures = {'inference_per_cpu_s': ours.per_second}
+    for peer, least in zip(peers, (LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY), strict=True):
+        ratio = ours.per_second / peer.per_second
+        name = peer.name.partition(',')[0]
+        yield (
+            Row(
+                'P1',
+                f'fuzzy inferences a second, one core, beside {name}',
+                f'≥ {least:g} ×',
+                f'{ours.per_second:.3g}/s',
+                f'{peer.per_second:.3g}/s',
+                f'{ratio:.0f} ×',
+                ratio >= least,
+            ),
+            {**figures, f'{name.replace("-", "_")}_per_cpu_s': peer.per_second},
+        )
+
+
+def _training(said: Said, figures: dict[str, float]) -> Measured:
+    budget = flying.training(said=lambda share: said('P2 training', share))
+    naive = budget.evaluations * NAIVE_LOOPS * budget.steps
+    peer_s = naive / figures['pyfuzzylite_per_cpu_s']
+    yield (
+        Row(
+            'P2',
+            f'{budget.evaluations} controllers × 216 starts × {budget.steps} steps, '
+            f'{budget.workers} threads',
+            f'≤ {MAX_TRAINING_S:g} s',
+            f'{budget.wall_s:.1f} s ({budget.cpu_s:.0f} s of CPU)',
+            f'{peer_s / 3600:.0f} h of CPU: its inferences alone, at the rate of P1',
+            f'{peer_s / budget.cpu_s:.0f} ×',
+            budget.wall_s <= MAX_TRAINING_S,
+        ),
+        {'training_wall_s': budget.wall_s, 'training_cpu_s': budget.cpu_s},
+    )
+
+
+def _campaign(said: Said, _: dict[str, float]) -> Measured:
+    found = flying.campaign(said=lambda share: said('P3 campaign', share))
+    peer_s = found.core_s_per_run * found.runs
+    yield (
+        Row(
+            'P3',
+            f'{found.runs} dispersed runs × {found.ticks} steps',
+            f'≤ {MAX_CAMPAIGN_S:g} s',
+            f'{found.wall_s:.1f} s ({found.cpu_s:.1f} s of CPU)',
+            f'{peer_s:.0f} s of CPU: our core, run by run, from 10 of them',
+            f'{peer_s / found.cpu_s:.0f} ×',
+            found.wall_s <= MAX_CAMPAIGN_S,
+        ),
+        {
+            'campaign_wall_s': found.wall_s,
+            'campaign_cpu_s': found.cpu_s,
+            'core_run_cpu_s': found.core_s_per_run,
+        },
+    )
+
+
+def _ros(said: Said, _: dict[str, float]) -> Measured:
+    said('P4 ROS loop', 0.0)
+    trips = ros.ping_pong()
+    figures = {'ping_pong_per_s': trips}
+    for number, (name, fly, least) in enumerate(
+        (
+            ('as 4 processes', ros.four_processes, LEAST_FOUR),
+            ('in one process', ros.one_process, LEAST_ONE),
+        )
+    ):
+        said('P4 ROS loop', (number + 1) / 3)
+        loop = fly()
+        factor = loop.real_time_factor
+        yield (
+            Row(
+                'P4',
+                f'plant, controller, disturbance, recorder {name}',
+                f'≥ {least:g} × real time',
+                f'{factor:.0f} × real time ({loop.ticks_per_s:.0f} ticks/s)',
+                f'{trips:.0f} round trips/s: two bare rclpy processes',
+                f'{loop.ticks_per_s / trips:.2f} ×',
+                factor >= least,
+            ),
+            {**figures, f'{name.replace(" ", "_")}_ticks_per_s': loop.ticks_per_s},
+        )
+    said('P4 ROS loop', 1.0)
+
+
+def markdown(bench: Bench) -> str:
+    """Return the table as it stands in the documentation."""
+    facts = bench.machine
+    versions = ', '.join(f'{name} {facts[name]}' for name in ('python', *machine.PACKAGES))
+    lines = [
+        f'Measured {bench.date} on {facts["processor"]}, {facts["cores"]} cores, load per core '
+        f'{facts["load_per_core"]:g} at the start. {versions}.',
+        '',
+        '| | what | target | ours | peer, same run | ratio | |',
+        '|---|---|---|---|---|---|---|',
+        *(
+            f'| {r.target} | {r.what} | {r.wanted} | {r.ours} | {r.peer} | {r.ratio} '
+            f'| {"held" if r.holds else "MISSED"} |'
+            for r in bench.rows
+        ),
+    ]
+    if facts['load_per_core'] > machine.BUSY:
+        lines += ['', 'The machine was busy with other work: wall times are longer than its own.']
+    return '\n'.join(lines) + '\n'
+
+
+def save(bench: Bench, folder: Path) -> Path:
+    """Write the run as JSON, named by its date; return the file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    name = bench.date.replace(' UTC', '').replace(':', '').replace(' ', '-')
+    path = folder / f'{name}.json'
+    text = json.dumps(asdict(bench), indent=2) + '\n'
+    write_aside(path, lambda file: file.write(text.encode()))
+    return path
+
+
+BEGIN, END = '<!-- printed by `rpo bench --write` -->', '<!-- end -->'
+
+
+def write(bench: Bench, page: Path) -> None:
+    """Put the table into a page between its two marks, which a page without gets at its end."""
+    page_text = page.read_text() if page.is_file() else '# Benchmarks\n'
+    if BEGIN not in page_text:
+        page_text = f'{page_text.rstrip()}\n\n{BEGIN}\n{END}\n'
+    before, _, rest = page_text.partition(BEGIN)
+    after = rest.partition(END)[2]
+    text = f'{before}{BEGIN}\n{markdown(bench)}{END}{after}'
+    write_aside(page, lambda file: file.write(text.encode()))

@@ -1,0 +1,92 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table of benchmarks: what it reads, how it is kept; the measuring itself is slow."""
+
+import json
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from rpo_core.validation import InputError
+from rpo_training.bench import flying, machine, ros, table
+from rpo_training.cli import app
+
+ROWS = (
+    table.Row('P1', 'inference', '≥ 2 ×', '4/s', '1/s', '4 ×', True),
+    table.Row('P2', 'training', '≤ 1 s', '2 s', '3 s', '1.5 ×', False),
+)
+
+
+def bench(load=0.1):
+    return table.Bench(
+        '2026-01-02 03:04:05 UTC', {**machine.facts(), 'load_per_core': load}, ROWS, {'a_s': 1.5}
+    )
+
+
+def test_the_page_keeps_its_text_and_has_the_last_table(tmp_path):
+    page = tmp_path / 'page.md'
+    page.write_text('# Speed\n\nBefore.\n')
+    table.write(bench(3.0), page)
+    page.write_text(page.read_text() + '\nAfter.\n')
+    table.write(bench(), page)
+    text = page.read_text()
+    assert text.startswith('# Speed\n\nBefore.\n') and text.endswith('\nAfter.\n')
+    assert text.count('| P1 | inference | ≥ 2 × | 4/s | 1/s | 4 × | held |') == 1
+    assert '| 1.5 × | MISSED |' in text
+    assert 'busy' not in text
+    assert 'busy' in table.markdown(bench(3.0))
+
+
+def test_every_run_is_kept(tmp_path):
+    path = table.save(bench(), tmp_path / 'bench')
+    assert path.name == '2026-01-02-030405.json'
+    kept = json.loads(path.read_text())
+    assert kept['figures'] == {'a_s': 1.5}
+    assert kept['rows'][1]['holds'] is False
+    assert kept['machine']['cores'] >= 1
+
+
+def test_times_of_a_flight_are_the_plants():
+    said = (
+        '[INFO] [100.250000000] [plant]: waiting for control_force\n'
+        '[INFO] [101.000000000] [plant]: flying paper_test\n'
+        '[INFO] [103.500000000] [plant]: finished at 400 s: 0.07 m\n'
+    )
+    loop = ros._loop(said)
+    assert (loop.wall_s, loop.real_time_factor, loop.ticks_per_s) == (2.5, 160.0, 1600.0)
+    with pytest.raises(InputError, match='the plant did not say when it flew'):
+        ros._loop(said.splitlines()[1])
+
+
+def test_without_ros_it_says_what_to_do(monkeypatch):
+    monkeypatch.setattr(ros.shutil, 'which', lambda name: None)
+    with pytest.raises(InputError, match=r'source ros_ws/env\.bash'):
+        ros.ping_pong()
+
+
+def test_bad_arguments_are_one_sentence():
+    for arguments, said in (
+        (['inferense'], '`what` must be one of all, inference'),
+        (['ros', '--write', 'x.md'], '`--write` writes the whole table'),
+    ):
+        result = CliRunner().invoke(app, ['bench', *arguments], env={'COLUMNS': '300'})
+        assert result.exit_code == 2
+        assert said in result.output
+
+
+def test_the_parts_that_fly_count_what_they_fly():
+    shares = []
+    budget = flying.training(70, 1, said=shares.append)
+    assert shares == [60 / 70, 1.0]
+    assert budget.evaluations == 70 and budget.steps == 2000 and budget.loops_per_evaluation == 78
+    assert budget.cpu_s > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_ros_loop_is_measured():
+    result = CliRunner().invoke(app, ['bench', 'ros'], env={'COLUMNS': '300'})
+    assert result.exit_code == 0, result.output
+    trips, four, one = (float(x) for x in re.findall(r': (\d+) (?:round|ticks)', result.output))
+    assert min(four, one) > 0 and max(four, one) < 10 * trips
