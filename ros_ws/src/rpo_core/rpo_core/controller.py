@@ -13,7 +13,17 @@ import yaml
 
 from rpo_core import files, kernels, rivals
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
-from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
+from rpo_core.validation import (
+    InputError,
+    choice,
+    mapping,
+    real,
+    schema,
+    shown,
+    store,
+    text,
+    within,
+)
 
 SCHEMA = 'rpo/controller/1'
 
@@ -115,16 +125,11 @@ AnyController = FuzzyController | rivals.Rival
 
 def parse(document: Any) -> AnyController:
     """Return the controller of a parsed YAML document; raises InputError."""
+    schema(document, SCHEMA)
     if isinstance(document, Mapping) and document.get('kind', FUZZY) != FUZZY:
         choice('kind', document['kind'], [FUZZY, *rivals.KINDS])
-        _check_schema(document.get('schema'))
         return rivals.parse(document)
     return _parse_fuzzy(document)
-
-
-def _check_schema(schema: Any) -> None:
-    if schema != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(schema)}')
 
 
 def _parse_fuzzy(document: Any) -> FuzzyController:
@@ -134,7 +139,6 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
         ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference', 'provenance'],
         ['kind', 'description'],
     )
-    _check_schema(data['schema'])
     scales = mapping('scales', data['scales'], _SCALES)
     position_scale, velocity_scale, force_scale = (
         _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import datetime
 import itertools
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +24,7 @@ from rpo_core.validation import (
     choice,
     mapping,
     real,
+    schema,
     shown,
     store,
     text,
@@ -221,14 +221,11 @@ class ScenarioSet:
 
 def parse(document: Any) -> Scenario | ScenarioSet:
     """Return the scenario, or set, of a parsed YAML document; raises InputError."""
-    schema = document.get('schema') if isinstance(document, Mapping) else None
-    is_set = schema == SET_SCHEMA
+    is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
     hardware = [] if is_set else ['thrusters', 'navigation']  # the batch simulator has none
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     data = mapping('', document, required, [*hardware, 'description'])
-    if schema not in (SCHEMA, SET_SCHEMA):
-        raise InputError(f'`schema` must be {SCHEMA} or {SET_SCHEMA}; got {shown(schema)}')
     base = Scenario(
         name=data['name'],
         description=data.get('description', ''),

@@ -161,3 +161,21 @@ def mapping(
         if key not in value:
             raise InputError(f'`{prefix}{key}` is missing')
     return value
+
+
+def schema(document: Any, *known: str) -> str:
+    """Return the field `schema` of a document; raises InputError if it is none of `known`.
+
+    Looked at before the other fields, for a file of a newer version has others. What is no mapping,
+    or has the field misspelt, is left to `mapping`.
+    """
+    if not isinstance(document, Mapping):
+        return ''
+    if 'schema' not in document:
+        if difflib.get_close_matches('schema', map(str, document), n=1):
+            return ''
+        raise InputError('`schema` is missing')
+    found = document['schema']
+    if not isinstance(found, str) or found not in known:
+        raise InputError(f'`schema` must be {" or ".join(known)}; got {shown(found)}')
+    return found

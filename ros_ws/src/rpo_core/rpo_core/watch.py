@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rpo_core import files
-from rpo_core.validation import InputError, choice, mapping, real, shown, text, vector3, whole
+from rpo_core.validation import InputError, choice, mapping, real, schema, text, vector3, whole
 
 SCHEMA = 'rpo/monitor/1'
 
@@ -167,9 +167,8 @@ class Watch:
 
 def parse(document: Any) -> MonitorTable:
     """Return the monitor table of a parsed YAML document; raises InputError."""
+    schema(document, SCHEMA)
     data = mapping('', document, ['schema', 'name', 'limits', 'faults'], ['description'])
-    if data['schema'] != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
     limits = mapping('limits', data['limits'], [*_LIMITS, 'corridor_axis'])
     numbers = {
         name: real(f'limits.{name}', limits[name], unit, least=0.0, most=most)
