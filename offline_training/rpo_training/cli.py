@@ -25,6 +25,7 @@ from rpo_training.commands import (
     simulate,
     train,
     tune,
+    watch,
 )
 
 
@@ -61,3 +62,4 @@ app.add_typer(log.log, name='log')
 app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
 app.command(epilog=report.EXAMPLES)(report.report)
+app.command(epilog=watch.EXAMPLES)(watch.watch)

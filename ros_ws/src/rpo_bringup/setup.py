@@ -17,6 +17,8 @@ setup(
         (f'share/{package_name}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
         (f'share/{package_name}/config/monitors', sorted(glob('config/monitors/*.yaml'))),
         (f'share/{package_name}/launch', sorted(glob('launch/*.launch.*'))),
+        (f'share/{package_name}/rviz', sorted(glob('rviz/*.rviz'))),
+        (f'share/{package_name}/foxglove', sorted(glob('foxglove/*.json'))),
     ],
     install_requires=['setuptools'],
     zip_safe=True,

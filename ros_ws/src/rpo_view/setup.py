@@ -25,6 +25,8 @@ setup(
         'console_scripts': [
             'visualizer = rpo_view.visualizer_node:main',
             'web = rpo_view.web_node:main',
+            'foxglove = rpo_view.foxglove_node:main',
+            'watch = rpo_view.watch_node:main',
         ],
     },
 )

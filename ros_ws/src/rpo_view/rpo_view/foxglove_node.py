@@ -1,0 +1,141 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `foxglove`: a WebSocket server from which the Foxglove and Lichtblick apps show the run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
+from visualization_msgs.msg import MarkerArray
+
+from rpo_core.validation import InputError
+from rpo_log import schemas
+from rpo_ros import conversions, names, qos
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode
+from rpo_view.newest import Newest, run_viewer
+
+try:
+    import foxglove
+    from foxglove import messages
+    from foxglove.channels import FrameTransformChannel
+except ImportError:  # an optional layer
+    foxglove = None
+
+HOST = '127.0.0.1'
+_STATUS_PERIOD_S = 1.0
+
+PARAMETERS = (
+    Row('port', 8765, 'of the server, on 127.0.0.1 only; 0: any that is free', most=65535,
+        wall=True, example='8766'),
+    Row('rate_hz', 30.0, 'how often the newest messages are passed on, by wall time', 'Hz',
+        least=0.1, most=200.0, wall=True),
+)  # fmt: skip
+
+_SAMPLED = {
+    names.RELATIVE_STATE: Odometry,
+    names.CONTROL_FORCE: WrenchStamped,
+    names.DISTURBANCE_FORCE: WrenchStamped,
+    names.DECISION: DiagnosticArray,
+    names.MARKERS: MarkerArray,
+}
+
+
+class FoxgloveNode(FlightNode):
+    """Passes messages on as the bytes that came, under the simulated time of the newest state."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('foxglove', overrides)
+        values = declare(self, PARAMETERS)
+        if foxglove is None:
+            raise InputError(
+                'foxglove-sdk is not installed: `make setup LAYERS=view`, or pip, installs it'
+            )
+        self._app_context = foxglove.Context()
+        self._stamp_ns = 0
+        self._status = b''
+        self._newest = {name: Newest(self, kind, name, raw=True) for name, kind in _SAMPLED.items()}
+        self._channels = {name: self._channel(name, kind) for name, kind in _SAMPLED.items()}
+        self._channels[names.RUN_STATUS] = self._channel(names.RUN_STATUS, DiagnosticStatus)
+        self._transform = FrameTransformChannel(
+            self.resolve_topic_name('chaser_transform'), context=self._app_context
+        )
+        try:
+            self._server = foxglove.start_server(
+                name='rpo', host=HOST, port=values['port'], context=self._app_context
+            )
+        except RuntimeError as error:
+            raise InputError(
+                f'`port` must be one that can be listened on; got {values["port"]}: {error}'
+            ) from None
+        self.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
+        )
+        self.every(1.0 / values['rate_hz'], self._pass_on)
+        self.every(_STATUS_PERIOD_S, self._say_status)
+        self.get_logger().info(
+            f'open ws://{HOST}:{self._server.port} in the Foxglove or Lichtblick app'
+        )
+
+    def _channel(self, name: str, kind: type) -> Any:
+        type_name = f'{kind.__module__.split(".", 1)[0]}/msg/{kind.__name__}'
+        text = schemas.definition(type_name).text.encode()
+        return foxglove.Channel(
+            self.resolve_topic_name(name),
+            message_encoding='cdr',
+            schema=foxglove.Schema(name=type_name, encoding='ros2msg', data=text),
+            context=self._app_context,
+        )
+
+    def _pass_on(self) -> None:
+        for name, newest in self._newest.items():
+            data = newest.take()
+            if data is None:
+                continue
+            if name == names.RELATIVE_STATE:
+                self._on_state(deserialize_message(data, Odometry))
+            self._channels[name].log(data, log_time=self._stamp_ns)
+
+    def _on_state(self, state: Odometry) -> None:
+        """Set the time, and say where the chaser is: what ROS says on /tf."""
+        stamp_ns = conversions.from_stamp(state.header.stamp)
+        if stamp_ns < self._stamp_ns:  # another run: what the app has of the last one is to go
+            self._server.clear_session()
+        self._stamp_ns = stamp_ns
+        x, y, z = conversions.from_odometry(state)[:3]
+        transform = messages.FrameTransform(
+            timestamp=messages.Timestamp(*divmod(stamp_ns, 1_000_000_000)),
+            parent_frame_id=state.header.frame_id,
+            child_frame_id=state.child_frame_id,
+            translation=messages.Vector3(x=x, y=y, z=z),
+            rotation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        )
+        self._transform.log(transform, log_time=stamp_ns)
+
+    def _on_status(self, data: bytes) -> None:
+        self._status = data
+        self._say_status()
+
+    def _say_status(self) -> None:
+        """Pass on run_status again and again: for the apps nothing is latched."""
+        if self._status and self._stamp_ns:
+            self._channels[names.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
+
+    def close(self) -> None:
+        """Let the apps go."""
+        self._server.stop()
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_view foxglove`."""
+    return run_viewer('ros2 run rpo_view foxglove', FoxgloveNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

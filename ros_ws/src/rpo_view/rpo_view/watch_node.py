@@ -1,0 +1,75 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `watch`: a run on the terminal: range, rates, force bars, the rules that act."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+from rpo_core.validation import InputError
+from rpo_ros.parameters import Row, declare
+from rpo_view.listening import ListeningNode
+from rpo_view.newest import run_viewer
+
+try:
+    from rich.console import Console
+    from rich.live import Live
+
+    from rpo_view import terminal
+except ImportError:  # an optional layer
+    Console = None
+
+PARAMETERS = (
+    Row('rate_hz', 8.0, 'how often the view is drawn, by wall time', 'Hz', least=0.1, most=30.0,
+        wall=True, example='4.0'),
+    Row('line_every_s', 2.0, 'time between lines where the output is no terminal', 's', least=0.1,
+        most=3600.0, wall=True),
+    Row('until_end', False, 'leave when the run has ended, with exit code 1 if it was aborted',
+        wall=True),
+)  # fmt: skip
+
+EXIT_ABORTED = 1
+
+
+class WatchNode(ListeningNode):
+    """Draws what it hears; Ctrl-C leaves."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('watch', overrides)
+        self.values = declare(self, PARAMETERS)
+        if Console is None:
+            raise InputError('rich is not installed: `make setup LAYERS=view`, or pip, installs it')
+        console = Console()
+        self._live: Live | None = None
+        period_s = self.values['line_every_s']
+        if console.is_terminal:
+            self._live = Live(console=console, auto_refresh=False, screen=False)
+            self._live.start()
+            period_s = 1.0 / self.values['rate_hz']
+        self.every(period_s, self._show)
+
+    def _show(self) -> None:
+        self.look()
+        if self._live is not None:
+            self._live.update(terminal.view(self.live, self.topic), refresh=True)
+        else:
+            print(terminal.line(self.live, self.topic), flush=True)
+        if self.values['until_end'] and self.live.phase in ('finished', 'aborted'):
+            self.exit_code = EXIT_ABORTED if self.live.phase == 'aborted' else 0
+            self.done = True
+
+    def close(self) -> None:
+        """Leave the last view on the terminal."""
+        if self._live is not None:
+            self._live.stop()
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_view watch`."""
+    return run_viewer('ros2 run rpo_view watch', WatchNode, __doc__, PARAMETERS)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
