@@ -53,7 +53,11 @@ def controller_report(folder):
     return controller.report_of('trained')
 
 
-@pytest.mark.parametrize('make', [run_report, campaign_report, controller_report])
+def rival_report(folder):
+    return controller.report_of('mpc')
+
+
+@pytest.mark.parametrize('make', [run_report, campaign_report, controller_report, rival_report])
 def test_a_report_in_chromium(make, tmp_path):
     made = make(tmp_path)
     path = page.write(made, tmp_path / 'report')[-1]

@@ -83,7 +83,7 @@ def _of_controller(target: str) -> Made:
     try:
         made = controller.report_of(target)
     except InputError as error:
-        raise InputError(f'{target}: no run, no campaign, and no controller: {error}') from None
+        raise InputError(f'{target}: no run and no campaign; as a controller: {error}') from None
     return made, Path('runs') / f'report_{Path(target).stem}', 0
 
 

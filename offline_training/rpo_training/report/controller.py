@@ -1,34 +1,35 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a fuzzy controller: how it decides, what is proven of it, how it flies."""
+"""The report of a controller: how it flies, how it decides, what is proven of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from rpo_core import files
 from rpo_core.certificate import Certificate, certify
-from rpo_core.controller import FuzzyController, load_controller
+from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN, activities, warnings
 from rpo_core.fuzzy import WORDS
-from rpo_core.validation import InputError
 from rpo_log import style
 from rpo_training.assessment import Assessment, assess
 from rpo_training.evaluation import ENERGY
 from rpo_training.report import controller_figures as figures
+from rpo_training.report import rival
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
 def report_of(name: str) -> Report:
     """Return the report of a shipped controller or a file; raises InputError."""
-    controller = load_controller(name)
-    if not isinstance(controller, FuzzyController):
-        raise InputError(
-            f'{name}: must be a fuzzy controller; {controller.name} has no rules to report: '
-            'report its runs or campaigns'
-        )
+    controller, path = load_controller(name), files.find('controller', name)
+    made = _fuzzy(controller) if isinstance(controller, FuzzyController) else rival.of(controller)
+    last = Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path))))
+    return replace(made, sections=(*made.sections, last))
+
+
+def _fuzzy(controller: FuzzyController) -> Report:
     found, certificate = assess(controller), certify(controller.system)
-    path = files.find('controller', name)
     with style.applied():
         sections = (
             Section('How it flies', tuple(_flights(found))),
@@ -36,7 +37,6 @@ def report_of(name: str) -> Report:
             Section('Rules', tuple(_rules(controller))),
             Section('Control surface', (_surface(controller),)),
             Section('Certificate', tuple(_certificate(certificate))),
-            Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path)))),
         )
     held = sum(mark.holds for mark in found.marks())
     return Report(
@@ -136,7 +136,7 @@ def _certificate(found: Certificate) -> list[Block]:
     ]
 
 
-def _provenance(controller: FuzzyController, name: str, text: str) -> list[Block]:
+def _provenance(controller: AnyController, name: str, text: str) -> list[Block]:
     rows = tuple(
         (str(key), f'{value:.6g}' if isinstance(value, float) else str(value))
         for key, value in controller.provenance.items()
