@@ -228,15 +228,12 @@ class Mpc(Rival):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        dt = self.model.dt_s
-        least = real('least_time_to_go_s', self.least_time_to_go_s, 's', least=_LEAST_TICKS * dt)
-        store(
-            self,
-            least_time_to_go_s=least,
-            horizon_s=real(
-                'horizon_s', self.horizon_s, 's', least=least, most=MAX_HORIZON_TICKS * dt
-            ),
+        shortest, longest = _LEAST_TICKS * self.model.dt_s, MAX_HORIZON_TICKS * self.model.dt_s
+        least = real(
+            'least_time_to_go_s', self.least_time_to_go_s, 's', least=shortest, most=longest
         )
+        horizon = real('horizon_s', self.horizon_s, 's', least=least, most=longest)
+        store(self, least_time_to_go_s=least, horizon_s=horizon)
 
     @property
     def clock_s(self) -> float | None:

@@ -1,0 +1,252 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rivals of the fuzzy controller: their laws against other ways to compute them, their files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
+from core_oracles import system_matrices
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
+
+from rpo_core import controller, cw, files
+from rpo_core.closed_loop import fly
+from rpo_core.controller import load_controller, load_fuzzy
+from rpo_core.disturbance import Disturbance
+from rpo_core.rival_kernels import sliding_surface
+from rpo_core.rivals import KINDS, Mpc, Pd, PotentialField
+from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
+
+NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
+APPROACH = load_scenario('approach')
+
+states = st.tuples(*[st.floats(-300, 300)] * 3, *[st.floats(-5, 5)] * 3)
+starts = st.tuples(*[st.floats(-100, 100)] * 3)
+
+
+def from_start(position, duration=200.0, **changes):
+    return replace(APPROACH, initial_position_m=position, duration_s=duration, **changes)
+
+
+def test_one_of_each_kind_ships():
+    assert {load_controller(name).kind for name in NAMES} == set(KINDS)
+
+
+@pytest.mark.parametrize('name', NAMES)
+@settings(max_examples=30)
+@given(state=states, tick=st.integers(0, 5000))
+def test_forces_are_odd_bit_for_bit_and_within_the_limit(name, state, tick):
+    rival = load(name)
+    force = rival.force_n(state[:3], state[3:], tick)
+    mirrored = tuple(-x for x in state)
+    assert rival.force_n(mirrored[:3], mirrored[3:], tick) == tuple(-f for f in force)
+    assert max(map(abs, force)) <= rival.max_force_n
+    assert all(type(f) is float and math.isfinite(f) for f in force)
+
+
+_LOADED = {}
+
+
+def load(name):
+    return _LOADED.setdefault(name, load_controller(name))
+
+
+@settings(max_examples=10)
+@given(states)
+def test_pd_is_the_saturated_law_of_the_textbook(state):
+    pd = Pd(name='pd', max_force_n=0.3, position_gain_n_m=0.02, velocity_gain_n_s_m=0.7)
+    r, v = np.array(state[:3]), np.array(state[3:])
+    expected = np.clip(-0.02 * r - 0.7 * v, -0.3, 0.3)
+    np.testing.assert_allclose(pd.force_n(r, v), expected, rtol=1e-13, atol=1e-16)
+
+
+def test_pd_flies_the_linear_system_that_it_closes():
+    """x+ = (A - B K) x as long as nothing saturates; A and B by the matrix exponential."""
+    pd = Pd(name='pd', max_force_n=100.0, position_gain_n_m=0.05, velocity_gain_n_s_m=0.6)
+    scenario = from_start((5.0, -8.0, 3.0), 60.0)
+    a, b = system_matrices(scenario.mean_motion_rad_s, scenario.mass_kg)
+    block = expm(np.block([[a, b], [np.zeros((3, 9))]]) * scenario.dt_s)
+    closed = block[:6, :6] - block[:6, 6:] @ np.hstack([0.05 * np.eye(3), 0.6 * np.eye(3)])
+    expected = np.linalg.matrix_power(closed, 600) @ np.array(scenario.start)
+    np.testing.assert_allclose(fly(scenario, pd).states[-1], expected, rtol=0, atol=1e-10)
+
+
+def test_lqr_solves_the_riccati_equation_of_its_weights():
+    lqr = load('lqr')
+    a, b = lqr.model.matrices()
+    k = np.array(lqr.gains)
+    q = np.diag([lqr.position_weight] * 3 + [lqr.velocity_weight] * 3)
+    closed = a - b @ k
+    assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
+    cost = solve_discrete_lyapunov(closed.T, q + k.T @ k)  # of flying K for ever
+    improved = np.linalg.solve(np.eye(3) + b.T @ cost @ b, b.T @ cost @ a)
+    np.testing.assert_allclose(k, improved, rtol=0, atol=1e-9 * np.abs(k).max())
+    residual = a.T @ cost @ a - cost - a.T @ cost @ b @ improved + q
+    assert np.abs(residual).max() < 1e-9 * np.abs(cost).max()
+
+
+def test_lqr_is_the_limit_of_long_finite_horizons():
+    """Riccati's recursion from no final cost; the motion's planar and vertical parts together."""
+    lqr = load('lqr')
+    a, b = lqr.model.matrices()
+    q = np.diag([lqr.position_weight] * 3 + [lqr.velocity_weight] * 3)
+    p, k = np.zeros((6, 6)), np.zeros((3, 6))
+    for _ in range(6000):
+        k = np.linalg.solve(np.eye(3) + b.T @ p @ b, b.T @ p @ a)
+        p = q + a.T @ p @ (a - b @ k)
+    np.testing.assert_allclose(lqr.gains, k, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(solve_discrete_are(a, b, q, np.eye(3)), p, rtol=1e-6, atol=1e-9)
+
+
+def test_mpc_gains_are_the_first_forces_of_least_norm_plans():
+    """The pseudo-inverse of the map from all forces to the final state, tick by tick."""
+    model = replace(Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0).model, dt_s=1.0)
+    mpc = Mpc(name='m', max_force_n=1e3, horizon_s=60.0, least_time_to_go_s=10.0, model=model)
+    a, b = model.matrices()
+    for tick in (0, 1, 29, 49, 50, 51, 400):
+        left = max(60 - tick, 10)
+        powers = [np.linalg.matrix_power(a, left - 1 - k) @ b for k in range(left)]
+        plan = -np.linalg.pinv(np.hstack(powers)) @ np.linalg.matrix_power(a, left)
+        for state in np.eye(6):
+            force = mpc.force_n(state[:3], state[3:], tick)
+            np.testing.assert_allclose(force, plan[:3] @ state, rtol=1e-7, atol=1e-10)
+
+
+@settings(max_examples=10)
+@given(starts)
+def test_undisturbed_mpc_flies_its_first_plan_and_stays(start):
+    """Bellman: the rest of an optimal plan is optimal; the holding gains go on from there."""
+    mpc = load('mpc')
+    change = round((mpc.horizon_s - mpc.least_time_to_go_s) / 0.1)
+    flight = fly(from_start(start, 220.0), mpc)
+    gains = np.array(mpc.law.gains)
+    assert len(gains) == change + 1
+    assert np.abs(flight.states[change, :3]).max() < 0.03 * max(1.0, *map(abs, start))
+    assert np.abs(flight.states[-1]).max() < 2e-3 * max(1.0, *map(abs, start))
+
+
+def test_sliding_surface_is_the_gradient_of_the_potential():
+    speed, radius, r = 0.8, 12.0, np.array([30.0, -7.0, 3.0])
+
+    def potential(position):
+        return speed * math.sqrt(position @ position + radius * radius)
+
+    steps = 1e-5 * np.eye(3)
+    gradient = [(potential(r + h) - potential(r - h)) / 2e-5 for h in steps]
+    surface = sliding_surface((*r, 0.1, 0.2, -0.3), speed, radius)
+    np.testing.assert_allclose(surface, np.array([0.1, 0.2, -0.3]) + gradient, atol=1e-8)
+
+
+@settings(max_examples=10)
+@given(starts, st.tuples(*[st.floats(-0.03, 0.03)] * 3))
+def test_the_sliding_surface_is_reached_and_kept(start, push):
+    """Outside the layer |s| falls at (gain - |d|) / m at least; inside it stays."""
+    apf = PotentialField(
+        name='apf',
+        max_force_n=50.0,
+        approach_speed_m_s=1.0,
+        rounding_radius_m=40.0,
+        switching_gain_n=0.2,
+        boundary_layer_m_s=0.05,
+    )
+    flight = fly(from_start(start, 70.0, disturbance=Disturbance(push)), apf)
+    surface = np.abs([sliding_surface(tuple(s), 1.0, 40.0) for s in flight.states[::10].tolist()])
+    outside = surface[:-1] > 0.05
+    falls = (surface[:-1] - surface[1:])[outside]
+    least = (0.2 - np.abs(np.broadcast_to(push, surface[:-1].shape))[outside]) / 10.0
+    crosses = surface[1:][outside] <= 0.05
+    assert (crosses | (falls >= 0.9 * least)).all()
+    assert surface[-1].max() <= 0.0501  # 1 m/s at most at 0.017 m/s^2 at least: within 60 s
+
+
+@settings(max_examples=10)
+@given(starts, st.tuples(*[st.floats(-1, 1)] * 3))
+def test_drift_is_free_motion(start, velocity):
+    scenario = from_start(start, 100.0, initial_velocity_m_s=velocity)
+    flight = fly(scenario, load('drift'))
+    a, _ = system_matrices(cw.mean_motion(scenario.orbit_radius_m), scenario.mass_kg)
+    expected = expm(a * 100.0) @ np.array(scenario.start)
+    np.testing.assert_allclose(flight.states[-1], expected, rtol=0, atol=1e-8)
+    assert not flight.forces_n.any()
+
+
+def test_a_law_that_counts_ticks_refuses_others():
+    other = replace(APPROACH, dt_s=0.05)
+    with pytest.raises(InputError, match=r'counts ticks of 0\.1 s \(`model.dt_s`\); .* has 0\.05'):
+        fly(other, load('mpc'))
+    assert fly(other, load('lqr')).states.shape == (8001, 6)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_what_only_a_fuzzy_controller_can_is_refused(name):
+    with pytest.raises(InputError, match=f'must be a fuzzy one here; {name} is of kind {name}$'):
+        load_fuzzy(name)
+
+
+FIELDS = [
+    (name, path)
+    for name in NAMES
+    for path in keys(document('controller', name))
+    if path[0] not in ('provenance', 'kind', 'schema') or (len(path) == 1 and path[0] != 'kind')
+]
+
+
+@pytest.mark.parametrize(('name', 'path'), FIELDS, ids=str)
+def test_missing_and_unknown_fields_are_named(name, path):
+    shipped = document('controller', name)
+    if path != ('description',):
+        message = refusal('controller', changed(shipped, path, MISSING))
+        assert 'is missing' in message
+        assert_names(message, path)
+    if path != ('schema',):
+        wrong = f'{path[-1]}x'
+        message = refusal('controller', renamed(shipped, path, wrong))
+        assert_names(message, (*path[:-1], wrong))
+
+
+NUMBERS = [
+    (name, path)
+    for name, path in FIELDS
+    if isinstance(files.load(files.find('controller', name), lambda d: d).get(path[0]), float)
+    or (path[0] == 'model' and len(path) == 2)
+]
+
+
+@pytest.mark.parametrize(('name', 'path'), NUMBERS, ids=str)
+def test_numbers_are_checked(name, path):
+    for bad in ('0.5', None, True, [0.5], math.nan, math.inf, -1.0, 1e12):
+        message = refusal('controller', changed(document('controller', name), path, bad))
+        assert f'`{path[-1]}` must be a finite number' in message
+        assert f'got {bad!r}' in message
+
+
+def test_gains_and_kinds_are_checked():
+    lqr = document('controller', 'lqr')
+    flat = [[1.0] * 5 for _ in range(3)]
+    for bad in (None, 5, 'x', [], lqr['gains'][:2], flat, [1.0] * 18):
+        assert '`gains` must be 3 rows of 6 numbers; got ' in refusal(
+            'controller', changed(lqr, ('gains',), bad)
+        )
+    message = refusal('controller', changed(lqr, ('gains', 1, 2), math.nan))
+    assert '`gains[1][2]` must be a finite number' in message
+    for bad in (None, 'neural', 3, ['pd']):
+        message = refusal('controller', changed(lqr, ('kind',), bad))
+        assert '`kind` must be one of fuzzy, pd, lqr, mpc, apf_smc, drift; got ' in message
+    mixed = {**document('controller', 'handmade'), 'kind': 'pd'}
+    assert 'is not a known field' in refusal('controller', mixed)
+    named = {**document('controller', 'handmade'), 'kind': 'fuzzy'}
+    assert controller.parse(named) == load_controller('handmade')
+
+
+def test_a_horizon_shorter_than_the_least_time_to_go_is_refused():
+    mpc = changed(document('controller', 'mpc'), ('horizon_s',), 5.0)
+    assert '`horizon_s` must be a finite number >= 14' in refusal('controller', mpc)
+    mpc = changed(document('controller', 'mpc'), ('least_time_to_go_s',), 0.5)
+    assert '`least_time_to_go_s` must be a finite number >= 1 and' in refusal('controller', mpc)
