@@ -1,0 +1,148 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every parameter of every node, from the tables: what is wrong is refused in a sentence.
+
+At the start nothing is started for it; in flight nothing changes.
+"""
+
+import math
+
+import pytest
+from inside import inside
+from processes import flight
+from rclpy.parameter import Parameter
+
+from rpo_bringup.node_cards import CARDS
+from rpo_core.validation import InputError
+from rpo_ros.parameters import Row, declare
+from rpo_ros.running import FlightNode
+
+each_card = pytest.mark.parametrize('card', CARDS, ids=lambda card: card.executable)
+
+
+def wrong(row: Row) -> list[object]:
+    """Return values that a row must refuse."""
+    if isinstance(row.default, bool):
+        return [1, 0.0, 'maybe', [True]]
+    if isinstance(row.default, str):
+        others = [1, 1.5, True, ['a', 'b']] + ([] if row.default == '' else [''])
+        return [*others, 'no such choice'] if row.choices else others
+    texts = ['fast', True, [1.0, 2.0], [1]]
+    if isinstance(row.default, tuple):
+        size = len(row.default)
+        short, bad = [row.least] * (size - 1), [row.least] * size
+        return ['fast', 1.0, short, [*bad, row.least],
+                [*bad[1:], math.nan], [*bad[1:], row.most * 2 + 1]]  # fmt: skip
+    least, most = row.least, row.most
+    if isinstance(row.default, int):
+        return [*texts, int(least) - 1, int(most) + 1, 1.5, math.nan, math.inf]
+    return [*texts, least - 1.0, most * 2.0 + 1.0, math.nan, math.inf, -math.inf]
+
+
+def right(row: Row) -> object:
+    """Return a value, other than the default, that a row takes."""
+    if isinstance(row.default, bool):
+        return not row.default
+    if isinstance(row.default, int):
+        return int(row.most)
+    if isinstance(row.default, float):
+        return float(row.most)
+    return row.choices[-1] if row.choices else row.default
+
+
+@each_card
+def test_at_the_start_each_wrong_value_is_refused_by_name(ros_env, card):
+    node_class = getattr(card.module, card.cls)
+    with inside():
+        for row in card.module.PARAMETERS:
+            for value in wrong(row):
+                try:
+                    node_class({row.name: value})
+                except InputError as error:
+                    said = str(error)
+                    assert f'`{row.name}' in said and '\n' not in said, said
+                    continue
+                raise AssertionError(f'{row.name}: {value!r} is taken')
+
+
+@each_card
+def test_a_whole_number_is_taken_for_a_real_one(ros_env, card):
+    with inside() as bench:
+        for row in card.module.PARAMETERS:
+            if type(row.default) is float:
+                node = bench.start(FlightNode('bare', {row.name: math.ceil(row.least)}))
+                value = declare(node, [row])[row.name]
+                assert isinstance(value, float) and value == math.ceil(row.least)
+
+
+@each_card
+def test_an_unknown_name_is_warned_of_with_the_nearest(ros_env, card, capfd):
+    row = max(card.module.PARAMETERS, key=lambda row: len(row.name))
+    with inside() as bench:
+        node = bench.start(FlightNode('bare', {f'{row.name}x': 1.0, 'use_sim_time': False}))
+        declare(node, card.module.PARAMETERS)
+    said = capfd.readouterr().err
+    assert f'parameter `{row.name}x` is not one of this node; did you mean `{row.name}`?' in said
+    assert 'use_sim_time' not in said
+
+
+@each_card
+def test_in_flight_nothing_wrong_is_taken_and_foreign_ones_are_not_refused(ros_env, card):
+    """The table alone: a node adds its own refusals, see test_lifecycle and test_monitor."""
+    rows = card.module.PARAMETERS
+    with inside() as bench:
+        node = bench.start(FlightNode('bare'))
+        values = declare(node, rows)
+        before = dict(values)
+        seen = []
+        node.changed = seen.append
+        for row in rows:
+            for value in wrong(row):
+                result = node.set_parameters_atomically([Parameter(row.name, value=value)])
+                assert not result.successful, f'{row.name}: {value!r} is taken'
+                assert row.name in result.reason and '\n' not in result.reason, result.reason
+            assert values == before and not seen
+            result = node.set_parameters_atomically([Parameter(row.name, value=right(row))])
+            assert result.successful == row.changeable, result.reason
+            if row.changeable:
+                assert values[row.name] == right(row) and list(seen.pop()) == [row.name]
+                before = dict(values)
+            else:
+                assert 'read-only' in result.reason
+        sim_time = Parameter('use_sim_time', value=True)
+        assert node.set_parameters_atomically([sim_time]).successful
+
+
+def test_one_wrong_value_of_a_request_refuses_all_of_it(ros_env):
+    rows = (
+        Row('speed', 1.0, 'speed', most=9.0, changeable=True),
+        Row('gains', (1.0, 2.0, 3.0), 'gains', most=9.0, changeable=True),
+        Row('steps', 3, 'steps', least=1, most=9, changeable=True),
+    )
+    with inside() as bench:
+        values = declare(bench.start(FlightNode('bare')), rows)
+        good = {'speed': 2, 'gains': [4.0, 5.0, 6.0], 'steps': 4}
+        for bad in ({'gains': [4.0, 5.0]}, {'gains': [4.0, 5.0, math.nan]}, {'steps': 10}):
+            successful, reason = bench.set('/bare', **{**good, **bad})
+            assert not successful and next(iter(bad)) in reason
+            assert values == {'speed': 1.0, 'gains': (1.0, 2.0, 3.0), 'steps': 3}
+        assert bench.set('/bare', **good) == (True, '')
+        assert values == {'speed': 2.0, 'gains': (4.0, 5.0, 6.0), 'steps': 4}
+        assert isinstance(values['speed'], float)
+        successful, reason = bench.set('/bare', nothing_of_ours=1)
+        assert not successful and 'undeclared' in reason
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@each_card
+def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card, tmp_path):
+    """One wrong value of each row, as people type them."""
+    typed = {True: 'true', False: 'false'}
+    with flight(ros_env, tmp_path) as ros:
+        for row in card.module.PARAMETERS:
+            value = wrong(row)[0]
+            node = ros.node(card.package, card.executable, **{row.name: typed.get(value, value)})
+            assert node.wait() == 2, node.output
+            lines = [line for line in node.output.splitlines() if line.strip()]
+            assert len(lines) == 1 and f'`{row.name}' in lines[0], node.output
