@@ -33,9 +33,9 @@ def on_config(config: Any) -> Any:
     for entry in config['nav']:
         (title, target), *_ = entry.items() if isinstance(entry, dict) else [('', entry)]
         if isinstance(target, str) and target.endswith('/'):
-            pages = sorted(path.relative_to(docs).as_posix() for path in docs.glob(f'{target}*.md'))
-            if pages:
-                nav.append({title: pages})
+            found = sorted(docs.glob(f'{target}*.md'), key=lambda path: (path.stem != 'index', path))
+            if found:
+                nav.append({title: [path.relative_to(docs).as_posix() for path in found]})
         else:
             nav.append(entry)
     config['nav'] = nav
