@@ -11,7 +11,15 @@ from launch.actions import RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.events.process import ProcessExited
 
-FLIGHT_NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder', 'replay')
+FLIGHT_NODES = (
+    'plant',
+    'fuzzy_controller',
+    'rival_controller',
+    'navigation',
+    'disturbance_injector',
+    'recorder',
+    'replay',
+)
 
 
 def _check(event: ProcessExited, context: LaunchContext) -> None:
