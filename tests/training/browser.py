@@ -72,16 +72,18 @@ class Page:
     async def _receive(self) -> Any:
         return await asyncio.wait_for(self._socket.read_message(), DEADLINE_S)
 
-    def open(self, path: Path, width: int = 1100, theme: str = 'light') -> None:
-        """Load a file in a window of a width and a theme, 'light' or 'dark'."""
-        self.look(width, theme)
+    def open(self, path: Path, width: int = 1100, theme: str = 'light', media: str = '') -> None:
+        """Load a file in a window of a width [px] and a theme, 'light' or 'dark'.
+
+        media : 'print' shows it as it is printed, '' as on a screen
+        """
+        self._look(width, theme, media)
         self._loaded = False
         self.call('Page.navigate', url=path.resolve().as_uri())
         while not self._loaded:
             self._next()
 
-    def look(self, width: int, theme: str) -> None:
-        """Change the window's width and the reader's theme."""
+    def _look(self, width: int, theme: str, media: str) -> None:
         self.call(
             'Emulation.setDeviceMetricsOverride',
             width=width,
@@ -90,7 +92,7 @@ class Page:
             mobile=False,
         )
         feature = {'name': 'prefers-color-scheme', 'value': theme}
-        self.call('Emulation.setEmulatedMedia', features=[feature])
+        self.call('Emulation.setEmulatedMedia', media=media, features=[feature])
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression."""

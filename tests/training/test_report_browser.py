@@ -27,6 +27,8 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed'),
 ]
 
+A4_PX = 680  # 180 mm between the margins, at 96 dpi
+BACKGROUND = 'getComputedStyle(document.documentElement).backgroundColor'
 FIGURES = """[...document.querySelectorAll('main svg[role=img]')].map(drawing => {
   const box = drawing.getBoundingClientRect(), line = drawing.querySelector('path');
   const text = drawing.querySelector('text');
@@ -69,12 +71,13 @@ def test_a_report_in_chromium(make, tmp_path):
             seen[theme] = shown.evaluate(FIGURES)
             assert shown.evaluate('document.body.scrollWidth <= innerWidth')
             assert shown.evaluate(WIDE) == []
-            background = shown.evaluate(
-                'getComputedStyle(document.documentElement).backgroundColor'
-            )
-            assert background == {'light': 'rgb(255, 255, 255)', 'dark': 'rgb(20, 22, 26)'}[theme]
+            white, black = 'rgb(255, 255, 255)', 'rgb(20, 22, 26)'
+            assert shown.evaluate(BACKGROUND) == {'light': white, 'dark': black}[theme]
         shown.open(path, width=400)
         assert shown.evaluate('document.body.scrollWidth <= innerWidth'), 'a telephone scrolls down'
+        shown.open(path, width=A4_PX, theme='dark', media='print')
+        assert shown.evaluate(WIDE) == [], 'nothing is cut on paper'
+        assert shown.evaluate(BACKGROUND) == 'rgb(255, 255, 255)', 'paper is white'
         shown.open(path, theme='dark')
         shown.print(tmp_path / 'report.pdf')
         assert shown.messages == []

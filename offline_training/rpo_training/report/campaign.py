@@ -105,7 +105,7 @@ def _success(found: list[Rate]) -> list[Block]:
 
 
 def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
-    drawn = {label: (name, store.column(name)) for name, label in _SHOWN.items()}
+    drawn = {label: store.column(name) for name, label in _SHOWN.items()}
     heads = ('figure', 'unit', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run')
     rows = tuple(
         (

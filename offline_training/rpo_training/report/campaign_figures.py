@@ -75,14 +75,14 @@ def _dots(points: Floats, colour: str) -> Any:
     return PathPatch(path, edgecolor=colour, facecolor='none', linewidth=2.2, capstyle='round')
 
 
-def distributions(columns: Mapping[str, tuple[str, Floats]], success: Bools) -> Any:
-    """Return histograms of figures; columns : label with unit -> (name of quantity, values)."""
+def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
+    """Return histograms of figures; columns : label with unit -> values (n,)."""
     rows = -(-len(columns) // 2)
     figure = style.new_figure(2.3 * rows)
     panels = figure.subplots(rows, 2, squeeze=False)
     for axes in panels.ravel()[len(columns) :]:
         axes.set_axis_off()
-    for axes, (label, (_, values)) in zip(panels.flat, columns.items(), strict=False):
+    for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
         span = _span(values)
         axes.hist(
             [values[success], values[~success]],
