@@ -53,6 +53,14 @@ def plans(mpc: Mpc, states: Floats, tick: int) -> Floats:
     return -np.einsum('kij,in->nkj', reach, multipliers / scale[:, None])
 
 
+def peaks_of(planned: Floats, mpc: Mpc) -> tuple[int, float, float]:
+    """Return how many plans (n, ticks, 3) keep the limits, the largest |f| [N], |df/dt| [N/s]."""
+    largest = np.abs(planned).max(axis=(1, 2))
+    steepest = np.abs(np.diff(planned, axis=1)).max(axis=(1, 2)) / mpc.model.dt_s
+    within = (largest <= mpc.max_force_n) & (steepest <= MAX_SLEW_N_S)
+    return int(within.sum()), float(largest.max()), float(steepest.max())
+
+
 def peaks(mpc: Mpc, states: Floats, every: int) -> Peaks:
     """Return what the plans ask for that are made at each `every`-th tick of some flights.
 
@@ -61,10 +69,7 @@ def peaks(mpc: Mpc, states: Floats, every: int) -> Peaks:
     count = within = 0
     force = slew = 0.0
     for tick in range(0, states.shape[1], every):
-        planned = plans(mpc, states[:, tick], tick)
-        largest = np.abs(planned).max(axis=(1, 2))
-        steepest = np.abs(np.diff(planned, axis=1)).max(axis=(1, 2)) / mpc.model.dt_s
-        count += len(planned)
-        within += int(((largest <= mpc.max_force_n) & (steepest <= MAX_SLEW_N_S)).sum())
-        force, slew = max(force, float(largest.max())), max(slew, float(steepest.max()))
+        kept, largest, steepest = peaks_of(plans(mpc, states[:, tick], tick), mpc)
+        count, within = count + len(states), within + kept
+        force, slew = max(force, largest), max(slew, steepest)
     return Peaks(count, within, force, slew)

@@ -21,7 +21,7 @@ Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 10
 
 _CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
 
-_WIDTH = 112  # the tables need it; a narrower terminal wraps
+_WIDTH = 124  # the tables need it; a narrower terminal wraps
 
 
 def compare(

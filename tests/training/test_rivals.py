@@ -1,0 +1,261 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Rivals in bulk: the bits of the core, plans against a solver, tuning, the comparison."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from campaign_documents import SHORT, write_campaign
+from typer.testing import CliRunner
+
+from rpo_core import metrics
+from rpo_core.closed_loop import fly
+from rpo_core.controller import load_controller
+from rpo_core.rivals import Model, Mpc
+from rpo_core.scenario import load_scenario, load_set
+from rpo_core.validation import InputError
+from rpo_training import comparison, comparison_table, designs, optimal, planning
+from rpo_training.campaign import config, fleet, single
+from rpo_training.cli import app
+from rpo_training.evaluation import case_of_flights, case_of_set
+from rpo_training.rival_batch import RivalSimulator
+from rpo_training.tuning import BUDGET, Tuning, TuningConfig
+
+TRAINING = load_set('paper_training')
+NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
+
+
+# Bits.
+
+
+def test_figures_in_bulk_are_those_of_the_core():
+    rivals = [load_controller(name) for name in NAMES]
+    base = replace(TRAINING.base, duration_s=50.0)
+    training = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
+    tests = [replace(load_scenario(n), duration_s=40.0) for n in ('paper_test', 'paper_test_phase')]
+    with RivalSimulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
+        undisturbed, disturbed = simulator.fly(rivals)
+    for rival, starts, pushed in zip(rivals, undisturbed, disturbed, strict=True):
+        for row, scenario, late_s in (
+            (starts[100], replace(base, initial_position_m=tuple(training.starts[100, :3])), None),
+            (pushed[0], tests[0], 20.0),
+            (pushed[1], tests[1], 20.0),
+        ):
+            flight = fly(scenario, rival)
+            f = metrics.assess(flight)
+            expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
+            np.testing.assert_allclose(row[:4], expected, rtol=1e-11, atol=1e-15)
+            if late_s:
+                late = metrics.window(flight, late_s)
+                assert (row[4], row[6]) == (late.position_m, late.force_n)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_dispersed_run_has_the_bits_of_the_core(name, tmp_path):
+    campaign = config.load(write_campaign(tmp_path, controller=name))
+    found = fleet.fly_runs(campaign, 0, 42)
+    for number in (0, 41):
+        flight = single.fly_run(campaign, number)
+        final = [found[column][number] for column in fleet.FINAL]
+        np.testing.assert_array_equal(final, flight.states[-1])
+        energy = metrics.assess(flight).energy_n2s
+        assert found['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
+
+
+def test_a_campaign_refuses_ticks_that_the_law_does_not_count_by(tmp_path):
+    slow = tmp_path / 'slow.yaml'
+    slow.write_text(SHORT.replace('dt_s: 0.1', 'dt_s: 0.2'))
+    with pytest.raises(InputError, match=r'mpc counts ticks of 0\.1 s'):
+        config.load(write_campaign(tmp_path, controller='mpc', scenario=str(slow)))
+
+
+# The predictive controller.
+
+
+def test_the_first_plan_is_the_optimum_to_rest():
+    mpc = load_controller('mpc')
+    base = replace(TRAINING.base, initial_position_m=(100.0, -50.0, 5.0))
+    best = optimal.to_rest(base, coast_s=base.duration_s - mpc.horizon_s)
+    ticks = round(mpc.horizon_s / base.dt_s)
+    (plan,) = planning.plans(mpc, np.array([base.start]), 0)
+    np.testing.assert_allclose(plan, best.forces_n[:ticks], rtol=0, atol=1e-12)
+    change = round((mpc.horizon_s - mpc.least_time_to_go_s) / base.dt_s)
+    flown = fly(base, mpc).forces_n[:change]
+    np.testing.assert_allclose(flown, best.forces_n[:change], rtol=0, atol=1e-11)
+
+
+def by_solver(mpc, state, ticks):
+    """Return the plan (ticks, 3) under the limits of force and slew, by Clarabel."""
+    import cvxpy as cp
+
+    a, b = mpc.model.matrices()
+    x, f = cp.Variable((ticks + 1, 6)), cp.Variable((ticks, 3))
+    steps = [x[0] == state, x[1:] == x[:-1] @ a.T + f @ b.T, x[ticks] == 0]
+    limits = [cp.abs(f) <= mpc.max_force_n]
+    limits.append(cp.abs(cp.diff(f, axis=0)) <= metrics.MAX_SLEW_N_S * mpc.model.dt_s)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(f)), [*steps, *limits])
+    problem.solve(solver=cp.CLARABEL)
+    assert problem.status == cp.OPTIMAL
+    return f.value
+
+
+def test_where_no_limit_binds_the_quadratic_program_says_the_same():
+    mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
+    state = np.array([5.0, -3.0, 2.0, 0.02, -0.03, 0.01])
+    for tick in (0, 30):
+        (plan,) = planning.plans(mpc, state[None], tick)
+        assert planning.peaks_of(plan[None], mpc)[0]
+        solved = by_solver(mpc, state, len(plan))
+        np.testing.assert_allclose(plan, solved, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(
+            mpc.force_n(state[:3], state[3:], tick), solved[0], rtol=0, atol=1e-6
+        )
+
+
+def test_a_plan_beyond_a_limit_is_counted():
+    mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
+    far = np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    (plan,) = planning.plans(mpc, far[None], 0)
+    assert np.abs(plan).max() > mpc.max_force_n  # 6 m r / T^2 = 0.55 N
+    solved = by_solver(mpc, far, 60)
+    assert np.abs(solved).max() <= mpc.max_force_n + 1e-6
+    assert (solved**2).sum() > (plan**2).sum()
+    found = planning.peaks(mpc, far[None, None], 1)
+    assert (found.plans, found.within) == (1, 0)
+    assert found.force_n == np.abs(plan).max()
+
+
+# Tuning.
+
+
+def test_shipped_rivals_are_as_good_as_they_say():
+    tuned = [load_controller(name) for name in NAMES if name != 'drift']
+    with RivalSimulator([case_of_set(TRAINING)]) as simulator:
+        (figures,) = simulator.fly(tuned)
+    for rival, rows in zip(tuned, figures, strict=True):
+        made = rival.provenance
+        assert made['method'] == 'rpo tune' and made['evaluations'] <= BUDGET
+        assert made['mean_energy_n2s'] == comparison.fitness.mean(rows[:, 0])
+        assert made['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
+        assert (comparison.fitness.failures(rows) == 0).all()
+
+
+def test_shipped_lqr_gains_are_those_of_its_weights():
+    lqr = load_controller('lqr')
+    gains = designs.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
+    np.testing.assert_allclose(lqr.gains, gains, rtol=1e-9, atol=1e-12)
+
+
+def test_an_interrupted_tuning_goes_on_to_the_same_rival(tmp_path):
+    settings = TuningConfig('pd', 2, 40)
+    whole = Tuning.create(settings, tmp_path / 'whole', 1).run()
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Tuning.create(settings, tmp_path / 'cut', 2).run(interrupt)
+    again = Tuning.resume(tmp_path / 'cut', 2)
+    assert len(again.ledger.marks) == 1
+    assert again.run() == whole
+    files = [(tmp_path / name / 'pd.yaml').read_bytes() for name in ('whole', 'cut')]
+    assert files[0] == files[1]
+    assert (
+        yaml.safe_load(files[0])['provenance']['command'] == 'rpo tune pd --seed 2 --evaluations 40'
+    )
+    with pytest.raises(InputError, match='holds a tuning already'):
+        Tuning.create(settings, tmp_path / 'cut')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['neural'], "`kind` must be one of pd, lqr, mpc, apf_smc; got 'neural'"),
+        (['pd', '--evaluations', '1000000'], f'>= 20 and <= {BUDGET}; got 1000000'),
+        ([], 'say what to tune'),
+        (['--resume', 'nowhere'], 'nowhere/tuning.yaml: No such file'),
+    ],
+)
+def test_bad_tunings_are_refused_in_a_sentence(arguments, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ['tune', *arguments])
+    assert done.exit_code == 2 and said in done.output, done.output
+    assert done.output.count('\n') == 1 and not list(tmp_path.iterdir())
+
+
+# The comparison.
+
+
+@pytest.fixture
+def compare(tmp_path, monkeypatch):
+    """Return a function that runs `rpo compare`, with the optimum as if it had been computed."""
+    monkeypatch.chdir(tmp_path)
+    path = write_campaign(tmp_path, runs=50)
+
+    def run(*arguments):
+        return CliRunner().invoke(
+            app, ['compare', *arguments, '--campaign', str(path), '-o', 'out']
+        )
+
+    text = comparison.files.read_text(comparison.files.find('scenario', comparison.STARTS))
+    kept = tmp_path / 'out' / f'optimum-{comparison.key_of("optimum", text)}.json'
+    kept.parent.mkdir()
+    kept.write_text('{"mean": 2.5}')
+    return run
+
+
+@pytest.mark.parametrize('name', ['lqr', pytest.param('mpc', marks=pytest.mark.slow)])
+def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monkeypatch):
+    done = compare(name, 'drift', '--write', 'doc.md')
+    assert done.exit_code == 0, done.output
+    document = json.loads((tmp_path / 'out' / 'compare.json').read_text())
+    rival, drift = document['controllers']
+    assert rival['mean_energy_n2s'] == load_controller(name).provenance['mean_energy_n2s']
+    assert rival['ratio'] == rival['mean_energy_n2s'] / 2.5
+    assert (rival['met'], rival['starts'], drift['met']) == (216, 216, 0)
+    columns = fleet.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
+    assert drift['kept'] == (columns['late_position_m'] <= 60.0).sum()
+    late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
+    assert rival['tests']['paper_test']['position_m'] == late.position_m
+    if name == 'mpc':
+        assert rival['plans']['starts']['within'] == rival['plans']['starts']['plans'] > 216
+    table = (tmp_path / 'doc.md').read_text()
+    shown = f'{rival["mean_energy_n2s"]:.3f} | {rival["ratio"]:.3f} | 216 of 216'
+    assert f'| {name} | {shown} |' in table and table.count('| drift |') == 2
+    assert (tmp_path / 'out' / 'compare.csv').read_text().count('\n') == 3
+
+    def fly_again(*_):
+        raise AssertionError('what is kept is not flown again')
+
+    monkeypatch.setattr(comparison, 'figures_of', fly_again)
+    monkeypatch.setattr(comparison.flying, 'fly_unit', fly_again)
+    again = compare('drift', name)
+    assert again.exit_code == 0, again.output
+    rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']
+    assert {**rows[1], 'command_us': 0} == {**rival, 'command_us': 0}
+
+
+def test_a_table_goes_between_its_marks_only(tmp_path):
+    path = tmp_path / 'doc.md'
+    path.write_text(f'before\n{comparison_table.BEGIN}\nold\n{comparison_table.END}\nafter\n')
+    comparison_table.put_into(path, 'new\n')
+    text = path.read_text()
+    assert 'old' not in text and text.index('before') < text.index('new') < text.index('after')
+    for bad in ('no marks', f'{comparison_table.END}{comparison_table.BEGIN}'):
+        path.write_text(bad)
+        with pytest.raises(InputError, match='must have one line'):
+            comparison_table.put_into(path, 'new')
+        assert path.read_text() == bad
+
+
+def test_bad_comparisons_are_refused_in_a_sentence(compare):
+    for arguments, said in (
+        (['nobody'], '`controller` must be one of apf_smc, drift, handmade'),
+        (['pd', 'pd'], 'can be compared once'),
+        (['pd', '--runs', '0'], '`runs` must be a whole number >= 1'),
+    ):
+        done = compare(*arguments)
+        assert done.exit_code == 2 and said in done.output, done.output
