@@ -11,13 +11,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from rpo_core import closed_loop
-from rpo_core.controller import DEFAULT_CONTROLLER, load_fuzzy
+from rpo_core.controller import DEFAULT_CONTROLLER, load_controller, load_fuzzy
 from rpo_core.scenario import load_scenario, load_set
 from rpo_training.assessment import assess
 from rpo_training.campaign import config
 from rpo_training.campaign.fleet import fly_runs
+from rpo_training.comparison import figures_of
 from rpo_training.evaluation import case_of_set
-from rpo_training.rival_batch import RivalSimulator
 
 _CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
 
@@ -28,10 +28,8 @@ def main() -> None:
     closed_loop.fly(load_scenario('quick'), controller)
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
-    rival = config.load(_CAMPAIGN, controller='lqr')
-    fly_runs(rival, 0, 1)
-    with RivalSimulator([case_of_set(load_set('paper_training'))], 1) as simulator:
-        simulator.fly([rival.controller])
+    fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    figures_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 
 
 if __name__ == '__main__':
