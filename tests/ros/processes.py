@@ -65,17 +65,22 @@ class RunningNode:
 
 
 class Flight:
-    """Starts nodes in one ROS domain; all are gone at the end."""
+    """Starts nodes in one ROS domain; all are gone at the end.
+
+    prefix : words before the command of the next nodes, such as `ip netns exec NAME`
+    """
 
     def __init__(self, env: Mapping[str, str], folder: Path) -> None:
         self.env = dict(env)
         self.folder = folder
         self.nodes: list[RunningNode] = []
+        self.prefix: list[str] = []
 
     def node(self, package: str, executable: str, *args: str, **parameters: object) -> RunningNode:
         """Start a node; keyword arguments are ROS parameters."""
         ros = [part for key, value in parameters.items() for part in ('-p', f'{key}:={value}')]
         command = [
+            *self.prefix,
             'ros2',
             'run',
             package,

@@ -42,7 +42,7 @@ class AnsweringNode(FlightNode):
     def answer_on(self, topic: str) -> None:
         """Begin to answer; the subclass is ready."""
         self._force = self.create_publisher(WrenchStamped, topic, qos.LOCKSTEP)
-        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.IN_LOOP)
         self.create_subscription(
             DiagnosticStatus, names.RUN_STATUS, self._on_run_status, qos.LATCHED
         )

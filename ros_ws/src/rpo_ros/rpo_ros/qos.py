@@ -37,6 +37,16 @@ CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
 
 DIAGNOSTICS = _reliable(10, QoSDurabilityPolicy.VOLATILE)
 
+IN_LOOP = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=64,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""As plant and answering nodes hear each other. A reliable reader holds back what follows a lost
+message until DDS has repaired it, seconds later on a bad link; here a lost one is sent again by the
+plant, or its successor does."""
+
 NEWEST = QoSProfile(
     history=QoSHistoryPolicy.KEEP_LAST,
     depth=1,

@@ -38,7 +38,7 @@ class NavigationNode(FlightNode):
         self.answered = 0
         self.ignored: Counter[str] = Counter()
         self._solution = self.create_publisher(Odometry, names.NAVIGATION_STATE, qos.LOCKSTEP)
-        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
+        self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.IN_LOOP)
         health.publish_health(self, self._health)
         self.get_logger().info(f'navigating in {self.scenario.name}')
 

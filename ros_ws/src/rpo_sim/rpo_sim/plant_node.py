@@ -69,7 +69,7 @@ class PlantNode(FlightNode):
         self.topics = Publications(self, self.values['publish_clock'], applied)
         for topic in self._peers:
             on_answer = partial(self._on_answer, topic)
-            self.create_subscription(WrenchStamped, topic, on_answer, qos.LOCKSTEP)
+            self.create_subscription(WrenchStamped, topic, on_answer, qos.IN_LOOP)
         self.recorder = RecorderWatch(self, self.values['wait_for_recorder'])
 
     def _manifest(self, text: str) -> None:
