@@ -22,18 +22,18 @@ PARAMETER_FILE = BRINGUP / 'config' / 'final_approach.yaml'
 FOREIGN = {('rviz2', 'rviz2')}
 
 
-def entry_points() -> dict[tuple[str, str], str]:
-    """Return (package, executable) -> module, of every package's setup.py."""
+def executables() -> set[tuple[str, str]]:
+    """Return (package, executable) of every package's setup.py."""
     return {
-        (path.parent.name, name): module
+        (path.parent.name, name)
         for path in SRC.glob('*/setup.py')
-        for name, module in re.findall(r"'(\w+) = ([\w.]+):main'", path.read_text())
+        for name in re.findall(r"'(\w+) = [\w.]+:\w+'", path.read_text())
     }
 
 
 def parameters(package: str, executable: str) -> set[str]:
     """Return the names in a node's parameter table."""
-    module = importlib.import_module(entry_points()[package, executable])
+    module = importlib.import_module(f'{package}.{executable}_node')
     return {row.name for row in module.PARAMETERS}
 
 
@@ -58,7 +58,7 @@ def test_executables_and_parameters_exist(tree):
         who = node.get('pkg'), node.get('exec')
         if who in FOREIGN:
             continue
-        assert who in entry_points(), who
+        assert who in executables(), who
         named = {tag.get('name') for tag in node.findall('param') if tag.get('name')}
         assert named <= parameters(*who), (who, named - parameters(*who))
 
@@ -95,16 +95,16 @@ def test_an_argument_means_the_same_in_every_file():
 
 
 def test_the_parameter_file_fits_the_tables():
-    executables = {name: package for package, name in entry_points()}
+    packages = {name: package for package, name in executables()}
     for block, content in yaml.safe_load(PARAMETER_FILE.read_text()).items():
         name = block.removeprefix('/**/')
-        assert set(content['ros__parameters']) <= parameters(executables[name], name)
+        assert set(content['ros__parameters']) <= parameters(packages[name], name)
 
 
 def test_the_watch_over_exit_codes_names_the_flight_nodes():
     text = (BRINGUP / 'launch' / 'exit_code.launch.py').read_text()
     watched = set(re.findall(r"'(\w+)'", re.search(r'FLIGHT_NODES = \((.*?)\)', text, re.S)[1]))
-    assert watched <= {name for _, name in entry_points()}
+    assert watched <= {name for _, name in executables()}
 
 
 def test_a_real_launch(ros_env, tmp_path):
@@ -123,3 +123,9 @@ def test_a_real_launch(ros_env, tmp_path):
     refused = launch('scenario:=nowhere', 'record:=false')
     assert refused.returncode == 1
     assert "got 'nowhere'" in refused.stdout + refused.stderr
+
+
+def test_style_checks_are_the_same_in_every_package():
+    copies = {path.read_text() for path in SRC.glob('*/test/test_ament.py')}
+    assert len(copies) == 1
+    assert len(list(SRC.glob('*/test/test_ament.py'))) == len(list(SRC.glob('*/package.xml')))

@@ -138,11 +138,10 @@ def test_one_wrong_value_of_a_request_refuses_all_of_it(ros_env):
 @each_card
 def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card, tmp_path):
     """One wrong value of each row, as people type them."""
-    typed = {True: 'true', False: 'false'}
     with flight(ros_env, tmp_path) as ros:
         for row in card.module.PARAMETERS:
-            value = wrong(row)[0]
-            node = ros.node(card.package, card.executable, **{row.name: typed.get(value, value)})
+            value = 'maybe' if isinstance(row.default, bool) else wrong(row)[0]
+            node = ros.node(card.package, card.executable, **{row.name: value})
             assert node.wait() == 2, node.output
             lines = [line for line in node.output.splitlines() if line.strip()]
             assert len(lines) == 1 and f'`{row.name}' in lines[0], node.output

@@ -32,7 +32,7 @@ MAY_IMPORT = {
 }
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
-ROSDEP_KEYS = {'numpy': 'python3-numpy', 'yaml': 'python3-yaml', 'mcap': 'python3-mcap-pip'}
+ROSDEP_KEYS = {'numpy': 'python3-numpy', 'yaml': 'python3-yaml', 'mcap': 'mcap-ros2-support'}
 MAX_MODULE_LINES = 400
 
 
@@ -57,7 +57,7 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    nodes = [path for path in found['rpo_log'] if path.name.endswith('_node.py')]
+    nodes = [path for path in found['rpo_log'] if path.name.endswith(('_node.py', 'commands.py'))]
     found['rpo_log nodes'] = nodes
     found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
     found['rpo_training'] = sorted((ROOT / 'offline_training' / 'rpo_training').rglob('*.py'))

@@ -30,8 +30,8 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            'final_approach = rpo_bringup.final_approach:main',
-            'monitor = rpo_bringup.monitor_node:main',
+            'final_approach = rpo_bringup.commands:final_approach',
+            'monitor = rpo_bringup.commands:monitor',
             'node_pages = rpo_bringup.node_pages:main',
             'ping_pong = rpo_bringup.ping_pong:main',
             'trial = rpo_bringup.trial:main',

@@ -25,8 +25,8 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            'fuzzy_controller = rpo_ctrl.fuzzy_controller_node:main',
-            'rival_controller = rpo_ctrl.rival_controller_node:main',
+            'fuzzy_controller = rpo_ctrl.commands:fuzzy_controller',
+            'rival_controller = rpo_ctrl.commands:rival_controller',
         ],
     },
 )

@@ -22,8 +22,8 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            'recorder = rpo_log.recorder_node:main',
-            'replay = rpo_log.replay_node:main',
+            'recorder = rpo_log.commands:recorder',
+            'replay = rpo_log.commands:replay',
         ],
     },
 )

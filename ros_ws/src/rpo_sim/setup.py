@@ -22,10 +22,10 @@ setup(
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [
-            'plant = rpo_sim.plant_node:main',
-            'navigation = rpo_sim.navigation_node:main',
-            'disturbance_injector = rpo_sim.disturbance_injector_node:main',
-            'fault_injector = rpo_sim.fault_injector_node:main',
+            'plant = rpo_sim.commands:plant',
+            'navigation = rpo_sim.commands:navigation',
+            'disturbance_injector = rpo_sim.commands:disturbance_injector',
+            'fault_injector = rpo_sim.commands:fault_injector',
         ],
     },
 )

@@ -23,8 +23,8 @@ setup(
     extras_require={'test': ['pytest'], 'view': ['foxglove-sdk', 'rich']},
     entry_points={
         'console_scripts': [
-            'visualizer = rpo_view.visualizer_node:main',
-            'web = rpo_view.web_node:main',
+            'visualizer = rpo_view.commands:visualizer',
+            'web = rpo_view.commands:web',
             'foxglove = rpo_view.foxglove_node:main',
             'watch = rpo_view.watch_node:main',
         ],

@@ -51,6 +51,14 @@ _UNFIT = (
     'a state in another frame, or not finite',
     'is not answered; counted on `/diagnostics` as `ignored_<kind>`',
 )
+_LAYER = ('its library is not installed', 'one sentence that says how to, exit code 2')
+_SEEN = (
+    names.RELATIVE_STATE,
+    names.CONTROL_FORCE,
+    names.DISTURBANCE_FORCE,
+    names.DECISION,
+    names.RUN_STATUS,
+)
 _CODES = {0: 'done, or ended by a signal', 2: _BAD}
 
 
@@ -60,6 +68,7 @@ class Card:
 
     cls : name of its class in its module, the last part of which is <executable>_node
     trial : parameters under which the page's tool starts it, to see its topics
+    listens : its topics, for a node that needs an optional layer and is not started for its page
     """
 
     package: str
@@ -68,6 +77,7 @@ class Card:
     failures: Outcomes
     exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
     trial: Mapping[str, Any] = field(default_factory=dict)
+    listens: tuple[str, ...] = ()
 
     @property
     def module(self) -> ModuleType:
@@ -148,5 +158,11 @@ CARDS = (
     Card('rpo_view', 'web', 'WebNode', (
         _BAD_OUTCOME, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
          trial={'port': 0}),
+    Card('rpo_view', 'foxglove', 'FoxgloveNode', (
+        _BAD_OUTCOME, _LAYER, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
+         listens=(*_SEEN, names.MARKERS)),
+    Card('rpo_view', 'watch', 'WatchNode', (
+        _BAD_OUTCOME, _LAYER, ('nothing is published', 'says so, and waits'), _SIGNAL),
+         {**_CODES, 1: 'the run was aborted (`until_end`)'}, listens=(*_SEEN, names.NODE_MANIFEST)),
 )  # fmt: skip
 """Every node of the stack."""

@@ -3,7 +3,7 @@
 """`node_pages`: writes one page per node: purpose, topics, parameters, failures, exit codes.
 
 Parameters come from the table that the node declares and checks by, topics and services from the
-node itself, started for it.
+node itself, started for it (but for nodes that need an optional library).
 """
 
 from __future__ import annotations
@@ -119,17 +119,24 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
     return [f'| {" | ".join(str(cell).replace("|", chr(92) + "|") for cell in r)} |' for r in lines]
 
 
+def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    """Return the rows of topics and services of a node, which is started for it."""
+    if card.listens:
+        return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
+    node = _make(card, folder)
+    try:
+        return list(_topics(node)), list(_services(node))
+    finally:
+        node.close()
+        node.destroy_node()
+
+
 def page(card: Card, folder: Path) -> str:
     """Return the page of a node as Markdown; needs an initialised rclpy."""
     about = (card.module.__doc__ or '').strip()
     purpose = about.split(': ', 1)[-1]
     rows = card.module.PARAMETERS
-    node = _make(card, folder)
-    try:
-        topics, services = list(_topics(node)), list(_services(node))
-    finally:
-        node.close()
-        node.destroy_node()
+    topics, services = _found(card, folder)
     example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
     lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']
     lines += ['```sh', card.command, example, '```', '', '## Topics', '']

@@ -68,7 +68,7 @@ class FlightNode(Node):
         """Release what the node holds, just before it is destroyed."""
 
 
-class _StopSignal:
+class StopSignal:
     """Remembers SIGINT and SIGTERM, so that nodes can still publish and close their files."""
 
     def __init__(self) -> None:
@@ -78,6 +78,12 @@ class _StopSignal:
 
     def _remember(self, number: int, _frame: FrameType | None) -> None:
         self.name = signal.Signals(number).name
+
+    @staticmethod
+    def ignore() -> None:
+        """From now on the process ends anyway; Python would restore the defaults, which kill."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
 
 
 def new_executor() -> Executor:
@@ -92,10 +98,10 @@ def new_executor() -> Executor:
 def spin(
     nodes: Sequence[FlightNode],
     until: Callable[[], bool],
+    stop: StopSignal,
     executor_kind: Callable[[], Executor] = new_executor,
 ) -> str:
     """Run nodes until `until()`; return '' or the name of the signal that ended it sooner."""
-    stop = _StopSignal()
     executor = executor_kind()
     for node in nodes:
         executor.add_node(node)
@@ -126,11 +132,12 @@ def run(
     until : tells from the nodes when to end; by default when the first is done
     executor_kind : SingleThreadedExecutor for nodes that rely on callback groups
     """
+    stop = StopSignal()  # before all else: to load and to compile takes seconds
     nodes: Sequence[FlightNode] = ()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         nodes = make()
-        spin(nodes, lambda: until(nodes) if until else nodes[0].done, executor_kind)
+        spin(nodes, lambda: until(nodes) if until else nodes[0].done, stop, executor_kind)
         return next((node.exit_code for node in nodes if node.exit_code), 0)
     except InputError as error:
         if rclpy.ok():
@@ -142,6 +149,7 @@ def run(
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+        stop.ignore()
 
 
 def run_node(

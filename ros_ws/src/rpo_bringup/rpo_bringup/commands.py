@@ -1,0 +1,15 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the commands of this package begin; see `rpo_ros.early`."""
+
+from rpo_ros.early import start
+
+
+def final_approach() -> int:
+    """Run `ros2 run rpo_bringup final_approach`."""
+    return start('rpo_bringup.final_approach')
+
+
+def monitor() -> int:
+    """Run `ros2 run rpo_bringup monitor`."""
+    return start('rpo_bringup.monitor_node')

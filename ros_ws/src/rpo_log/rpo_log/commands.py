@@ -1,0 +1,15 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the commands of this package begin; see `rpo_ros.early`."""
+
+from rpo_ros.early import start
+
+
+def recorder() -> int:
+    """Run `ros2 run rpo_log recorder`."""
+    return start('rpo_log.recorder_node')
+
+
+def replay() -> int:
+    """Run `ros2 run rpo_log replay`."""
+    return start('rpo_log.replay_node')

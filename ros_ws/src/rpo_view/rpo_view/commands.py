@@ -1,0 +1,15 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the commands of this package begin; see `rpo_ros.early`."""
+
+from rpo_ros.early import start
+
+
+def visualizer() -> int:
+    """Run `ros2 run rpo_view visualizer`."""
+    return start('rpo_view.visualizer_node')
+
+
+def web() -> int:
+    """Run `ros2 run rpo_view web`."""
+    return start('rpo_view.web_node')

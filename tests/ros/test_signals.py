@@ -1,0 +1,140 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""SIGINT and SIGTERM at any moment, any node: exit code 0, no traceback, the log readable.
+
+Moments are drawn by a seed. One start of a system serves several nodes, each with a moment of its
+own, so some end while the others fly on.
+"""
+
+import importlib.util
+import random
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from processes import flight
+
+from rpo_bringup.node_cards import CARDS
+from rpo_bringup.node_pages import _tiny_log
+from rpo_log.errors import Kind, LogError
+from rpo_log.reader import read_run
+
+LONGEST_S = 2.0
+SPEED = 40.0
+SIGNALS = [signal.SIGINT, signal.SIGTERM]
+
+trials = pytest.mark.parametrize('trial', range(20))
+signals = pytest.mark.parametrize('number', SIGNALS, ids=lambda number: number.name)
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with flight(ros_env, tmp_path) as started:
+        yield started
+
+
+def check_log(folder: Path) -> None:
+    """The log of a run is closed and readable, or was never begun."""
+    if not (folder / 'run.mcap').exists():
+        return
+    try:
+        log = read_run(folder)
+    except LogError as error:
+        assert error.kind == Kind.EMPTY, error
+        return
+    assert not log.damage and (folder / 'metadata.yaml').exists()
+
+
+def end_each_at_its_moment(nodes, number, trial):
+    """Send a signal to each node at a moment of its own; check how it ended."""
+    rng = random.Random(f'{trial} {number}')
+    moments = sorted((rng.uniform(0.0, LONGEST_S), i) for i in range(len(nodes)))
+    begun = time.monotonic()
+    for moment, i in moments:
+        time.sleep(max(0.0, begun + moment - time.monotonic()))
+        if nodes[i].process.poll() is None:
+            nodes[i].process.send_signal(number)
+    for node in nodes:
+        assert node.wait() == 0, node.output
+        assert 'Traceback' not in node.output, node.output
+
+
+def started(ros, output):
+    """Start the four processes of a run; return them when the last one speaks."""
+    nodes = [
+        ros.node(
+            'rpo_sim',
+            'plant',
+            scenario='paper_test',
+            real_time_factor=SPEED,
+            wait_for_recorder='true',
+        ),
+        ros.node('rpo_sim', 'disturbance_injector', scenario='paper_test'),
+        ros.node('rpo_ctrl', 'fuzzy_controller'),
+        ros.node('rpo_log', 'recorder', output=str(output)),
+    ]
+    for node, word in zip(nodes, ('waiting', 'disturbing', 'controlling', ''), strict=True):
+        node.says(word)
+    return nodes
+
+
+@pytest.mark.slow
+@trials
+@signals
+def test_the_nodes_of_a_run(ros, number, trial):
+    output = ros.folder / 'run'
+    nodes = started(ros, output)
+    nodes[3].says('recording')
+    end_each_at_its_moment(nodes, number, trial)
+    check_log(output)
+
+
+@pytest.mark.slow
+@trials
+@signals
+def test_all_in_one_process(ros, number, trial):
+    output = ros.folder / 'run'
+    node = ros.node(
+        'rpo_bringup', 'final_approach', '--scenario', 'paper_test', '--output', str(output),
+        '--real-time-factor', str(SPEED), '--no-report',
+    )  # fmt: skip
+    node.says('waiting')
+    end_each_at_its_moment([node], number, trial)
+    check_log(output)
+
+
+OTHERS = {
+    'navigation': ('navigating', {}),
+    'fault_injector': ('faults between', {}),
+    'rival_controller': ('controlling', {}),
+    'replay': ('', {'loop': 'true', 'rate': 1.0}),
+    'monitor': ('watching', {}),
+    'visualizer': ('showing', {}),
+    'web': ('is shown at', {'port': 0}),
+    'watch': ('', {}),
+}
+if importlib.util.find_spec('foxglove') is not None:  # an optional layer
+    OTHERS['foxglove'] = ('open ws://', {'port': 0})
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+@trials
+@signals
+def test_all_other_nodes(ros, number, trial):
+    packages = {card.executable: card.package for card in CARDS}
+    nodes = []
+    for name, (_, parameters) in OTHERS.items():
+        if name == 'replay':
+            parameters = {**parameters, 'bag': str(_tiny_log(ros.folder / 'log'))}
+        nodes.append(ros.node(packages[name], name, **parameters))
+    for node, (word, _) in zip(nodes, OTHERS.values(), strict=True):
+        node.says(word)
+    time.sleep(1.0)  # the replay says nothing at its start
+    end_each_at_its_moment(nodes, number, trial)
+
+
+def test_no_node_is_left_out():
+    run = {'plant', 'disturbance_injector', 'fuzzy_controller', 'recorder'}
+    assert run | set(OTHERS) | {'foxglove'} == {card.executable for card in CARDS}
