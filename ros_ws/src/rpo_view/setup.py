@@ -25,8 +25,8 @@ setup(
         'console_scripts': [
             'visualizer = rpo_view.commands:visualizer',
             'web = rpo_view.commands:web',
-            'foxglove = rpo_view.foxglove_node:main',
-            'watch = rpo_view.watch_node:main',
+            'foxglove = rpo_view.commands:foxglove',
+            'watch = rpo_view.commands:watch',
         ],
     },
 )

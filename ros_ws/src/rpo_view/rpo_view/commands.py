@@ -13,3 +13,13 @@ def visualizer() -> int:
 def web() -> int:
     """Run `ros2 run rpo_view web`."""
     return start('rpo_view.web_node')
+
+
+def foxglove() -> int:
+    """Run `ros2 run rpo_view foxglove`."""
+    return start('rpo_view.foxglove_node')
+
+
+def watch() -> int:
+    """Run `ros2 run rpo_view watch`."""
+    return start('rpo_view.watch_node')
