@@ -24,6 +24,7 @@ from rpo_training.commands import (
     report,
     simulate,
     train,
+    truth,
     tune,
     watch,
 )
@@ -54,6 +55,7 @@ app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
 app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
+app.command(epilog=truth.EXAMPLES)(truth.truth)
 app.command(epilog=compare.EXAMPLES)(compare.compare)
 app.command(epilog=explain.EXAMPLES)(explain.explain)
 app.command(epilog=export.EXAMPLES)(export.export)

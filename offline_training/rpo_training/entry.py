@@ -18,6 +18,7 @@ _LAYERS = {
     'cvxpy': 'campaign',
     'distributed': 'campaign',
     'dask': 'campaign',
+    'Basilisk': 'truth',
     'fuzzylite': 'test',
     'skfuzzy': 'test',
 }

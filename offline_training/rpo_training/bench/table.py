@@ -187,17 +187,3 @@ def save(bench: Bench, folder: Path) -> Path:
     text = json.dumps(asdict(bench), indent=2) + '\n'
     write_aside(path, lambda file: file.write(text.encode()))
     return path
-
-
-BEGIN, END = '<!-- printed by `rpo bench --write` -->', '<!-- end -->'
-
-
-def write(bench: Bench, page: Path) -> None:
-    """Put the table into a page between its two marks, which a page without gets at its end."""
-    page_text = page.read_text() if page.is_file() else '# Benchmarks\n'
-    if BEGIN not in page_text:
-        page_text = f'{page_text.rstrip()}\n\n{BEGIN}\n{END}\n'
-    before, _, rest = page_text.partition(BEGIN)
-    after = rest.partition(END)[2]
-    text = f'{before}{BEGIN}\n{markdown(bench)}{END}{after}'
-    write_aside(page, lambda file: file.write(text.encode()))
