@@ -268,7 +268,8 @@ def decode_status(data: bytes) -> Status:
 def decode_array(data: bytes) -> tuple[int, tuple[Status, ...]]:
     """Return stamp [ns] and statuses of a diagnostic_msgs/msg/DiagnosticArray; raises CdrError."""
     cursor = _Cursor(data)
-    stamp, _frame = cursor.stamp(), cursor.string()
+    stamp = cursor.stamp()
+    cursor.string()  # the frame
     statuses = tuple(cursor.status() for _ in range(cursor.count()))
     cursor.end(spare=3)
     return stamp, statuses

@@ -109,7 +109,9 @@ def _fuzzy_laws(seen, scales, fis, laws):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _step_each(states, forces, disturbances, limit, step, following):  # type: ignore[no-untyped-def]
+def _step_each(  # type: ignore[no-untyped-def]
+    states, forces, disturbances, limit, step, following
+):
     """Fill the state (n, 6) that follows each tick."""
     for i in range(len(states)):
         s = states[i]
