@@ -23,7 +23,7 @@ from rpo_core import controller as controllers
 from rpo_core import files
 from rpo_core.rivals import Model, Rival
 from rpo_core.scenario import load_set
-from rpo_core.validation import InputError, choice, mapping, whole
+from rpo_core.validation import InputError, choice, mapping, real, whole
 from rpo_training.designs import DESIGNS
 from rpo_training.fitness import CONDITIONS, Fitness, FitnessSettings, Scores
 from rpo_training.genetic import GaSettings
@@ -48,23 +48,35 @@ _GOES_ON = 'rpo tune --resume'
 
 @dataclass(frozen=True)
 class TuningConfig:
-    """All that decides the outcome of a tuning."""
+    """All that decides the outcome of a tuning.
+
+    disturbance : weight [N^2 s] of how far the paper's test is missed, see `rpo_training.fitness`;
+        0, as the fuzzy controllers were trained: the test is not flown
+    """
 
     kind: str
     seed: int = 1
     evaluations: int = BUDGET
+    disturbance: float = 0.0
     sigma: float = 0.2
 
     def __post_init__(self) -> None:
         choice('kind', self.kind, DESIGNS)
         whole('seed', self.seed, least=0, most=2**63 - 1)
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
+        real('disturbance', self.disturbance, 'N^2 s', least=0.0, most=1e6)
 
     @property
     def command(self) -> str:
         """The command that repeats it."""
         less = '' if self.evaluations == BUDGET else f' --evaluations {self.evaluations}'
-        return f'rpo tune {self.kind} --seed {self.seed}{less}'
+        test = f' --disturbance {self.disturbance:g}' if self.disturbance else ''
+        return f'rpo tune {self.kind} --seed {self.seed}{less}{test}'
+
+    @property
+    def name(self) -> str:
+        """Name of the rival."""
+        return f'{self.kind}_disturbed' if self.disturbance else self.kind
 
 
 def parse(document: Any) -> TuningConfig:
@@ -83,7 +95,8 @@ class Tuning:
         scenarios = load_set(SCENARIO)
         base = scenarios.base
         self.model = Model(base.orbit_radius_m, base.mass_kg, base.dt_s)
-        self.fitness = Fitness(scenarios, SEARCHED, workers, RivalSimulator)
+        searched = replace(SEARCHED, disturbance=config.disturbance)
+        self.fitness = Fitness(scenarios, searched, workers, RivalSimulator)
         self.ledger = Ledger(yaml.safe_dump(asdict(config), sort_keys=False))
         self.best, self.best_genes = np.full(6, np.inf), start
         self._flown, self._began = 0, time.monotonic()
@@ -146,7 +159,8 @@ class Tuning:
 
     def make(self, genes: Floats) -> Rival:
         """Return the rival of a chromosome, without provenance."""
-        return self.design.make(self.design.values(genes), self.model)
+        made = self.design.make(self.design.values(genes), self.model)
+        return replace(made, name=self.config.name)
 
     def progress(self) -> Progress:
         """Return where the tuning stands; there must be a generation."""

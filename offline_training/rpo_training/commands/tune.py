@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from rpo_training.tuning import Tuning
 
 EXAMPLES = """
-Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc`
+Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
+`rpo tune lqr --disturbance 20`
 """
 
 
@@ -27,8 +28,11 @@ def tune(
     evaluations: Annotated[
         int | None, typer.Option(help="at most, and no more than the paper's 60 x 301")
     ] = None,
+    disturbance: Annotated[
+        float, typer.Option(help="weight [N² s] of the paper's test, which training does not see")
+    ] = 0.0,
     output: Annotated[
-        Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_KIND_SEED]')
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_NAME_SEED]')
     ] = None,
     resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
     workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
@@ -44,8 +48,9 @@ def tune(
     if resume is not None:
         _fly(Tuning.resume(resume, workers))
         return
-    config = TuningConfig(str(kind), seed, BUDGET if evaluations is None else evaluations)
-    _fly(Tuning.create(config, output or Path(f'runs/tune_{kind}_{seed}'), workers))
+    budget = BUDGET if evaluations is None else evaluations
+    config = TuningConfig(str(kind), seed, budget, disturbance)
+    _fly(Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers))
 
 
 def _fly(tuning: Tuning) -> None:
