@@ -62,8 +62,10 @@ def rival_report(folder):
 @pytest.mark.parametrize('make', [run_report, campaign_report, controller_report, rival_report])
 def test_a_report_in_chromium(make, tmp_path):
     made = make(tmp_path)
-    path = page.write(made, tmp_path / 'report')[-1]
-    check_page(path, made)
+    *pictures, path = page.write(made, tmp_path / 'report')
+    assert [p.name for p in pictures] == [f'{p.name}.png' for p in made.pictures]
+    assert all(p.read_bytes().startswith(b'\x89PNG') for p in pictures)
+    check_page(path.read_text('utf-8'), made)
     seen = {}
     with browser(CHROMIUM, tmp_path / 'profile') as shown:
         for theme in ('light', 'dark'):

@@ -21,6 +21,7 @@ MOST_POINTS = 2000
 
 _BINS = 60
 _FAR = 2.5
+_SMALL_M_S = 0.1
 _KEPT, _FAILED = style.LIGHT['x'], style.LIGHT['y']
 _LIMIT = {'color': style.LIGHT['ink'], 'linestyle': (0, (4, 3)), 'linewidth': 1.0}
 
@@ -33,18 +34,21 @@ def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | No
     """
     figure = style.new_figure(7.6)
     panels = figure.subplots(2, 2)
-    for row, first, unit, limit in zip(panels, (0, 3), ('m', 'm/s'), limits, strict=True):
+    small = np.abs(final[:, 3:]).max() < _SMALL_M_S
+    units = (('m', 1.0), ('mm/s', 1e3) if small else ('m/s', 1.0))
+    for row, first, (unit, factor), limit in zip(panels, (0, 3), units, limits, strict=True):
         prefix = 'v' if first else ''
         for axes, up in zip(row, (0, 2), strict=True):
-            _cloud(axes, final[:, [first + 1, first + up]], success)
+            _cloud(axes, factor * final[:, [first + 1, first + up]], success)
             if limit is not None and limit <= _FAR * np.abs(final[:, first : first + 3]).max():
-                box = limit * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
+                box = factor * limit * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
                 axes.plot(*box.T, **_LIMIT, label='limit of success')
             axes.set(
                 xlabel=f'final {prefix}y, V-bar [{unit}]',
                 ylabel=f'final {prefix}{"xyz"[up]}, {"RVH"[up]}-bar [{unit}]',
             )
             axes.set_aspect('equal', adjustable='datalim')
+            axes.locator_params(nbins=7)
     style.legend_below(figure, panels[0][0])
     return figure
 

@@ -15,6 +15,7 @@ from functools import singledispatch
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from rpo_core.validation import InputError
 from rpo_log import style
@@ -42,13 +43,18 @@ def write(report: Report, folder: Path) -> list[Path]:
         with style.applied():
             for picture in report.pictures:
                 paths.append(folder / f'{picture.name}.png')
-                picture.figure.savefig(paths[-1])
-                picture.figure.set_layout_engine('none')  # the SVG keeps the layout
+                _save(picture, paths[-1])
         paths.append(folder / PAGE)
         paths[-1].write_text(html(report), encoding='utf-8')
     except OSError as error:
         raise InputError(f'{folder}: cannot be written: {error.strerror or error}') from None
     return paths
+
+
+def _save(picture: Picture, target: Any, **options: Any) -> None:
+    """Draw a picture; its layout is found the first time, and stays."""
+    picture.figure.savefig(target, **options)
+    picture.figure.set_layout_engine('none')
 
 
 def html(report: Report) -> str:
@@ -155,7 +161,7 @@ def svg(picture: Picture) -> str:
     """Return a picture as inline SVG: colours by name, identifiers its own, no foreign address."""
     buffer = io.StringIO()
     with style.applied():
-        picture.figure.savefig(buffer, format='svg', transparent=True, metadata={'Date': None})
+        _save(picture, buffer, format='svg', transparent=True, metadata={'Date': None})
     text = buffer.getvalue()
     text = text[text.index('<svg') :]
     text = re.sub(r'<metadata>.*?</metadata>', '', text, flags=re.DOTALL)
