@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import time
@@ -15,6 +16,7 @@ from typing import Any
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -121,6 +123,20 @@ def spin(
     return stop.name
 
 
+def _begin(
+    make: Callable[[], Sequence[FlightNode]], args: Sequence[str] | None
+) -> Sequence[FlightNode]:
+    """Make nodes; that the middleware refuses them is a sentence like any bad input."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        return make()
+    except rclpy_implementation.RCLError as error:
+        said = str(error).partition('\n')[0].partition(', at /')[0]
+        secured = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+        hint = '; ROS_SECURITY_ENABLE is set, see docs/network.md' if secured else ''
+        raise InputError(f'ROS 2 does not start: {said}{hint}') from None
+
+
 def run(
     make: Callable[[], Sequence[FlightNode]],
     args: Sequence[str] | None = None,
@@ -135,8 +151,7 @@ def run(
     stop = StopSignal()  # before all else: to load and to compile takes seconds
     nodes: Sequence[FlightNode] = ()
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        nodes = make()
+        nodes = _begin(make, args)
         spin(nodes, lambda: until(nodes) if until else nodes[0].done, stop, executor_kind)
         return next((node.exit_code for node in nodes if node.exit_code), 0)
     except InputError as error:

@@ -1,0 +1,45 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Enforced security without the means for it: nothing starts, and a sentence says why."""
+
+import pytest
+from processes import flight
+
+ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
+ENCLAVE = (
+    'identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s',
+    'permissions.p7s',
+)  # fmt: skip
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with flight({**ros_env, **ENFORCED}, tmp_path) as started:
+        yield started
+
+
+def refused(node):
+    """Return the one sentence of a node that does not start."""
+    assert node.wait() == 2, node.output
+    assert 'Traceback' not in node.output
+    lines = [line for line in node.output.splitlines() if 'ROS 2 does not start' in line]
+    assert len(lines) == 1, node.output
+    return lines[0]
+
+
+def test_no_keystore(ros):
+    ros.env['ROS_SECURITY_KEYSTORE'] = str(ros.folder / 'nowhere')
+    said = refused(ros.node('rpo_sim', 'plant'))
+    assert 'nowhere/enclaves' in said
+    assert 'ROS_SECURITY_ENABLE is set' in said
+
+
+@pytest.mark.slow
+def test_an_enclave_of_nonsense(ros):
+    """Refused by a middleware with security for its content, by one without for being asked."""
+    folder = ros.folder / 'keys' / 'enclaves'
+    folder.mkdir(parents=True)
+    for name in ENCLAVE:
+        (folder / name).write_text('nonsense')
+    ros.env['ROS_SECURITY_KEYSTORE'] = str(ros.folder / 'keys')
+    refused(ros.node('rpo_sim', 'plant'))
