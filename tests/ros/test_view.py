@@ -1,0 +1,293 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Live views: what they make of a run's messages, without a run."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from hypothesis import given
+from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from visualization_msgs.msg import Marker, MarkerArray
+
+from rpo_core import files
+from rpo_core.validation import InputError
+from rpo_ros import conversions, names, qos
+from rpo_view import scene, terminal
+from rpo_view.live import LiveRun
+from rpo_view.trail import Trail
+from rpo_view.visualizer_node import VisualizerNode, transform_of
+from rpo_view.web_node import WebNode
+from rpo_view.web_server import LivePage
+
+START_NS = 1_767_225_600_000_000_000
+STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.3)
+FORCE = (-0.1, -0.5, 0.0)
+BRINGUP = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src' / 'rpo_bringup'
+
+
+@given(st.lists(st.tuples(*[st.floats(-1e3, 1e3)] * 3), min_size=1, max_size=300))
+def test_a_trail_is_bounded_and_keeps_its_beginning(points):
+    trail = Trail(most=20, spacing_m=1.0)
+    for point in points:
+        trail.add(point)
+    assert len(trail.points) <= 20
+    assert trail.points[0] == points[0]
+    assert set(trail.points) <= set(points)
+
+
+def test_a_long_straight_trail_stays_even():
+    trail = Trail(most=50, spacing_m=0.1)
+    for i in range(10_000):
+        trail.add((0.1 * i, 0.0, 0.0))
+    gaps = [b[0] - a[0] for a, b in zip(trail.points, trail.points[1:], strict=False)]
+    assert trail.points[-1][0] > 950.0
+    assert max(gaps) < 2.5 * min(gaps)
+
+
+def scene_of(position=STATE[:3], force=FORCE, look=None) -> dict[tuple[str, int], Marker]:
+    trail = [STATE[:3], position]
+    found = scene.markers(Time(sec=5), position, force, trail, look or scene.Look()).markers
+    assert len({(m.ns, m.id) for m in found}) == len(found)
+    return {(m.ns, m.id): m for m in found}
+
+
+def test_markers_keep_their_identity_and_can_be_seen(monkeypatch):
+    first, later = scene_of(), scene_of((0.5, -0.2, 0.1), (0.0, 0.0, 0.0))
+    assert set(first) == set(later)
+    for marker in first.values():
+        assert marker.header.frame_id == names.LVLH_FRAME
+        assert marker.color.a > 0.0
+        assert marker.scale.x > 0.0 or marker.type == Marker.TEXT_VIEW_FACING
+        assert marker.pose.orientation.w == 1.0
+    assert first['thrust', 0].action == Marker.ADD
+    assert later['thrust', 0].action == Marker.DELETE
+    bare = scene.Look(keep_out_radius_m=0.0, corridor_half_angle_deg=0.0)
+    assert set(first) - set(scene_of(look=bare)) == {('keep_out', 0), ('corridor', 0)}
+
+
+def test_the_thrust_arrow_is_the_force_to_scale():
+    tail, tip = scene_of(look=scene.Look(arrow_m_per_n=10.0))['thrust', 0].points
+    assert (tail.x, tail.y, tail.z) == STATE[:3]
+    shown = (tip.x - tail.x, tip.y - tail.y, tip.z - tail.z)
+    assert shown == pytest.approx([10.0 * f for f in FORCE])
+
+
+@given(st.tuples(*[st.floats(-100.0, 100.0)] * 3).filter(any), st.floats(1.0, 60.0))
+def test_the_cone_has_its_half_angle_about_the_longest_axis(start, half_angle_deg):
+    axis = max(range(3), key=lambda i: abs(start[i]))
+    for point in scene.cone(start, half_angle_deg):
+        length = math.hypot(*point)
+        if length > 1e-9 * abs(start[axis]):
+            cosine = point[axis] / length * math.copysign(1.0, start[axis])
+            assert math.degrees(math.acos(min(1.0, cosine))) == pytest.approx(half_angle_deg)
+
+
+def test_the_transform_places_the_chaser():
+    transform = transform_of(conversions.to_odometry(START_NS, STATE))
+    assert (transform.header.frame_id, transform.child_frame_id) == ('target_lvlh', 'chaser')
+    shift = transform.transform.translation
+    assert (shift.x, shift.y, shift.z) == STATE[:3]
+    assert transform.transform.rotation.w == 1.0
+
+
+def heard() -> LiveRun:
+    """Return a run of `quick` that was heard for a second."""
+    run = LiveRun()
+    text = files.read_text(files.find('scenario', 'quick'))
+    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
+    run.on_manifest({'role': 'controller', 'parameter.controller': 'trained'})
+    run.on_status('flying', {'phase': 'running', 'tick': '0', 'energy_n2s': 'nan'})
+    for i in range(11):
+        run.on_state(START_NS + i * 100_000_000, STATE)
+    run.force_n = FORCE
+    rules = {'rule.SN.Z.SN': '0.25', 'rule.Z.Z.Z': '0.75', 'rule.bad': '1', 'force_n': '0.1'}
+    run.on_decision('y', 'position error is zero', rules)
+    return run
+
+
+def test_what_is_heard_is_what_is_shown():
+    shown = json.loads(json.dumps(heard().snapshot('/relative_state'), allow_nan=False))
+    assert shown['scenario'] == 'quick'
+    assert (shown['time_s'], shown['duration_s'], shown['max_force_n']) == (1.0, 5.0, 0.5)
+    assert shown['range_m'] == pytest.approx(math.hypot(*STATE[:3]))
+    assert shown['sentence'] == 'running: flying'
+    assert shown['figures'] == {'tick': 0.0}  # what is no number is left out
+    assert shown['decisions']['y']['rules'] == [['Z', 'Z', 'Z', 0.75], ['SN', 'Z', 'SN', 0.25]]
+
+
+def test_another_run_begins_anew():
+    run = heard()
+    run.on_state(START_NS, STATE)
+    assert (run.flights, run.force_n, run.decisions) == (2, None, {})
+    assert run.trail.points == [STATE[:3]]
+
+
+def test_silence_is_said():
+    now = [0.0]
+    run = LiveRun(clock=lambda: now[0])
+    assert 'is a plant running' in run.sentence('/one/relative_state')
+    run.on_state(START_NS, STATE)
+    assert run.sentence('/s') == 'running'
+    now[0] = 7.4
+    assert run.sentence('/s') == 'nothing on /s for 7 s'
+    run.on_status('reached the last tick', {'phase': 'finished'})
+    assert run.sentence('/s') == 'finished: reached the last tick'
+
+
+def test_the_terminal_view_names_units_and_reasons():
+    console = Console(width=110, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
+    console.print(terminal.view(LiveRun(), '/relative_state'))
+    console.print(terminal.view(heard(), '/relative_state'))
+    text = console.export_text()
+    for words in ('nothing on /relative_state yet', 'position [m]', 'velocity [mm/s]', 'force [N]',
+                  'time 1.0 of 5 s', 'of ±0.5 N', '-0.5000', 'position error is zero'):  # fmt: skip
+        assert words in text
+    assert '72.8' in terminal.line(heard(), '/relative_state')
+
+
+@pytest.mark.parametrize(('share', 'left', 'right'), [(-1.0, 15, 0), (0.5, 0, 8), (9.0, 0, 15)])
+def test_a_bar_starts_from_the_middle(share, left, right):
+    before, after = terminal.bar(share, 'red').plain.split('│')
+    assert (before.count('█'), after.count('█')) == (left, right)
+    assert len(before) == len(after) == 15
+
+
+def get(url: str, host: str = '') -> tuple[int, str]:
+    request = urllib.request.Request(url, headers={'Host': host} if host else {})
+    try:
+        with urllib.request.urlopen(request, timeout=10.0) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, ''
+
+
+@pytest.fixture
+def page():
+    served = LivePage(0)
+    yield served
+    served.close()
+
+
+def test_the_page_is_whole_and_for_this_machine_alone(page):
+    assert page.server_address[0] == '127.0.0.1'
+    status, text = get(page.url)
+    assert status == 200
+    assert '--paper: #ffffff' in text
+    assert 'http://' not in text and 'https://' not in text
+    assert get(page.url + 'other')[0] == 404
+    assert get(page.url, 'evil.example')[0] == 403
+    assert get(page.url, f'evil.example:{page.server_port}')[0] == 403
+    with pytest.raises(InputError, match=r'`port` must be one .* got \d+: it is taken'):
+        LivePage(page.server_port)
+
+
+def events(url: str, most: int) -> list[str]:
+    """Return the first lines of data of a stream of events."""
+    found: list[str] = []
+    with urllib.request.urlopen(url + 'events', timeout=10.0) as stream:
+        while len(found) < most:
+            line = stream.readline().decode()
+            if line.startswith('data: '):
+                found.append(line.removeprefix('data: '))
+    return found
+
+
+def test_a_reader_gets_the_trail_and_then_the_newest(page):
+    page.feed.publish({'time_s': 1.0}, [[1, 2, 3]])
+    page.feed.publish({'time_s': 2.0}, [[1, 2, 3], [4, 5, 6]])
+    trail, now = events(page.url, 2)
+    assert (json.loads(trail), json.loads(now)) == ([[1, 2, 3], [4, 5, 6]], {'time_s': 2.0})
+
+
+@pytest.fixture
+def bench(ros_env):
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor, nodes = SingleThreadedExecutor(), []
+
+    def add(node: Node) -> Node:
+        nodes.append(node)
+        executor.add_node(node)
+        return node
+
+    yield add, executor
+    for node in nodes:
+        if hasattr(node, 'close'):
+            node.close()
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown(timeout_sec=1.0)
+    rclpy.try_shutdown()
+
+
+def test_nodes_show_the_newest_state(bench):
+    """A sender at full speed; the viewers see some of it, and its end."""
+    add, executor = bench
+    add(VisualizerNode({'rate_hz': 50.0}))
+    web = add(WebNode({'port': 0, 'rate_hz': 50.0}))
+    user = add(Node('user'))
+    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    forces = user.create_publisher(WrenchStamped, names.CONTROL_FORCE, qos.LOCKSTEP)
+    status = user.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
+    why = user.create_publisher(DiagnosticArray, names.DECISION, qos.DIAGNOSTICS)
+    scenes, poses = [], []
+    user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
+    user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
+    status.publish(conversions.to_status(b'\0', 'run', 'flying', [('phase', 'running')]))
+    decision = DiagnosticArray()
+    decision.status = [conversions.to_status(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])]
+    tick, end = 0, time.monotonic() + 20.0
+    while not (poses and scenes and web.live.force_n and web.live.decisions and web.live.phase):
+        assert time.monotonic() < end
+        stamp_ns = START_NS + 100_000_000 * tick
+        states.publish(conversions.to_odometry(stamp_ns, (float(tick), *STATE[1:])))
+        forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
+        why.publish(decision)
+        tick += 1
+        executor.spin_once(timeout_sec=0.002)
+    assert poses[-1].header.frame_id == names.LVLH_FRAME
+    assert poses[-1].pose.position.y == STATE[1]
+    assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}
+    assert web.live.force_n == FORCE
+    assert web.live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
+    assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
+
+
+def test_rviz_and_foxglove_look_at_topics_that_are_there():
+    topics = {names.MARKERS, names.CHASER_POSE, names.RELATIVE_STATE, names.CONTROL_FORCE,
+              names.RUN_STATUS, names.DECISION}  # fmt: skip
+    document = yaml.safe_load((BRINGUP / 'rviz' / 'final_approach.rviz').read_text())
+    displays = document['Visualization Manager']['Displays']
+    shown = {d['Topic']['Value'] for d in displays if 'Topic' in d}
+    assert shown and shown <= topics
+    assert document['Visualization Manager']['Global Options']['Fixed Frame'] == names.LVLH_FRAME
+    layout = json.loads((BRINGUP / 'foxglove' / 'final_approach.json').read_text())
+    panels = layout['configById']
+    paths = [p['value'] for panel in panels.values() for p in panel.get('paths', [])]
+    assert {path.split('.')[0].lstrip('/') for path in paths} <= topics
+    placed: list[str] = []
+
+    def walk(part: object) -> None:
+        if isinstance(part, str):
+            placed.append(part)
+        else:
+            walk(part['first']), walk(part['second'])
+
+    walk(layout['layout'])
+    assert sorted(placed) == sorted(panels)
