@@ -39,12 +39,16 @@ def check_system_numpy(layers: list[str]) -> None:
     """Fail unless the locked versions also accept the NumPy beside an installed ROS 2."""
     versions = (REQUIREMENTS / 'versions.txt').read_text().splitlines()
     pins = [line for line in versions if not line.startswith('numpy==')]
+    untrue = (REQUIREMENTS / 'overrides.in').read_text().splitlines()
     with tempfile.TemporaryDirectory() as scratch:
         constraints = Path(scratch) / 'pins.txt'
         constraints.write_text('\n'.join([*pins, f'numpy=={SYSTEM_NUMPY}', '']))
+        overrides = Path(scratch) / 'overrides.txt'  # all but that of NumPy, which is asked here
+        overrides.write_text('\n'.join(line for line in untrue if not line.startswith('numpy')))
         compile_lock(
             *(f'{layer}.in' for layer in layers if layer != 'ros'),
             *('--python-version', SYSTEM_PYTHON, '--constraint', str(constraints)),
+            *('--override', str(overrides)),
             *('--output-file', str(Path(scratch) / 'answer.txt')),
         )
 
