@@ -112,6 +112,17 @@ def solve_in_place(m: NDArray[np.float64]) -> None:
 
 
 @kernel
+def multiply(a: NDArray[np.float64], b: NDArray[np.float64], product: NDArray[np.float64]) -> None:
+    """Fill product = a b, each entry summed in one order."""
+    for i in range(a.shape[0]):
+        for k in range(b.shape[1]):
+            total = 0.0
+            for j in range(a.shape[1]):
+                total += a[i, j] * b[j, k]
+            product[i, k] = total
+
+
+@kernel
 def least_energy_gains(
     a: NDArray[np.float64],
     b: NDArray[np.float64],
@@ -119,7 +130,7 @@ def least_energy_gains(
     least: int,
     gains: NDArray[np.float64],
 ) -> None:
-    """Fill gains (rows, 18) of the least-energy transfer to rest in `rows - 1 + least` ticks.
+    """Fill gains (rows, 3, 6) of the least-energy transfer to rest in `rows - 1 + least` ticks.
 
     With T ticks to go, P = A^(T-1) and the Gramian W = sum over j < T of A^j B B' A'^j, the first
     force of the least-energy plan from x to rest is -B' P' W^-1 P A x. Row k is for T = rows - 1 -
@@ -133,33 +144,17 @@ def least_energy_gains(
     for i in range(6):
         power[i, i] = 1.0
     for to_go in range(1, rows - 1 + least + 1):
+        multiply(power, b, reach)
+        multiply(power, a, product)
         for i in range(6):
-            for k in range(3):
-                total = 0.0
-                for j in range(6):
-                    total += power[i, j] * b[j, k]
-                reach[i, k] = total / scale[i]
+            for j in range(3):
+                reach[i, j] /= scale[i]
         for i in range(6):
             for k in range(6):
                 for j in range(3):
                     gramian[i, k] += reach[i, j] * reach[k, j]
-                total = 0.0
-                for j in range(6):
-                    total += power[i, j] * a[j, k]
-                product[i, k] = total
-        if to_go >= least:
-            for i in range(6):
-                for k in range(6):
-                    m[i, k] = gramian[i, k]
-                    m[i, 6 + k] = product[i, k] / scale[i]
-            solve_in_place(m)
-            row = rows - 1 - (to_go - least)
-            for k in range(3):
-                for i in range(6):
-                    total = 0.0
-                    for j in range(6):
-                        total += reach[j, k] * m[j, 6 + i]
-                    gains[row, 6 * k + i] = total
-        for i in range(6):
-            for k in range(6):
+                m[i, k], m[i, 6 + k] = gramian[i, k], product[i, k] / scale[i]
                 power[i, k] = product[i, k]
+        if to_go >= least:
+            solve_in_place(m)
+            multiply(reach.T, m[:, 6:], gains[rows - 1 - (to_go - least)])

@@ -246,7 +246,7 @@ class Mpc(Rival):
         a, b = self.model.matrices()
         least = round(self.least_time_to_go_s / self.model.dt_s)
         rows = round(self.horizon_s / self.model.dt_s) - least + 1
-        gains = np.empty((rows, GAINS))
+        gains = np.empty((rows, 3, 6))
         least_energy_gains(a, b, _SCALE, least, gains)
         return _table_law(gains, self.max_force_n)
 
