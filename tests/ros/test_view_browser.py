@@ -1,0 +1,122 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The live page in a browser, and the views' pictures in the docs, while real nodes fly.
+
+RPO_PICTURES=docs/images writes those pictures anew.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+from browser import browser
+from processes import flight
+from rclpy.executors import SingleThreadedExecutor
+from rich.console import Console
+from rich.terminal_theme import DEFAULT_TERMINAL_THEME, SVG_EXPORT_THEME
+
+from rpo_view import terminal
+from rpo_view.listening import ListeningNode
+
+CHROMIUM = shutil.which('chromium')
+DEADLINE_S = 60.0
+WIDTH = 1180
+FLIGHT = (
+    'final_approach', '--scenario', 'paper_test', '--real-time-factor', '10', '--no-report',
+)  # fmt: skip
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+
+
+def look(page, width: int, theme: str) -> None:
+    """Set the window's width and the reader's theme."""
+    page.call(
+        'Emulation.setDeviceMetricsOverride',
+        width=width, height=880, deviceScaleFactor=1, mobile=False,
+    )  # fmt: skip
+    feature = {'name': 'prefers-color-scheme', 'value': theme}
+    page.call('Emulation.setEmulatedMedia', features=[feature])
+
+
+def until(page, expression: str) -> None:
+    """Wait until a JavaScript expression is true."""
+    end = time.monotonic() + DEADLINE_S
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, (expression, page.messages)
+        time.sleep(0.1)
+
+
+def ink(page, canvas: str) -> int:
+    """Return how many colours a canvas shows."""
+    return page.evaluate(
+        f'(() => {{ const c = document.getElementById("{canvas}"); '
+        'const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data; '
+        'const s = new Set(); for (let i = 0; i < d.length; i += 4) '
+        's.add(d[i] * 65536 + d[i + 1] * 256 + d[i + 2]); return s.size; })()'
+    )
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
+def test_the_page_follows_a_flight(ros_env, tmp_path):
+    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
+    with flight(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
+        web = ros.node('rpo_view', 'web', port=0)
+        web.says('is shown at')
+        url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
+        look(page, WIDTH, 'light')
+        page.call('Page.navigate', url=url)
+        until(page, 'typeof now !== "undefined" && now !== null')
+        assert 'is a plant running' in page.evaluate('el("sentence").textContent')
+        ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
+        until(page, 'now.time_s > 62 && now.decisions.x && forces.length > 20')
+        assert page.evaluate('el("sentence").textContent') == 'running: flying'
+        assert page.evaluate('el("who").textContent') == 'scenario paper_test, controller trained'
+        assert page.evaluate('document.querySelectorAll("td[title^=strength]").length') >= 3
+        for theme in ('light', 'dark'):
+            look(page, WIDTH, theme)
+            time.sleep(0.5)
+            page.screenshot(pictures / f'live_{theme}.png')
+            assert all(ink(page, canvas) > 5 for canvas in ('plane', 'side', 'strip'))
+        page.evaluate('el("close").click()')
+        until(page, 'now.phase === "finished"')
+        look(page, 600, 'light')  # a narrow window: one column, nothing wider than it
+        time.sleep(0.5)
+        assert page.evaluate('document.documentElement.scrollWidth') <= 600
+        assert web.stop() == 0
+        until(page, 'stale')
+        assert 'does not answer' in page.evaluate('el("sentence").textContent')
+        assert all(request.startswith((url, 'data:')) for request in page.requests)
+        # Not the page's: the server that ended, and this test's looking at the canvases.
+        own = [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
+        assert not own, own
+
+
+def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
+    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
+    rclpy.init()
+    node, executor = ListeningNode('listener'), SingleThreadedExecutor()
+    executor.add_node(node)
+    with flight(ros_env, tmp_path) as ros:
+        ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
+        end = time.monotonic() + DEADLINE_S
+        while node.live.position_m is None or node.live.time_s < 62.0 or not node.live.decisions:
+            assert time.monotonic() < end
+            executor.spin_once(timeout_sec=0.05)
+            node.look()
+    console = Console(width=106, record=True, file=(tmp_path / 'out.txt').open('w'))
+    console.print(terminal.view(node.live, node.topic))
+    for name, theme in (('light', DEFAULT_TERMINAL_THEME), ('dark', SVG_EXPORT_THEME)):
+        svg = console.export_svg(title='rpo watch', theme=theme, clear=False)
+        svg = re.sub(r'@font-face {.*?}', '', svg, flags=re.S)  # the reader's own font
+        assert 'url(http' not in svg
+        (pictures / f'watch_{name}.svg').write_text(svg)
+    assert 'paper_test · trained' in console.export_text()
+    executor.remove_node(node)
+    node.destroy_node()
+    rclpy.try_shutdown()
