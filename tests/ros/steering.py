@@ -25,7 +25,7 @@ class Steering:
     """Calls the plant's services; remembers run_status and the health of every node.
 
     statuses : (phase, level, reason, values) as they came
-    health : node -> (monotonic time, level, message, values) as they came
+    health : node -> (wall time when it was said, level, message, values) as they came
     """
 
     def __init__(self, context: rclpy.Context) -> None:
@@ -46,10 +46,11 @@ class Steering:
         self.statuses.append((values['phase'], status.level, status.message, values))
 
     def _on_health(self, array: DiagnosticArray) -> None:
+        said_s = array.header.stamp.sec + 1e-9 * array.header.stamp.nanosec
         for status in array.status:
             values = {pair.key: pair.value for pair in status.values}
             name = status.name.partition(':')[0]
-            said = (time.monotonic(), status.level, status.message, values)
+            said = (said_s, status.level, status.message, values)
             self.health.setdefault(name, []).append(said)
 
     def until(self, condition: Callable[[], Any], deadline_s: float = DEADLINE_S) -> Any:

@@ -17,7 +17,7 @@ from rpo_log.verify import verify
 MODES = ('lockstep', 'free_running')
 WARN, ERROR = b'\x01', b'\x02'
 MOMENTS = 20
-SLACK_S = 3.0
+SLACK_S = 5.0
 """For a busy machine; health is told once a second."""
 PEER_TIMEOUT_S, STALE_TICKS, PLANT_TIMEOUT_S, RECORDER_LEASE_S, SILENT_S = 0.5, 5, 2.0, 5.0, 3.0
 TOPICS = {'fuzzy_controller': 'control_force', 'disturbance_injector': 'disturbance_force'}
@@ -61,7 +61,7 @@ class Run:
         self.hand.health.clear()
         node.process.kill()
         node.process.wait()
-        return time.monotonic()
+        return time.time()
 
     def warned(self, node, text, since_s, within_s):
         """Wait until a node's health says a text, and check how soon."""
@@ -92,7 +92,7 @@ def free_running_survives_a_peer(run, name, moments):
     for _ in range(moments):
         killed_s = run.kill(nodes[name])
         values = run.hand.says(f'from {TOPICS[name]}: zero')
-        assert time.monotonic() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
+        assert time.time() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
         assert run.hand.statuses[-1][1] == WARN
         assert values['phase'] == 'running'
         run.warned('plant', 'stale_ticks', killed_s, 1.0)
@@ -127,7 +127,7 @@ def test_lockstep_aborts_when_a_peer_is_killed_at_20_moments(make, name):
         run.hand.says('flying')
         killed_s = run.kill(nodes[name])
         run.hand.says(f'from {TOPICS[name]}')
-        assert time.monotonic() - killed_s < PEER_TIMEOUT_S + SLACK_S
+        assert time.time() - killed_s < PEER_TIMEOUT_S + SLACK_S
         assert run.hand.statuses[-1][:2] == ('aborted', ERROR)
         assert plant.wait() == 3, plant.output
         nodes[name] = peers[name]()
@@ -144,10 +144,10 @@ def test_a_plant_killed_at_20_moments_is_missed_by_all(make, mode):
         run.hand.says('flying')
         killed_s = run.kill(plant)
         recorder.says('the plant is gone')
-        assert time.monotonic() - killed_s < PLANT_TIMEOUT_S + SLACK_S
-        assert recorder.wait() == 1
+        assert time.time() - killed_s < PLANT_TIMEOUT_S + SLACK_S
         for name in TOPICS:
             run.warned(name, 'the plant is gone', killed_s, SILENT_S)
+        assert recorder.wait() == 1
         found = verify(run.output)
         assert found.difference is None
         assert found.exit_code == ExitCode.INCOMPLETE
@@ -167,7 +167,7 @@ def test_a_recorder_killed_at_20_moments_is_missed_by_the_plant(make, mode):
         run.hand.says('flying')
         killed_s = run.kill(recorder)
         run.hand.says('the recorder is gone')
-        assert time.monotonic() - killed_s < RECORDER_LEASE_S + 1.0 + SLACK_S
+        assert time.time() - killed_s < RECORDER_LEASE_S + 1.0 + SLACK_S
         assert run.hand.statuses[-1][:2] == ('running', WARN)
         run.warned('plant', 'recorder', killed_s, RECORDER_LEASE_S + 1.0)
         assert run.hand.trigger('abort').success

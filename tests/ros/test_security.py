@@ -5,6 +5,8 @@
 import pytest
 from processes import flight
 
+from rpo_ros.discovery import LOOPBACK, PEERS, PROFILES, RANGE, keep_to_this_machine
+
 ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 ENCLAVE = (
     'identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem', 'governance.p7s',
@@ -43,3 +45,21 @@ def test_an_enclave_of_nonsense(ros):
         (folder / name).write_text('nonsense')
     ros.env['ROS_SECURITY_KEYSTORE'] = str(ros.folder / 'keys')
     refused(ros.node('rpo_sim', 'plant'))
+
+
+@pytest.mark.parametrize(
+    ('env', 'kept'),
+    [
+        ({RANGE: 'LOCALHOST'}, True),
+        ({RANGE: 'LOCALHOST', PEERS: ''}, True),
+        ({RANGE: 'LOCALHOST', PEERS: '10.77.0.2'}, False),
+        ({RANGE: 'SUBNET'}, False),
+        ({}, False),
+        ({RANGE: 'LOCALHOST', PROFILES[0]: 'mine.xml'}, False),
+    ],
+)
+def test_what_is_opened_to_nobody_keeps_to_this_machine(env, kept):
+    before = dict(env)
+    keep_to_this_machine(env)
+    assert env == ({**before, PROFILES[1]: str(LOOPBACK)} if kept else before)
+    assert LOOPBACK.is_file()

@@ -70,8 +70,11 @@ def joined(two):
     return two
 
 
-def test_by_default_nobody_outside_commands_the_chaser(joined):
-    joined.controller(SUBNET)
+@pytest.mark.parametrize(
+    'outsider', [SUBNET, PEERS['controller']], ids=['by multicast', 'by naming the plant']
+)
+def test_by_default_nobody_outside_commands_the_chaser(joined, outsider):
+    joined.controller(outsider)
     plant = joined.plant(LOCALHOST, start_timeout_s=8.0)
     assert plant.wait() == 3, plant.output
     assert 'no answer in time from control_force' in plant.output

@@ -24,6 +24,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
 from rpo_core.validation import InputError
+from rpo_ros.discovery import keep_to_this_machine
 from rpo_ros.parameters import Row, usage
 
 EXIT_BAD_INPUT = 2
@@ -127,6 +128,7 @@ def _begin(
     make: Callable[[], Sequence[FlightNode]], args: Sequence[str] | None
 ) -> Sequence[FlightNode]:
     """Make nodes; that the middleware refuses them is a sentence like any bad input."""
+    keep_to_this_machine()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make()

@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 
 from rpo_bringup.trials.fleet import CONTROLLER, INJECTOR, PLANT, RECORDER, Fleet, fleet, machine
 from rpo_ros import names, qos
+from rpo_ros.discovery import keep_to_this_machine
 
 _NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
 _PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -35,6 +36,7 @@ class _Health:
     """The plant's last word on /diagnostics."""
 
     def __init__(self, namespace: str) -> None:
+        keep_to_this_machine()
         rclpy.init()
         self._node = rclpy.create_node('soak', namespace=namespace)
         self._name = f'{namespace.lstrip("/")}/plant: health'
