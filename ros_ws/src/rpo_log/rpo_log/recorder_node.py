@@ -30,6 +30,7 @@ from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.silence import Silence
 
 EXIT_INCOMPLETE = 1
 
@@ -80,8 +81,8 @@ class RecorderNode(FlightNode):
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
-        self._ready = self._running = self._silent = False
-        self._heard_s = time.monotonic()
+        self._ready = self._running = False
+        self._silence = Silence()
         self._interrupted = False
         self._health_log: surroundings.HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
@@ -119,7 +120,7 @@ class RecorderNode(FlightNode):
         )
 
     def _on_raw(self, name: str, data: bytes) -> None:
-        self._silent = False
+        self._silence.broken()
         if not self._ready:
             self._heard.add(name)
         if self.log is not None:
@@ -149,7 +150,7 @@ class RecorderNode(FlightNode):
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         values = _values(manifest)
         self._manifests[values.get('role', '')] = manifest
-        self._silent = self._silent and values.get('role') != 'plant'
+        self._silence.broken()
         if values.get('role') == 'plant' and self._scenario is None:
             try:
                 found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
@@ -198,11 +199,8 @@ class RecorderNode(FlightNode):
         return self.log is not None and self.log.next_tick > tick
 
     def _watch_plant(self) -> None:
-        now_s = time.monotonic()
-        if not self._silent:
-            self._silent, self._heard_s = True, now_s
         gone = not self.count_publishers(names.RELATIVE_STATE)
-        if gone or now_s - self._heard_s > self.values['plant_timeout_s']:
+        if self._silence.look() > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
 
     def _lose_plant(self, said: str) -> None:

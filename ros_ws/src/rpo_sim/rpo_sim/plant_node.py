@@ -145,7 +145,7 @@ class PlantNode(FlightNode):
         else:
             if self.moving:
                 self.pacing.watch(now_s)
-            if self.recorder.lost and not self._unrecorded:
+            if self.recorder.look() and not self._unrecorded:
                 self._unrecorded = True
                 self.get_logger().warning('the recorder is gone: flying on unrecorded')
                 self.report(health.WARN, 'running', 'the recorder is gone')

@@ -4,33 +4,37 @@
 
 from __future__ import annotations
 
-import time
-
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_ros import names, qos
 from rpo_ros.running import FlightNode
+from rpo_ros.silence import Silence
 
 LEASE_S = 5.0
 """Longest silence of a recorder that is alive: it speaks once a second."""
 
 
 class RecorderWatch:
-    """Listens to `recorder_status`."""
+    """Listens to `recorder_status`.
+
+    lost : it was ready and has fallen silent
+    """
 
     def __init__(self, node: FlightNode, insist: bool) -> None:
         self._node, self._insist = node, insist
-        self._said, self._heard_s = '', 0.0
+        self._said, self._silence = '', Silence()
+        self.lost = False
         node.create_subscription(
             DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED
         )
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        self._said, self._heard_s = message.message, time.monotonic()
+        self._said = message.message
+        self._silence.broken()
 
     def forget(self) -> None:
         """Expect another recorder: a new run begins."""
-        self._said = ''
+        self._said, self.lost = '', False
 
     @property
     def awaited(self) -> bool:
@@ -43,7 +47,7 @@ class RecorderWatch:
         """Whether it needs nothing more of the plant."""
         return self._said in ('', 'closed') or self.lost
 
-    @property
-    def lost(self) -> bool:
-        """Whether it was ready and has fallen silent."""
-        return self._said == 'ready' and time.monotonic() - self._heard_s > LEASE_S
+    def look(self) -> bool:
+        """Return whether it was ready and has fallen silent; to be asked often."""
+        self.lost = self._silence.look() > LEASE_S and self._said == 'ready'
+        return self.lost
