@@ -44,7 +44,8 @@ Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Is told what is under way, how much is done, how much there is."""
 
-CONTROLLERS = ('trained', 'paper_ga', 'handmade', 'mpc', 'apf_smc', 'lqr', 'pd', 'drift')
+FUZZY = ('trained', 'paper_ga', 'handmade')
+CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)
 

@@ -52,7 +52,7 @@ def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
         injector = ros.node('rpo_sim', 'disturbance_injector', scenario='paper_test')
         recorder = ros.node('rpo_log', 'recorder', output=str(tmp_path / 'run'))
         plant = ros.node('rpo_sim', 'plant', scenario='paper_test', wait_for_recorder='true')
-        assert plant.wait() == 0, plant.output
+        assert plant.wait(120.0) == 0, plant.output
         assert recorder.wait() == 0, recorder.output
         assert controller.stop() == 0, controller.output
         assert injector.stop() == 0, injector.output

@@ -132,7 +132,7 @@ def test_a_plan_beyond_a_limit_is_counted():
 
 
 def test_shipped_rivals_are_as_good_as_they_say():
-    tuned = [load_controller(name) for name in NAMES if name != 'drift']
+    tuned = [load_controller(n) for n in (*NAMES, 'pd_disturbed') if n != 'drift']
     with RivalSimulator([case_of_set(TRAINING)]) as simulator:
         (figures,) = simulator.fly(tuned)
     for rival, rows in zip(tuned, figures, strict=True):

@@ -21,7 +21,8 @@ Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 10
 
 _CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
 
-_WIDTH = 124  # the tables need it; a narrower terminal wraps
+_WIDTH = 120  # the tables need it; a narrower terminal wraps
+_HEADING = 11  # longest word of a heading
 
 
 def compare(
@@ -98,6 +99,8 @@ class _Display:
 
 
 def _print(rows: Sequence[Row], said: Sequence[str]) -> None:
+    from textwrap import fill
+
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -111,7 +114,10 @@ def _print(rows: Sequence[Row], said: Sequence[str]) -> None:
         table = Table(box=SIMPLE_HEAD, pad_edge=False)
         for heading, *cells in zip(headings, *lines, strict=True):
             justify: Any = 'left' if heading == headings[0] else 'right'
-            table.add_column(Text(heading), justify=justify, min_width=max(map(len, cells)))
+            width = max(map(len, cells))
+            table.add_column(
+                Text(fill(heading, max(width, _HEADING))), justify=justify, min_width=width
+            )
         for line in lines:
             table.add_row(*map(Text, line))
         console.print(table)

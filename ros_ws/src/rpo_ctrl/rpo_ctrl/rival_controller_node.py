@@ -43,6 +43,7 @@ class RivalControllerNode(ControllerNode):
             )
         self._scenario = load_scenario(self.values['scenario'])
         law.refuse_other_ticks(self._scenario.dt_s)
+        law.force_n((0.0,) * 3, (0.0,) * 3)  # tables and kernels are ready before the first state
         return law
 
     def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force | str:
