@@ -1,25 +1,30 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The live page in a browser, and the views' pictures in the docs, while real nodes fly.
+"""The live views while real nodes fly: in a browser, on a terminal, over Foxglove's protocol.
 
-RPO_PICTURES=docs/images writes those pictures anew.
+RPO_PICTURES=docs/images draws the pictures of docs/viewing.md anew.
 """
 
 from __future__ import annotations
 
+import asyncio
+import json
 import os
 import re
 import shutil
+import struct
 import time
 from pathlib import Path
 
 import pytest
 import rclpy
 from browser import browser
+from mcap_ros2._dynamic import generate_dynamic
 from processes import flight
 from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console
 from rich.terminal_theme import DEFAULT_TERMINAL_THEME, SVG_EXPORT_THEME
+from tornado.websocket import websocket_connect
 
 from rpo_view import terminal
 from rpo_view.listening import ListeningNode
@@ -120,3 +125,51 @@ def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
     executor.remove_node(node)
     node.destroy_node()
     rclpy.try_shutdown()
+
+
+async def heard(url: str, topics: set[str]) -> dict[str, object]:
+    """Return the first message of each topic, as an app decodes it."""
+    socket = await websocket_connect(url, subprotocols=['foxglove.sdk.v1'])
+    channels: dict[int, dict[str, str]] = {}
+    found: dict[str, object] = {}
+    end = time.monotonic() + DEADLINE_S
+    while not topics <= set(found):
+        message = await asyncio.wait_for(socket.read_message(), end - time.monotonic())
+        if isinstance(message, str):
+            told = json.loads(message)
+            if told['op'] == 'advertise':
+                new = {channel['id']: channel for channel in told['channels']}
+                channels |= new
+                asked = [{'id': number, 'channelId': number} for number in new]
+                await socket.write_message(json.dumps({'op': 'subscribe', 'subscriptions': asked}))
+            continue
+        kind, number, _ = struct.unpack_from('<BIQ', message)
+        if kind == 1:  # message data
+            channel, data = channels[number], message[13:]
+            if channel['encoding'] == 'cdr':
+                name = channel['schemaName']
+                data = generate_dynamic(name, channel['schema'])[name](data)
+            found.setdefault(channel['topic'], data)
+    socket.close()
+    return found
+
+
+def test_an_app_is_told_what_ros_says(ros_env, tmp_path):
+    topics = {'/relative_state', '/control_force', '/decision', '/run_status', '/chaser_transform'}
+    with flight(ros_env, tmp_path) as ros:
+        server = ros.node('rpo_view', 'foxglove', port=0)
+        server.says('open ws://')
+        url = re.search(r'ws://127\.0\.0\.1:\d+', server.output)[0]
+        ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
+        found = asyncio.run(heard(url, topics))
+        taken = ros.node('rpo_view', 'foxglove', port=url.rpartition(':')[2])
+        assert taken.wait() == 2
+        assert '`port` must be one that can be listened on' in taken.output
+        assert server.stop() == 0
+    state = found['/relative_state']
+    assert (state.header.frame_id, state.child_frame_id) == ('target_lvlh', 'chaser')
+    assert abs(state.pose.pose.position.y) <= 60.0
+    assert [status.name for status in found['/decision'].status] == [
+        f'decision: {axis}' for axis in 'xyz'
+    ]
+    assert b'target_lvlh' in found['/chaser_transform']
