@@ -76,6 +76,7 @@ def test_bad_arguments_are_one_sentence():
         assert said in result.output
 
 
+@pytest.mark.slow
 def test_the_parts_that_fly_count_what_they_fly():
     shares = []
     budget = flying.training(70, 1, said=shares.append)

@@ -115,6 +115,7 @@ def test_a_run_with_faults_is_no_scenario(tmp_path):
     assert not (tmp_path / 'x.yaml').exists()
 
 
+@pytest.mark.slow
 def test_the_sweep_finds_where_it_no_longer_docks(tmp_path):
     plain = columns_of(config.load(write_campaign(tmp_path, dispersions={})), 1)
     drift = columns_of(
@@ -139,6 +140,7 @@ def test_the_sweep_finds_where_it_no_longer_docks(tmp_path):
         assert (columns_of(again, 20)['arrival_distance_m'] <= limit).sum() == kept
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_tables(tmp_path):
     path = write_campaign(tmp_path, runs=2)
     result = CliRunner().invoke(app, ['campaign', str(path), '--faults'], env={'COLUMNS': '300'})

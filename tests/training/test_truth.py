@@ -75,6 +75,7 @@ def test_thrusters_give_what_the_scenario_says():
     np.testing.assert_allclose(flight.states, states, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_tables_and_draws(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = tmp_path / 'truth.md'
