@@ -37,10 +37,10 @@ def _over_time(axes: Any, found: Comparison) -> None:
 
 def _over_distance(axes: Any, found: Comparison) -> None:
     distances = np.array([g.distance_m for g in found.growth])
-    for axis, colour in enumerate(style.AXES):
+    for axis, (colour, line) in enumerate(zip(style.AXES, ('o-', 'o-', 's--'), strict=True)):
         errors = np.array([g.position_m[axis] for g in found.growth])
         axes.loglog(
-            distances, errors, 'o-', color=colour, label=f'along {AXES[axis]}', markersize=4
+            distances, errors, line, color=colour, label=f'along {AXES[axis]}', markersize=4
         )
     axes.set(
         xlabel='distance at the start [m]',
