@@ -105,3 +105,14 @@ def test_bytes_that_are_no_array_are_a_cdr_error(data):
             cdr.decode_array(candidate)
         except cdr.CdrError:
             continue
+
+
+def test_after_its_end_a_file_takes_no_more(tmp_path):
+    writer = DecisionLogWriter(tmp_path, '/decision', BASE, RATE_HZ)
+    writer.record(said(0))
+    writer.close()
+    content = (tmp_path / DECISIONS_FILE).read_bytes()
+    writer.record(said(5))
+    writer.close()
+    assert writer.failure is None
+    assert (tmp_path / DECISIONS_FILE).read_bytes() == content

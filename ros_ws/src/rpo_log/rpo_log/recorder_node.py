@@ -179,7 +179,7 @@ class RecorderNode(FlightNode):
         return [self.resolve_topic_name(topic) for topic in topics]
 
     def _look(self) -> None:
-        if self.log is None:
+        if self.log is None and not self._interrupted:
             self._begin()
         if not self._ready and self.log is not None and self._heard >= self._awaited:
             self._ready = True

@@ -26,6 +26,7 @@ class SideFile:
     def __init__(self, path: Path, name: str, qos: Qos) -> None:
         self.failure: str | None = None
         self.messages = 0
+        self._closed = False
         definition = schemas.definition(TYPE)
         self._file = McapFile(path)
         self._path, self._name, self._qos = path, name, qos
@@ -47,7 +48,7 @@ class SideFile:
 
     def write(self, stamp_ns: int, data: bytes) -> None:
         """Log the CDR of one DiagnosticArray under a stamp (UTC since 1970)."""
-        if self.failure is not None:
+        if self.failure is not None or self._closed:
             return
         try:
             self._file.add_message(self._channel, stamp_ns, self.messages, data)
@@ -63,7 +64,10 @@ class SideFile:
         raise NotImplementedError
 
     def close(self) -> None:
-        """End the file; never raises."""
+        """End the file; what comes after is dropped. Never raises."""
+        if self._closed:
+            return
+        self._closed = True
         try:
             if self.failure is None:
                 self._add_rosbag2_record()

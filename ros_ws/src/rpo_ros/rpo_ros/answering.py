@@ -14,11 +14,15 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from rclpy.duration import Duration
 
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
 
 Force = tuple[float, float, float]
+
+_LAST_FORCE = Duration(seconds=0, nanoseconds=200_000_000)
+"""Longest wait, at the end, for listeners to acknowledge."""
 
 SILENT_S = 3.0
 """A plant that flies and sends no state for so long is gone; a warning within a second of that."""
@@ -67,6 +71,11 @@ class AnsweringNode(FlightNode):
         """Whether states have ceased though the last word of the plant was that it flies."""
         flying = self._plant_phase == 'running' and self._answered_s is not None
         return flying and health.age_s(self._answered_s) > SILENT_S
+
+    def close(self) -> None:
+        """Let the last force arrive: the log would lack it."""
+        if hasattr(self, '_force'):
+            self._force.wait_for_all_acked(_LAST_FORCE)
 
     def _on_state(self, message: Odometry) -> None:
         state = conversions.from_odometry(message)
