@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from rpo_ros import names, qos
 
-DEADLINE_S = 20.0
+DEADLINE_S = 60.0
 
 
 class Steering:

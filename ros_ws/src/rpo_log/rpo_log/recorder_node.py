@@ -150,7 +150,8 @@ class RecorderNode(FlightNode):
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         values = _values(manifest)
         self._manifests[values.get('role', '')] = manifest
-        self._silence.broken()
+        if values.get('role') == 'plant':
+            self._silence.broken()
         if values.get('role') == 'plant' and self._scenario is None:
             try:
                 found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
