@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,6 +21,7 @@ from rpo_core.watch import ABORT, COAST, WARN, Detection, Watch, load_monitor
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.silence import Silence
 
 PARAMETERS = (
     Row('table', 'default', 'shipped monitor table, or path of a monitor file',
@@ -46,7 +46,7 @@ class MonitorNode(FlightNode):
         self.reacted: dict[str, str] = {}
         self._fresh: set[str] = set()
         self.answers: dict[str, str] = {}
-        self._commanded_s = time.monotonic()
+        self._silence = Silence()
         self._newest_ns = 0
         self._owed: dict[str, Client] = {}
         controller, plant = self.values['controller_node'], self.values['plant_node']
@@ -76,14 +76,14 @@ class MonitorNode(FlightNode):
             self._sample(self.watch.table.limits.faults_of_state(state))
 
     def _on_force(self, message: WrenchStamped) -> None:
-        self._commanded_s = time.monotonic()
+        self._silence.broken()
         force = conversions.from_wrench(message)
         self._sample(self.watch.table.limits.faults_of_force(force))
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         phase = {pair.key: pair.value for pair in message.values}.get('phase', '')
         if phase == _RUNNING and self.phase != _RUNNING:
-            self._commanded_s = time.monotonic()
+            self._silence.broken()
             self.watch.clear(self.watch.table.rules)
             self._owed.clear()
         self.phase = phase
@@ -97,7 +97,7 @@ class MonitorNode(FlightNode):
 
     def _look(self) -> None:
         """Notice silence, and ask again for what could not be asked for."""
-        silent = time.monotonic() - self._commanded_s > self.watch.table.limits.force_age_s
+        silent = self._silence.look() > self.watch.table.limits.force_age_s
         self._sample({'force_stale': silent and self.phase == _RUNNING})
         if self.phase != _RUNNING:
             self._owed.clear()
