@@ -185,11 +185,11 @@ def test_a_controller_killed_in_flight(ros, reaction, code):
 def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
     output = ros.folder / 'run'
     ros.node('rpo_ctrl', 'fuzzy_controller')
-    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    recorder = ros.node('rpo_log', 'recorder', output=str(output), plant_timeout_s=2.0)
     plant = ros.node('rpo_sim', 'plant', real_time_factor=20.0, wait_for_recorder='true')
     plant.says('flying')
     plant.process.kill()
-    recorder.says('the plant is gone')
+    recorder.says('the plant is gone', 12.0)  # DDS alone would take 20 s
     assert recorder.wait() == 1
     expected = closed_loop.fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
     states = read_run(output).states
