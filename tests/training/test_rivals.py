@@ -149,6 +149,7 @@ def test_shipped_lqr_gains_are_those_of_its_weights():
     np.testing.assert_allclose(lqr.gains, gains, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_interrupted_tuning_goes_on_to_the_same_rival(tmp_path):
     settings = TuningConfig('pd', 2, 40)
     whole = Tuning.create(settings, tmp_path / 'whole', 1).run()
