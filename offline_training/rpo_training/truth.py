@@ -105,8 +105,8 @@ def _integrate(rate: Callable[..., Floats], begin_s: float, end_s: float, y: Flo
     return np.asarray(solver.y)
 
 
-def by_basilisk(scenario: Scenario, forces_n: Floats) -> Floats:
-    """Return the states (N + 1, 6) under forces (N, 3), by Basilisk (layer `truth`)."""
+def _basilisk(scenario: Scenario) -> tuple[Any, Any, Any]:
+    """Return Basilisk's simulation of the chaser at its start, the chaser, the force on it."""
     from Basilisk.simulation import extForceTorque, spacecraft
     from Basilisk.utilities import SimulationBaseClass, simIncludeGravBody
 
@@ -125,10 +125,17 @@ def by_basilisk(scenario: Scenario, forces_n: Floats) -> Floats:
     for model in (chaser, force):
         simulation.AddModelToTask('flight', model)
     relative = _to_inertial(np.array(scenario.start), n, 0.0)
-    start = np.concatenate([[radius, 0.0, 0.0], [0.0, n * radius, 0.0]]) + relative
+    start = np.array([radius, 0.0, 0.0, 0.0, n * radius, 0.0]) + relative
     chaser.hub.r_CN_NInit, chaser.hub.v_CN_NInit = start[:3].tolist(), start[3:].tolist()
     chaser.hub.omega_BN_BInit = [[0.0], [0.0], [n]]  # so that body axes stay parallel to LVLH
     simulation.InitializeSimulation()
+    return simulation, chaser, force
+
+
+def by_basilisk(scenario: Scenario, forces_n: Floats) -> Floats:
+    """Return the states (N + 1, 6) under forces (N, 3), by Basilisk (layer `truth`)."""
+    n, radius = scenario.mean_motion_rad_s, scenario.orbit_radius_m
+    simulation, chaser, force = _basilisk(scenario)
     states = [np.array(scenario.start)]
     simulation.ConfigureStopTime(0)
     simulation.ExecuteSimulation()
