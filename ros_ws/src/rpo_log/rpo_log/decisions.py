@@ -16,12 +16,15 @@ from mcap.opcode import Opcode
 
 from rpo_core.cadence import Cadence
 from rpo_log import cdr
+from rpo_log.bag_file import CHUNK_SHARE
 from rpo_log.run import DECISIONS_FILE, TimeBase
 from rpo_log.scan import Scan, chunk_records, inner_records
 from rpo_log.side_file import TYPE, SideFile
 from rpo_log.topics import Qos
 
-CHUNK_DECISIONS = 10
+CHUNK_DECISIONS, MOST_CHUNK_DECISIONS = 10, 600
+"""A chunk holds a 25th of the decisions before it, within these bounds: its index stays in memory
+until the file is closed."""
 _HEAD = 22
 """Bytes of a message record before its data: channel, sequence, two times."""
 
@@ -37,6 +40,7 @@ class DecisionLogWriter(SideFile):
         super().__init__(Path(folder) / DECISIONS_FILE, name, Qos())
         self._base, self._cadence = base, Cadence(rate_hz)
         self._last = -1
+        self._chunked = 0
 
     def record(self, data: bytes) -> None:
         """Take the CDR of a decision as it came."""
@@ -61,7 +65,12 @@ class DecisionLogWriter(SideFile):
 
     def chunk_is_full(self) -> bool:
         """Count decisions: the wall clock would leave other bytes each time."""
-        return self.messages % CHUNK_DECISIONS == 0
+        share = self.messages // CHUNK_SHARE
+        wanted = min(max(CHUNK_DECISIONS, share), MOST_CHUNK_DECISIONS)
+        full = self.messages - self._chunked >= wanted
+        if full:
+            self._chunked = self.messages
+        return full
 
 
 class LoggedDecision(NamedTuple):
