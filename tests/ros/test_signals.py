@@ -74,7 +74,7 @@ def started(ros, output):
         ros.node('rpo_ctrl', 'fuzzy_controller'),
         ros.node('rpo_log', 'recorder', output=str(output)),
     ]
-    for node, word in zip(nodes, ('waiting', 'disturbing', 'controlling', ''), strict=True):
+    for node, word in zip(nodes, ('[plant]', 'disturbing', 'controlling', ''), strict=True):
         node.says(word)
     return nodes
 
@@ -99,7 +99,7 @@ def test_all_in_one_process(ros, number, trial):
         'rpo_bringup', 'final_approach', '--scenario', 'paper_test', '--output', str(output),
         '--real-time-factor', str(SPEED), '--no-report',
     )  # fmt: skip
-    node.says('waiting')
+    node.says('[plant]')
     end_each_at_its_moment([node], number, trial)
     check_log(output)
 
