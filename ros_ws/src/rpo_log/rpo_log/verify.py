@@ -266,15 +266,8 @@ class _Verifier:
                 forces,
             )
         else:
-            fly_on(
-                self.chaser,
-                self.scenario,
-                controller,
-                self.unbroken_to,
-                disturbances,
-                states,
-                forces,
-            )
+            tables = (disturbances, states, forces)
+            fly_on(self.chaser, self.scenario, controller, self.unbroken_to, *tables)
         everywhere = np.ones(count, dtype=bool)
         for role, logged, flown in (
             (topics.STATE, rows.states, states),
