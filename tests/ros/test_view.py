@@ -252,7 +252,7 @@ def test_nodes_show_the_newest_state(bench):
     status.publish(conversions.to_status(b'\0', 'run', 'flying', [('phase', 'running')]))
     decision = DiagnosticArray()
     decision.status = [conversions.to_status(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])]
-    tick, end = 0, time.monotonic() + 20.0
+    tick, end = 0, time.monotonic() + 45.0
     while not (poses and scenes and web.live.force_n and web.live.decisions and web.live.phase):
         assert time.monotonic() < end
         stamp_ns = START_NS + 100_000_000 * tick
@@ -260,7 +260,7 @@ def test_nodes_show_the_newest_state(bench):
         forces.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), FORCE))
         why.publish(decision)
         tick += 1
-        executor.spin_once(timeout_sec=0.002)
+        executor.spin_once(timeout_sec=0.01)
     assert poses[-1].header.frame_id == names.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
     assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}
