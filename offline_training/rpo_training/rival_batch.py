@@ -50,9 +50,8 @@ def assess(starts, disturbances, which, law, limit, c, times, dt, figures):  # t
 @compiled
 def _assess_one(state, disturbance, law, limit, c, times, dt, row):  # type: ignore[no-untyped-def]
     energy_x = energy_y = energy_z = slew = distance = speed = 0.0
-    flown = (0.0, 0.0, 0.0)
-    late_r, late_f, outside = 0.0, 0.0, 0
-    late_vx = late_vy = late_vz = 0.0
+    late_r = late_f = late_vx = late_vy = late_vz = 0.0
+    flown, outside = (0.0, 0.0, 0.0), 0
     for tick in range(times.horizon):
         d = disturbance[tick if len(disturbance) > 1 else 0]
         told = rival_force(state, tick, law)
@@ -63,8 +62,8 @@ def _assess_one(state, disturbance, law, limit, c, times, dt, row):  # type: ign
             energy_y += force[1] * force[1]
             energy_z += force[2] * force[2]
             if tick > 0:
-                change = (force[0] - flown[0], force[1] - flown[1], force[2] - flown[2])
-                slew = max(slew, abs(change[0]), abs(change[1]), abs(change[2]))
+                for axis in range(3):
+                    slew = max(slew, abs(force[axis] - flown[axis]))
             flown = force
         if late:
             late_f = max(late_f, abs(force[0]), abs(force[1]), abs(force[2]))
@@ -72,8 +71,7 @@ def _assess_one(state, disturbance, law, limit, c, times, dt, row):  # type: ign
         x, y, z, vx, vy, vz = state
         furthest = max(abs(x), abs(y), abs(z))
         if tick < times.ticks:
-            if furthest > MAX_ARRIVAL_DISTANCE_M:
-                outside = tick + 1
+            outside = tick + 1 if furthest > MAX_ARRIVAL_DISTANCE_M else outside
             if tick >= times.ticks - times.tail:
                 distance += sqrt(x * x + y * y + z * z)
                 speed += sqrt(vx * vx + vy * vy + vz * vz)
