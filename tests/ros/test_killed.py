@@ -14,6 +14,7 @@ import rpo_core.files
 from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
 
+pytestmark = pytest.mark.slow
 MODES = ('lockstep', 'free_running')
 WARN, ERROR = b'\x01', b'\x02'
 MOMENTS = 20
@@ -108,14 +109,12 @@ def test_free_running_survives_its_controller(make):
     free_running_survives_a_peer(make('free_running'), 'fuzzy_controller', 1)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', TOPICS)
 def test_free_running_survives_each_peer_killed_at_20_moments(make, name):
     free_running_survives_a_peer(make('free_running', seed=2), name, MOMENTS)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('name', TOPICS)
 def test_lockstep_aborts_when_a_peer_is_killed_at_20_moments(make, name):
@@ -133,7 +132,6 @@ def test_lockstep_aborts_when_a_peer_is_killed_at_20_moments(make, name):
         nodes[name] = peers[name]()
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize('mode', MODES)
 def test_a_plant_killed_at_20_moments_is_missed_by_all(make, mode):
@@ -156,7 +154,6 @@ def test_a_plant_killed_at_20_moments_is_missed_by_all(make, mode):
     assert not any('Traceback' in node.output for node in run.ros.nodes)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize('mode', MODES)
 def test_a_recorder_killed_at_20_moments_is_missed_by_the_plant(make, mode):

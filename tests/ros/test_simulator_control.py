@@ -13,7 +13,7 @@ import rpo_core.files
 from rpo_log.reader import read_run
 from rpo_log.verify import verify
 
-SLOW = pytest.mark.slow
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
@@ -78,7 +78,6 @@ def test_a_flight_paused_stepped_and_sped_up_leaves_the_same_bytes(ros, hand, sc
     assert steered == (ros.folder / 'run/run.mcap').read_bytes()
 
 
-@SLOW
 def test_reset_closes_the_log_and_flies_again_from_tick_0(ros, hand, scenario):
     _, recorder, plant = start(ros, scenario, ros.folder / 'first', real_time_factor=5.0)
     hand.says('flying')
@@ -95,7 +94,6 @@ def test_reset_closes_the_log_and_flies_again_from_tick_0(ros, hand, scenario):
     assert verify(ros.folder / 'second').exit_code == 0
 
 
-@SLOW
 @pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
 def test_abort_ends_the_run_and_says_so(ros, hand, scenario, mode):
     _, recorder, plant = start(ros, scenario, ros.folder / 'run', real_time_factor=5.0, mode=mode)
@@ -108,7 +106,6 @@ def test_abort_ends_the_run_and_says_so(ros, hand, scenario, mode):
     assert dict(read_run(ros.folder / 'run').statuses[-1][1].values)['phase'] == 'aborted'
 
 
-@SLOW
 def test_a_pause_in_free_running_makes_no_force_stale(ros, hand, scenario):
     _, recorder, plant = start(
         ros, scenario, ros.folder / 'run', mode='free_running', real_time_factor=5.0

@@ -1,0 +1,150 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
+from std_srvs.srv import SetBool, Trigger
+
+import rpo_core.files
+from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.verify import verify
+from rpo_ros import names, qos
+from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
+
+
+class Bench:
+    """A flight of 20 s of `approach`, and what run_status says of it."""
+
+    def __init__(self, inner, folder):
+        self.inner, self.folder = inner, folder
+        document = yaml.safe_load(rpo_core.files.shipped('scenario')['approach'].read_text())
+        path = folder / 'twenty_seconds.yaml'
+        path.write_text(yaml.safe_dump({**document, 'duration_s': 20.0}))
+        self.scenario = str(path)
+        self.said = []
+        inner.user.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self.said.append, qos.LATCHED_QUEUE
+        )
+
+    def start(self, output='', **parameters):
+        """Start controller, plant and perhaps a recorder."""
+        self.controller = self.inner.start(FuzzyControllerNode({'controller': 'handmade'}))
+        parameters |= {'scenario': self.scenario, 'wait_for_recorder': bool(output)}
+        self.plant = self.inner.start(PlantNode(parameters))
+        if output:
+            folder = {'output': str(self.folder / output)}
+            self.recorder = self.inner.start(RecorderNode(folder))
+
+    def until(self, condition):
+        return self.inner.until(condition)
+
+    def says(self, text):
+        return self.until(lambda: [status for status in self.said if text in status.message])[-1]
+
+    def trigger(self, name):
+        return self.inner.call(Trigger, f'plant/{name}', Trigger.Request())
+
+    def pause(self, data=True):
+        return self.inner.call(SetBool, 'plant/pause', SetBool.Request(data=data))
+
+    def gone(self, node):
+        """Let a node hear and say nothing more."""
+        self.inner.executor.remove_node(node)
+
+
+@pytest.fixture
+def bench(ros_env, tmp_path):
+    with inside() as inner:
+        yield Bench(inner, tmp_path)
+
+
+def test_paused_stepped_and_sped_up_it_leaves_the_same_bytes(ros_env, tmp_path):
+    with inside() as inner:
+        steer(Bench(inner, tmp_path))
+    with inside() as inner:
+        bench = Bench(inner, tmp_path)
+        bench.start('straight')
+        bench.until(lambda: bench.plant.done and bench.recorder.done)
+    steered = (tmp_path / 'steered/run.mcap').read_bytes()
+    assert steered == (tmp_path / 'straight/run.mcap').read_bytes()
+
+
+def steer(bench):
+    """Fly with pauses, steps, and at more than one speed."""
+    bench.start('steered', real_time_factor=10.0)
+    bench.says('flying')
+    assert bench.trigger('step').message == 'not paused: pause first'
+    assert bench.pause().success
+    tick = bench.plant.plant.tick
+    assert bench.inner.set('plant', step_ticks=3)[0]
+    assert bench.trigger('step').success
+    bench.until(lambda: bench.plant.plant.tick == tick + 3 and not bench.plant.stepping)
+    assert not bench.inner.set('plant', real_time_factor=-1.0)[0]
+    assert bench.inner.set('plant', real_time_factor=0)[0]
+    assert bench.plant.plant.tick == tick + 3
+    assert bench.pause(False).success
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+
+
+def test_reset_begins_another_run_at_tick_0(bench):
+    bench.start(real_time_factor=10.0)
+    bench.until(lambda: bench.plant.plant.tick > 5)
+    assert bench.trigger('reset').success
+    assert bench.says('reset').level == DiagnosticStatus.WARN
+    bench.until(lambda: bench.plant.phase == 'running' and bench.plant.plant.tick < 5)
+    bench.inner.set('plant', real_time_factor=0.0)
+    bench.until(lambda: bench.plant.done)
+    assert bench.plant.exit_code == 0
+    assert bench.plant.phase == 'finished'
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+def test_abort_says_so_in_the_exit_code(bench, mode):
+    bench.start(real_time_factor=10.0, mode=mode)
+    bench.says('flying')
+    assert bench.trigger('abort').success
+    assert bench.says('abort asked for').level == DiagnosticStatus.ERROR
+    bench.until(lambda: bench.plant.done)
+    assert bench.plant.exit_code == EXIT_ABORTED
+    assert bench.trigger('step').message == 'nothing flies: aborted'
+
+
+def test_before_the_flight_there_is_nothing_to_steer(bench):
+    bench.plant = bench.inner.start(PlantNode({'scenario': bench.scenario}))
+    for answer in (bench.pause(), bench.trigger('step'), bench.trigger('reset')):
+        assert (answer.success, answer.message) == (False, 'nothing flies: waiting')
+
+
+def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
+    bench.start('run', mode='free_running', real_time_factor=10.0, stale_after_ticks=5)
+    bench.says('flying')
+    bench.gone(bench.controller)
+    lost = bench.says('from control_force: zero')
+    assert lost.level == DiagnosticStatus.WARN
+    bench.inner.start(FuzzyControllerNode({'controller': 'handmade'}))
+    bench.says('forces are back')
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert (bench.plant.exit_code, bench.recorder.exit_code) == (0, 0)
+    figures = {pair.key: pair.value for pair in bench.said[-1].values}
+    assert int(figures['stale_ticks']) > 0
+    assert {'latency_p50_ms', 'latency_p95_ms', 'tick_lateness_max_ms', 'overruns'} <= set(figures)
+    found = verify(bench.folder / 'run')
+    assert found.exit_code == 0, found.sentence()
+    assert found.free_running
+
+
+def test_a_pause_in_free_running_makes_no_force_stale(bench):
+    bench.start(mode='free_running', real_time_factor=20.0, stale_after_ticks=5)
+    bench.until(lambda: bench.plant.plant.tick > 5)
+    bench.pause()
+    tick = bench.plant.plant.tick
+    end = bench.inner.user.get_clock().now().nanoseconds + 600_000_000  # 12 ticks
+    bench.until(lambda: bench.inner.user.get_clock().now().nanoseconds > end)
+    assert bench.plant.plant.tick == tick
+    bench.pause(False)
+    bench.until(lambda: bench.plant.plant.tick > tick + 5)
+    assert bench.plant.plant.stale_ticks == 0
