@@ -33,7 +33,7 @@ def on_config(config: Any) -> Any:
     for entry in config['nav']:
         (title, target), *_ = entry.items() if isinstance(entry, dict) else [('', entry)]
         if isinstance(target, str) and target.endswith('/'):
-            found = sorted(docs.glob(f'{target}*.md'), key=lambda path: (path.stem != 'index', path))
+            found = sorted(docs.glob(f'{target}*.md'), key=lambda at: (at.stem != 'index', at))
             if found:
                 nav.append({title: [path.relative_to(docs).as_posix() for path in found]})
         else:
