@@ -1,6 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `fuzzy_controller`: answers each relative state with the force of the fuzzy controller."""
+"""Node `fuzzy_controller`: answers each relative state with the force of the fuzzy controller.
+
+A managed (lifecycle) node that starts by itself: `ros2 lifecycle set /fuzzy_controller deactivate`
+has it command zero; then `ros2 param set /fuzzy_controller controller handmade` and `activate` fly
+another file.
+"""
 
 from __future__ import annotations
 
