@@ -145,9 +145,7 @@ class MonitorNode(FlightNode):
     def _on_answer(self, reaction: str, client: Client, future: Future) -> None:
         response = future.result()
         done = response is not None and response.success
-        self.answers[reaction] = (
-            'done' if done else 'refused'
-        )
+        self.answers[reaction] = 'done' if done else 'refused'
         log, said = self.get_logger(), f'{reaction}: {self.answers[reaction]} by {client.srv_name}'
         log.info(said) if done else log.warning(said)
 
