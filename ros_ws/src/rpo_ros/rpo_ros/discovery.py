@@ -4,7 +4,7 @@
 
 ROS's discovery range LOCALHOST keeps a node from looking outside. It does not keep one outside from
 finding it: who gives its address as a static peer is let in. So a node that is not opened to anyone
-listens on the loopback interface and in shared memory alone.
+listens on the loopback interface alone.
 """
 
 from __future__ import annotations
