@@ -7,6 +7,7 @@ Imports take most of a second. It must itself import next to nothing.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from importlib import import_module
@@ -22,4 +23,5 @@ def start(module: str) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
     code: int = import_module(module).main()
+    gc.freeze()  # or the interpreter collects all that numba made, for seconds on a busy machine
     return code
