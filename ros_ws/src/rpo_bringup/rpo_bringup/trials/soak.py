@@ -102,7 +102,6 @@ def _fly(nodes: Fleet, ticks: int, every_s: float) -> list[Sample]:
             print(f'| {tick} | {rate:.0f} /s | {latency_ms:.2f} ms | {memory} |', flush=True)
     finally:
         health.close()
-    nodes.ended()
     return samples
 
 
@@ -140,5 +139,6 @@ def run(ticks: int, every_s: float) -> int:
     with fleet() as nodes:
         samples = _fly(nodes, ticks, every_s)
         grown = _judge(samples, ticks)
+        nodes.ended()
     print(f'{ticks} ticks in {time.monotonic() - begun:.0f} s: {"; ".join(grown) or "no growth"}')
     return int(bool(grown))
