@@ -75,11 +75,8 @@ def first_digest(log: bytes, shared: Path) -> str:
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize(
-    # Four processes against one, quickly: test_readme compares their logs.
-    'way',
-    ['one process', *(pytest.param(way, marks=pytest.mark.slow) for way in list(WAYS)[1:])],
-)
+@pytest.mark.slow  # quickly: test_readme compares the logs of the first two ways and verifies them
+@pytest.mark.parametrize('way', WAYS)
 def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_path_factory):
     expected = closed_loop.fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
     compiled = '1' if way == 'four processes' else '0'

@@ -26,11 +26,11 @@ def ros(ros_env, tmp_path):
         yield started
 
 
-def twenty_seconds(folder):
-    """Write `approach` cut to 20 s; return its path."""
+def ten_seconds(folder):
+    """Write `approach` cut to 10 s; return its path."""
     path = rpo_core.files.shipped('scenario')['approach']
-    document = {**yaml.safe_load(path.read_text()), 'duration_s': 20.0}
-    target = folder / 'twenty_seconds.yaml'
+    document = {**yaml.safe_load(path.read_text()), 'duration_s': 10.0}
+    target = folder / 'ten_seconds.yaml'
     target.write_text(yaml.safe_dump(document))
     return str(target)
 
@@ -78,10 +78,10 @@ def counted(node, kind):
 
 
 def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_bytes(ros):
-    scenario = twenty_seconds(ros.folder)
+    scenario = ten_seconds(ros.folder)
     faulty, injectors = fly_through(ros, scenario, **FAULTS)
     for injector in injectors:
-        assert all(counted(injector, kind) > 20 for kind in FAULTS), injector.output
+        assert all(counted(injector, kind) > 10 for kind in FAULTS), injector.output
     clean = ros.folder / 'clean'
     options = ('--scenario', scenario, '--controller', CONTROLLER, '--output', str(clean))
     node = ros.node('rpo_bringup', 'final_approach', *options, '--no-report')
@@ -92,7 +92,7 @@ def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_byte
 @pytest.mark.slow
 @pytest.mark.parametrize('corruption', ['any', *CORRUPTIONS])
 def test_spoilt_messages_change_nothing(ros, corruption):
-    scenario = twenty_seconds(ros.folder)
+    scenario = ten_seconds(ros.folder)
     output, injectors = fly_through(ros, scenario, corrupt=0.3, corruption=corruption)
     kinds = CORRUPTIONS if corruption == 'any' else [corruption]
     for injector in injectors:

@@ -134,13 +134,14 @@ def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
         bench.start(FuzzyControllerNode({'controller': str(tmp_path / 'no.yaml')}))
 
 
+@pytest.mark.slow
 def test_deactivated_in_flight_the_chaser_drifts(ros_env, tmp_path):
     """Over real processes: the run ends as it should, its forces are zero from there on."""
     output = tmp_path / 'run'
     with flight(ros_env, tmp_path) as ros, inside() as bench:
         controller = ros.node('rpo_ctrl', 'fuzzy_controller')
         recorder = ros.node('rpo_log', 'recorder', output=str(output))
-        plant = ros.node('rpo_sim', 'plant', real_time_factor=200.0, wait_for_recorder='true')
+        plant = ros.node('rpo_sim', 'plant', real_time_factor=40.0, wait_for_recorder='true')
         plant.says('flying')
         assert bench.transition(NODE, 'deactivate')
         assert plant.wait() == 0, plant.output

@@ -43,6 +43,7 @@ def rewritten(name: str, folder: Path, **changes: object) -> str:
     return str(target)
 
 
+@pytest.mark.slow
 def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
     """The README starts them the other way round."""
     controller = ros.node('rpo_ctrl', 'fuzzy_controller')

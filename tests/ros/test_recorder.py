@@ -80,6 +80,7 @@ def test_the_recorder_ended_at_any_moment(ros, number, trial):
     check(flown, log, number)
 
 
+@pytest.mark.slow
 def test_a_vanished_folder_ends_the_log_not_the_flight(ros):
     output = ros.folder / 'run'
     recorder, plant = start(ros, output, real_time_factor=80.0)

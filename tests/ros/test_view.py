@@ -261,6 +261,9 @@ def test_nodes_show_the_newest_state(bench):
         why.publish(decision)
         tick += 1
         executor.spin_once(timeout_sec=0.01)
+    shown = time.monotonic() + 0.2  # the page gets a picture each 20 ms, while the executor spins
+    while time.monotonic() < shown:
+        executor.spin_once(timeout_sec=0.01)
     assert poses[-1].header.frame_id == names.LVLH_FRAME
     assert poses[-1].pose.position.y == STATE[1]
     assert {m.ns for m in scenes[-1].markers} >= {'target', 'chaser', 'thrust', 'trail', 'keep_out'}

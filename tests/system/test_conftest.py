@@ -31,7 +31,7 @@ def test_known_bug(): assert False
 """
 
 
-@pytest.mark.parametrize('workers', ['0', '2'])
+@pytest.mark.parametrize('workers', [pytest.param('0', marks=pytest.mark.slow), '1'])
 def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
     (tmp_path / 'test_inner.py').write_text(INNER)
     (tmp_path / 'test_module.py').write_text('import pytest\npytest.importorskip("no_such")\n')

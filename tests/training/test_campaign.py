@@ -73,6 +73,7 @@ def test_a_run_does_not_depend_on_what_flies_beside_it(write):
             np.testing.assert_array_equal(some[name], columns[name][first : first + count])
 
 
+@pytest.mark.slow
 def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
     blink = tmp_path / 'blink.yaml'
     blink.write_text(SHORT.replace('duration_s: 20.0', 'duration_s: 1.0'))

@@ -79,6 +79,7 @@ def test_a_killed_campaign_goes_on(write, tmp_path):
         np.testing.assert_array_equal(Store.open(folder).column(name)[-10:], expected[name])
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(write, tmp_path):
     folder = tmp_path / 'stopped'
     command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']

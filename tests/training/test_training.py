@@ -228,7 +228,9 @@ def start_rpo_train(folder, *settings):
     return process
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_a_signal_stops_a_run_cleanly(number, tmp_path):
     process = start_rpo_train(tmp_path / 'run', 'ga.generations=4000', 'ga.stall=4000')
     process.send_signal(number)
