@@ -158,6 +158,7 @@ def refuted(found, name):
     return claim
 
 
+@pytest.mark.slow
 def test_a_rule_that_pushes_away_is_found(handmade):
     found = examined(changed(handmade.system, r23=1, r21=3))  # at rest: SP -> SN, SN -> SP
     assert found[0].rules.is_odd
@@ -185,6 +186,7 @@ def test_a_push_at_the_target_is_found(handmade):
     assert point[:2] == (0.0, 0.0) and point.output > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('part', 'name'),
     [

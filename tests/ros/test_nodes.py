@@ -55,7 +55,9 @@ def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
     assert not any('Traceback' in node.output for node in ros.nodes)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_a_signal_ends_every_node_cleanly(ros, number):
     started = [
         (ros.node('rpo_sim', 'plant', wait_for_recorder='true'), 'waiting for'),
@@ -156,7 +158,9 @@ def test_nobody_there_says_who_is_missing(ros):
     assert 'no answer in time from control_force, disturbance_force' in node.output
 
 
-@pytest.mark.parametrize(('reaction', 'code'), [('abort', 3), ('coast', 0)])
+@pytest.mark.parametrize(
+    ('reaction', 'code'), [('abort', 3), pytest.param('coast', 0, marks=pytest.mark.slow)]
+)
 def test_a_controller_killed_in_flight(ros, reaction, code):
     output = ros.folder / 'run'
     scenario = rewritten('approach', ros.folder, duration_s=20.0)

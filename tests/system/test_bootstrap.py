@@ -210,6 +210,7 @@ class TestLayers:
         copy.write(identity={**copy.record['identity'], 'root': str(tmp_path)})
         return copy
 
+    @pytest.mark.slow
     def test_what_is_built_anew_and_why(self, venv, monkeypatch):
         def reason(asked=None, ros_prefix=''):
             return bootstrap.reason_to_rebuild(layers.Environment(venv.root), asked, ros_prefix)
@@ -234,6 +235,7 @@ class TestLayers:
         shutil.rmtree(venv.path)
         assert 'none yet' in reason()
 
+    @pytest.mark.slow
     def test_a_changed_lock_is_missing_again(self, venv):
         assert venv.missing(['test']) == ['ros', 'fly', 'test']
         lock = venv.requirements / 'test.txt'
@@ -243,15 +245,18 @@ class TestLayers:
         lock.write_text(self.ONE)
         assert venv.missing(['test']) == ['test']
 
+    @pytest.mark.slow
     def test_an_installed_ros_needs_no_wheels(self, venv):
         venv.write(identity={**venv.record['identity'], 'ros_prefix': '/opt/ros/jazzy'})
         assert venv.layers_for(['test']) == ['fly', 'test']
 
+    @pytest.mark.slow
     def test_an_unknown_layer_is_refused_before_anything_is_made(self, venv):
         venv.check_layers(['test', 'fly'])
         with pytest.raises(SetupError, match='no layer `tset`; there are fly, ros, test'):
             venv.check_layers(['tset'])
 
+    @pytest.mark.slow
     def test_pip_that_changed_nothing_leaves_the_environment_whole(self, venv):
         with pytest.raises(SetupError):
             venv.pip('--no-index', 'no-such-package==1.0')
