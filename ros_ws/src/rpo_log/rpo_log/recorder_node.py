@@ -59,8 +59,8 @@ _FILE, _PARAMETER = 'file.', 'parameter.'
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY = 100_000
 NEVER = 1 << 62
-_ENOUGH_EARLY = 400
-"""So many messages without a manifest of the controller: it is not one of ours, and has none."""
+MANIFEST_PATIENCE_S = 5.0
+"""A controller heard for so long without a manifest is not one of ours, and has none."""
 _LOOK_S = 0.02
 _RECORDED = ('running', 'finished', 'aborted')
 
@@ -77,6 +77,8 @@ class RecorderNode(FlightNode):
         self._scenario: scenario.Scenario | None = None
         self._manifests: dict[str, DiagnosticStatus] = {}
         self._early: list[tuple[str, bytes]] = []
+        self._commanded_s: float | None = None
+        self._force_topic = self.resolve_topic_name(names.CONTROL_FORCE)
         self._expected: list[str] = []
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
@@ -121,6 +123,8 @@ class RecorderNode(FlightNode):
 
     def _on_raw(self, name: str, data: bytes) -> None:
         self._silence.broken()
+        if self._commanded_s is None and name == self._force_topic:
+            self._commanded_s = time.monotonic()
         if not self._ready:
             self._heard.add(name)
         if self.log is not None:
@@ -217,8 +221,7 @@ class RecorderNode(FlightNode):
         roles = (
             ['controller'] if self._scenario.disturbance.is_zero else ['controller', 'disturbance']
         )
-        silent = [role for role in roles if role not in self._manifests]
-        if silent and len(self._early) <= _ENOUGH_EARLY:
+        if any(role not in self._manifests for role in roles) and self._patient():
             return
         flown = self._scenario
         base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
@@ -242,6 +245,17 @@ class RecorderNode(FlightNode):
             self._on_raw(name, data)
         self._early.clear()
         self.get_logger().info(f'recording {flown.name} to {self.folder}')
+
+    def _patient(self) -> bool:
+        """Return whether manifests may still come: the wall clock says so, not the messages.
+
+        A plant that waits sends the first state again and again, and on a slow machine any number
+        of them is here before the manifest that says who answers.
+        """
+        if self._end is not None and self._end[0] == 'finished':
+            return False
+        since = self._commanded_s
+        return since is None or time.monotonic() - since < MANIFEST_PATIENCE_S
 
     def _decision_rate_hz(self) -> float:
         """Return how often the controller says why, by its own account; 0 if it does not."""

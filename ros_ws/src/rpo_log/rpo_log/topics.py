@@ -41,7 +41,7 @@ class Qos:
 
     reliability: str = 'reliable'
     durability: str = 'volatile'
-    depth: int = 64
+    depth: int = 1000
     history: str = 'keep_last'
 
     def to_document(self) -> dict[str, Any]:
