@@ -39,9 +39,7 @@ def start(inner, scenario, folder):
     return recorder
 
 
-def test_a_late_manifest_is_waited_for_however_much_is_heard_before(
-    ros_env, tmp_path, two_seconds
-):
+def test_a_late_manifest_is_waited_for_however_much_is_heard_before(ros_env, tmp_path, two_seconds):
     with inside(ASIDE) as inner:
         held = []
         inner.user.create_subscription(DiagnosticStatus, LATE, held.append, qos.LATCHED)
