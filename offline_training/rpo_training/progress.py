@@ -13,7 +13,7 @@ from rich.progress import Progress as Bar
 
 from rpo_training.display import Display
 from rpo_training.fitness import CONDITIONS
-from rpo_training.training import Progress
+from rpo_training.search_run import Progress
 
 
 def sentence(progress: Progress) -> str:

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-import shlex
-import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_core.validation import InputError
+from rpo_training.commands.searching import fly
 
 if TYPE_CHECKING:
     from rpo_core.controller import FuzzyController
@@ -79,33 +78,9 @@ def _base(preset: str, path: Path | None) -> TrainingConfig:
 
 
 def _fly(training: Training, plots: bool) -> None:
-    from rpo_training.progress import TrainingDisplay
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        with TrainingDisplay(training.folder) as display:
-            best = training.run(display.show)
-    except KeyboardInterrupt:
-        again = shlex.join(['rpo', 'train', '--resume', str(training.folder)])
-        typer.echo(
-            f'Interrupted after {len(training.ledger.marks)} generations, which are saved. '
-            f'Go on with: {again}',
-            err=True,
-        )
-        raise typer.Exit(130) from None
-    _summarise(training, best)
+    best = fly(training)
     if plots:
         _draw(training, best)
-
-
-def _summarise(training: Training, best: FuzzyController) -> None:
-    made = best.provenance
-    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
-    typer.echo(
-        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
-        f'N^2 s, starts that miss: {made["starts_that_miss"]}'
-    )
-    typer.echo(f'{training.folder / best.name}.yaml')
 
 
 def _draw(training: Training, best: FuzzyController) -> None:

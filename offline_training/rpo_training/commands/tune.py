@@ -4,17 +4,13 @@
 
 from __future__ import annotations
 
-import shlex
-import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from rpo_core.validation import InputError
-
-if TYPE_CHECKING:
-    from rpo_training.tuning import Tuning
+from rpo_training.commands.searching import fly
 
 EXAMPLES = """
 Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
@@ -46,32 +42,8 @@ def tune(
     if (kind is None) == (resume is None):
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
     if resume is not None:
-        _fly(Tuning.resume(resume, workers))
+        fly(Tuning.resume(resume, workers))
         return
     budget = BUDGET if evaluations is None else evaluations
     config = TuningConfig(str(kind), seed, budget, disturbance)
-    _fly(Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers))
-
-
-def _fly(tuning: Tuning) -> None:
-    from rpo_training.progress import TrainingDisplay
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        with TrainingDisplay(tuning.folder) as display:
-            best = tuning.run(display.show)
-    except KeyboardInterrupt:
-        again = shlex.join(['rpo', 'tune', '--resume', str(tuning.folder)])
-        typer.echo(
-            f'Interrupted after {len(tuning.ledger.marks)} generations, which are saved. '
-            f'Go on with: {again}',
-            err=True,
-        )
-        raise typer.Exit(130) from None
-    made = best.provenance
-    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
-    typer.echo(
-        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} N^2 s, '
-        f'starts that miss: {made["starts_that_miss"]}'
-    )
-    typer.echo(f'{tuning.folder / best.name}.yaml')
+    fly(Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers))

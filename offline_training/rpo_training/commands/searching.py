@@ -1,0 +1,40 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `rpo train` and `rpo tune` do with a run: watch it, stop it cleanly, say what came out."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from rpo_training.search_run import Config, Found, SearchRun
+
+
+def fly(run: SearchRun[Config, Found]) -> Found:
+    """Fly a run to its end, watched; return the best. Interrupted, say how to go on, and exit."""
+    from rpo_training.progress import TrainingDisplay
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with TrainingDisplay(run.folder) as display:
+            best = run.run(display.show)
+    except KeyboardInterrupt:
+        again = f'{run.command} {shlex.join(["--resume", str(run.folder)])}'
+        typer.echo(
+            f'Interrupted after {len(run.ledger.marks)} generations, which are saved. '
+            f'Go on with: {again}',
+            err=True,
+        )
+        raise typer.Exit(130) from None
+    made = best.provenance
+    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
+    typer.echo(
+        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
+        f'N^2 s, starts that miss: {made["starts_that_miss"]}'
+    )
+    typer.echo(f'{run.folder / best.name}.yaml')
+    return best
