@@ -41,8 +41,6 @@ CONFIG = 'tuning.yaml'
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
 """What is minimised; the file also says the paper's flat fitness."""
 
-_GOES_ON = 'rpo tune --resume'
-
 
 @dataclass(frozen=True)
 class TuningConfig:

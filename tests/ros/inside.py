@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+import services
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
@@ -46,12 +47,7 @@ class Inside:
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service and return its response."""
-        client = self.user.create_client(kind, service)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        self.user.destroy_client(client)
-        return future.result()
+        return services.call(self.user, self.until, kind, service, request)
 
     def transition(self, node: str, label: str) -> bool:
         """Ask for a lifecycle transition, as `ros2 lifecycle set` does; return its success."""

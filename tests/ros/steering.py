@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
+import services
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -77,12 +78,7 @@ class Steering:
 
     def call(self, kind: type, service: str, request: Any) -> Any:
         """Call a service and return the response."""
-        client = self.node.create_client(kind, service)
-        self.until(client.service_is_ready)
-        future = client.call_async(request)
-        self.until(future.done)
-        self.node.destroy_client(client)
-        return future.result()
+        return services.call(self.node, self.until, kind, service, request)
 
     def pause(self, data: bool = True) -> Any:
         """Pause, or resume."""
