@@ -133,13 +133,14 @@ def case_of_set(
 def case_of_flights(scenarios: Sequence[Scenario], late_s: float) -> Case:
     """Return the case of flights that differ in start and disturbance only."""
     base = scenarios[0]
-    disturbances = np.array([s.disturbance.over(base.times_s[:-1]) for s in scenarios])
+    kinds = list(dict.fromkeys(s.disturbance for s in scenarios))
+    disturbances = np.array([kind.over(base.times_s[:-1]) for kind in kinds])
     return Case(
-        ', '.join(s.name for s in scenarios),
+        ', '.join(dict.fromkeys(s.name for s in scenarios)),
         base,
         np.array([s.start for s in scenarios]),
         disturbances,
-        np.arange(len(scenarios)),
+        np.array([kinds.index(s.disturbance) for s in scenarios]),
         base.duration_s,
         late_s,
     )

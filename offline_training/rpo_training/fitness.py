@@ -8,6 +8,7 @@ search sees which way is better. Optional terms, weighted by how far a limit is 
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
+- `robustness`: position and speed in the last 200 s of the flights of `rpo_training.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added.
 """
 
@@ -22,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.metrics import (
+    CLAIM_POSITION_M,
+    CLAIM_VELOCITY_M_S,
     MAX_ARRIVAL_DISTANCE_M,
     MAX_ARRIVAL_SPEED_M_S,
     MAX_SLEW_N_S,
@@ -30,6 +33,7 @@ from rpo_core.metrics import (
 from rpo_core.rivals import Rival
 from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real
+from rpo_training import corners
 from rpo_training.evaluation import (
     ARRIVAL,
     DISTANCE,
@@ -74,7 +78,7 @@ class FitnessSettings:
     penalty : 'flat', the paper's, or 'graded'
     arrival : whether the third condition, ours, counts
     margin : share by which a search keeps clear of every limit, in [0, 1)
-    limit_cycle, disturbance : weight [N^2 s] of the optional terms, 0 = off
+    limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     """
 
@@ -83,6 +87,7 @@ class FitnessSettings:
     margin: float = 0.0
     limit_cycle: float = 0.0
     disturbance: float = 0.0
+    robustness: float = 0.0
     mass_kg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -91,8 +96,8 @@ class FitnessSettings:
             raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
         if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
-        real('fitness.limit_cycle', self.limit_cycle, 'N^2 s', least=0.0)
-        real('fitness.disturbance', self.disturbance, 'N^2 s', least=0.0)
+        for name in ('limit_cycle', 'disturbance', 'robustness'):
+            real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
         for i, mass in enumerate(self.mass_kg):
             real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
 
@@ -163,13 +168,16 @@ class Fitness:
         ]
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
+        if settings.robustness:
+            cases += corners.cases()
         return cases
 
     def score(self, population: Population | Sequence[Rival]) -> Scores:
         """Return the marks of a population, of what the simulator flies."""
         settings = self.settings
-        outcomes = self.simulator.fly(population)
-        training, masses = outcomes[0], outcomes[1 : 1 + len(settings.mass_kg)]
+        outcomes = iter(self.simulator.fly(population))
+        training = next(outcomes)
+        masses = [next(outcomes) for _ in settings.mass_kg]
         energy = mean(training[..., ENERGY])
         fitness = energy + mean(self._penalties(training))
         for outcome in masses:
@@ -177,7 +185,9 @@ class Fitness:
         if settings.limit_cycle:
             fitness = fitness + settings.limit_cycle * self._cycling(training)
         if settings.disturbance:
-            fitness = fitness + settings.disturbance * self._disturbed(outcomes[-1])
+            fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
+        if settings.robustness:
+            fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
         return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL]))
 
     def _penalties(self, figures: Floats) -> Floats:
@@ -203,3 +213,10 @@ class Fitness:
             tests[..., LATE_SPEED], keep * MAX_TEST_SPEED_M_S
         )
         return over[:, 0] + over[:, 1]
+
+    def _cornered(self, flights: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        return mean(
+            excess(flights[..., LATE_POSITION], keep * CLAIM_POSITION_M)
+            + excess(flights[..., LATE_SPEED], keep * CLAIM_VELOCITY_M_S)
+        )

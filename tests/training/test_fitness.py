@@ -13,7 +13,9 @@ from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
+from rpo_training import corners
 from rpo_training.assessment import assess
+from rpo_training.evaluation import LATE_POSITION, LATE_SPEED, Simulator
 from rpo_training.fitness import Fitness, FitnessSettings, excess
 from rpo_training.genes import population_of
 from rpo_training.optimal import least_energy
@@ -56,7 +58,7 @@ def test_excess_grows_from_zero_at_the_limit():
 
 
 @pytest.mark.parametrize(
-    'terms', [{'limit_cycle': 5.0}, {'disturbance': 5.0}, {'mass_kg': (30.0,)}]
+    'terms', [{'limit_cycle': 5.0}, {'disturbance': 5.0}, {'robustness': 5.0}, {'mass_kg': (30.0,)}]
 )
 def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
     """A heavy velocity scale swings for ever or arrives late: the terms must cost something."""
@@ -64,6 +66,22 @@ def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
     assert (
         score(FitnessSettings(**terms), poor).fitness[0] > score(FitnessSettings(), poor).fitness[0]
     )
+
+
+def test_the_corner_flights_are_those_of_the_core():
+    """Late position and speed of a few; no two flights are the same."""
+    for case, share in zip(corners.cases(), corners.MASS_SHARES, strict=True):
+        scenarios = corners.flights(share)
+        assert len(set(scenarios)) == len(case.starts) == 32
+        simulator = Simulator([case], 1)
+        (figures,) = simulator.fly(population_of(HANDMADE))
+        for index in (0, 13, 31):
+            flight = fly(scenarios[index], HANDMADE)
+            late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+            assert figures[0, index, LATE_POSITION] == late.position_m
+            last = metrics.window_ticks(flight.scenario, metrics.CLAIM_WINDOW_S)
+            speed = np.linalg.norm(np.abs(flight.velocities_m_s[-last:]).max(axis=0))
+            assert figures[0, index, LATE_SPEED] == pytest.approx(speed, rel=1e-12)
 
 
 @pytest.mark.parametrize(

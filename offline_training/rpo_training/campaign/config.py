@@ -14,7 +14,6 @@ import yaml
 from rpo_core import files
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
-from rpo_core.disturbance import Disturbance
 from rpo_core.rivals import Rival
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
@@ -288,27 +287,12 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
             orbit_radius_m=scenario.orbit_radius_m + off('orbit_altitude_m')[0],
             initial_position_m=_sum(scenario.initial_position_m, off('initial_position_m')),
             initial_velocity_m_s=_sum(scenario.initial_velocity_m_s, off('initial_velocity_m_s')),
-            disturbance=dispersed(scenario.disturbance, share, phase, frequency),
+            disturbance=scenario.disturbance.varied(
+                share, phase_rad=phase, frequency_share=frequency
+            ),
         )
 
 
 def _sum(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, float, float]:
     x, y, z = (p + q for p, q in zip(a, b, strict=True))
     return x, y, z
-
-
-def dispersed(nominal: Disturbance, share: float, phase: float, frequency: float) -> Disturbance:
-    """Return a disturbance (1 + share) as strong, shifted in phase, (1 + frequency) as fast."""
-    x, y, z = (c * (1.0 + share) for c in nominal.constant_n)
-    return Disturbance(
-        (x, y, z),
-        tuple(
-            replace(
-                h,
-                amplitude_n=h.amplitude_n * (1.0 + share),
-                angular_rate_rad_s=h.angular_rate_rad_s * (1.0 + frequency),
-                phase_rad=h.phase_rad + phase,
-            )
-            for h in nominal.harmonics
-        ),
-    )

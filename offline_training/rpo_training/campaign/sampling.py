@@ -15,7 +15,7 @@ from scipy.stats import qmc
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep
-from rpo_training.campaign.config import CUT, KINDS, Campaign, dispersed
+from rpo_training.campaign.config import CUT, KINDS, Campaign
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,7 +92,7 @@ class Runs(NamedTuple):
     def disturbance(self, index: int, nominal: Disturbance) -> Disturbance:
         """Disturbance of a run."""
         share, phase, frequency = self.parameters[index, 19:22].tolist()
-        return dispersed(nominal, share, phase, frequency)
+        return nominal.varied(share, phase_rad=phase, frequency_share=frequency)
 
 
 def rotation(vector_rad: Floats) -> Floats:

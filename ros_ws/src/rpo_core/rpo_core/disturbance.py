@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,24 @@ class Disturbance:
     def is_zero(self) -> bool:
         """Whether nothing acts at any time."""
         return not any(self.constant_n) and not any(h.amplitude_n for h in self.harmonics)
+
+    def varied(
+        self, amplitude_share: float, *, phase_rad: float = 0.0, frequency_share: float = 0.0
+    ) -> Disturbance:
+        """Return it (1 + share) as strong, shifted in phase, (1 + frequency share) as fast."""
+        x, y, z = (c * (1.0 + amplitude_share) for c in self.constant_n)
+        return Disturbance(
+            (x, y, z),
+            tuple(
+                replace(
+                    h,
+                    amplitude_n=h.amplitude_n * (1.0 + amplitude_share),
+                    angular_rate_rad_s=h.angular_rate_rad_s * (1.0 + frequency_share),
+                    phase_rad=h.phase_rad + phase_rad,
+                )
+                for h in self.harmonics
+            ),
+        )
 
     def force_n(self, t_s: float) -> tuple[float, float, float]:
         """Return the force (3 floats, N, target LVLH) at time `t_s` since the start.

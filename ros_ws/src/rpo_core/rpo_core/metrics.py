@@ -23,6 +23,7 @@ MAX_ARRIVAL_DISTANCE_M = 0.5
 """Ours: without it doing nothing is nearly optimal (the paper says 'to reach the target')."""
 
 CLAIM_WINDOW_S = 200.0
+CLAIM_POSITION_M, CLAIM_VELOCITY_M_S = 0.5, 0.01
 TRAINING_CLAIM_WINDOW_S = 50.0
 
 
@@ -132,8 +133,8 @@ def claims(flight: Flight) -> list[Claim]:
     extremes = window(flight, CLAIM_WINDOW_S)
     level = disturbance_level_n(flight)
     return [
-        Claim(f'largest |position|, {statement}', 'm', 0.5, extremes.position_m),
-        Claim(f'largest |velocity|, {statement}', 'm/s', 0.01, extremes.velocity_m_s),
+        Claim(f'largest |position|, {statement}', 'm', CLAIM_POSITION_M, extremes.position_m),
+        Claim(f'largest |velocity|, {statement}', 'm/s', CLAIM_VELOCITY_M_S, extremes.velocity_m_s),
         Claim(f'largest |force|, {statement}', 'N', level, extremes.force_n),
     ]
 
