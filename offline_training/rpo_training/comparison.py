@@ -44,7 +44,7 @@ Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Is told what is under way, how much is done, how much there is."""
 
-FUZZY = ('trained', 'paper_ga', 'handmade')
+FUZZY = ('trained', 'robust', 'paper_ga', 'handmade')
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)

@@ -12,15 +12,16 @@ from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_scenario
 from rpo_training import config as configs
+from rpo_training import corners
 from rpo_training.assessment import assess
+from rpo_training.evaluation import LATE_POSITION, LATE_SPEED, Simulator
+from rpo_training.genes import population_of
 from rpo_training.training import Training
 
 EXPECTED = Path(__file__).with_name('expected')
 
-SHORT = {
-    'paper': ['ga.generations=8'],
-    'best': ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400'],
-}
+RACE = ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400']
+SHORT = {'paper': ['ga.generations=8'], 'best': RACE, 'robust': RACE}
 """What shortens a preset to a few seconds; `expected/` holds the controllers it then trains."""
 
 
@@ -30,7 +31,7 @@ def short(preset, folder):
     return Training.create(config, folder, 1).run()
 
 
-@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
 def test_a_file_is_as_good_as_it_says(name):
     controller = load_controller(name)
     found = assess(controller)
@@ -44,16 +45,26 @@ def test_trained_reaches_every_target():
     assert [mark for mark in assess(load_controller('trained')).marks() if not mark.holds] == []
 
 
-@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
 @pytest.mark.parametrize('scenario', ['paper_test', 'paper_test_phase'])
 def test_the_papers_claims_hold(name, scenario):
     flight = fly(load_scenario(scenario), load_controller(name))
     assert [claim for claim in metrics.claims(flight) if not claim.holds] == []
 
 
+def test_robust_keeps_the_claims_in_every_corner():
+    simulator = Simulator(corners.cases())
+    for figures in simulator.fly(
+        population_of(load_controller('robust'), load_controller('trained'))
+    ):
+        kept = (figures[..., LATE_POSITION] <= 0.5) & (figures[..., LATE_SPEED] <= 0.01)
+        assert kept[0].all()
+        assert not kept[1].all(), 'the corners must be hard'
+
+
 @pytest.mark.parametrize(
     'preset',
-    [pytest.param(name, marks=pytest.mark.slow if name == 'best' else ()) for name in SHORT],
+    [pytest.param(name, marks=pytest.mark.slow if name != 'paper' else ()) for name in SHORT],
 )
 def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
     trained, expected = (
@@ -66,7 +77,7 @@ def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('name', ['paper_ga', 'trained'])
+@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
 def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     shipped = load_controller(name)
     *_, preset, _, seed = shipped.provenance['command'].split()

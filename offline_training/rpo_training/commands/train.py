@@ -25,7 +25,7 @@ then `rpo train --config mine.yaml` | `rpo train --cluster tcp://127.0.0.1:8786`
 
 
 def train(
-    preset: Annotated[str, typer.Option(help='paper, best or front')] = 'paper',
+    preset: Annotated[str, typer.Option(help='paper, best, robust or front')] = 'paper',
     config: Annotated[Path | None, typer.Option(help='YAML file, instead of a preset')] = None,
     seed: Annotated[int | None, typer.Option(help='seed of the random numbers')] = None,
     algorithm: Annotated[
