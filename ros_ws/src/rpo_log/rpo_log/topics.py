@@ -41,7 +41,7 @@ class Qos:
 
     reliability: str = 'reliable'
     durability: str = 'volatile'
-    depth: int = 1000
+    depth: int = 64
     history: str = 'keep_last'
 
     def to_document(self) -> dict[str, Any]:

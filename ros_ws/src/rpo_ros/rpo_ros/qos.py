@@ -19,10 +19,11 @@ def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
     )
 
 
-LOCKSTEP = _reliable(1000, QoSDurabilityPolicy.VOLATILE)
+LOCKSTEP = _reliable(64, QoSDurabilityPolicy.VOLATILE)
 """States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a
-recorder that a busy machine keeps some seconds behind. Not transient local: a late joiner must not
-get another run's forces."""
+recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to 3 s later, and all
+that follows would be held back until then. Not transient local: a late joiner must not get another
+run's forces."""
 
 RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
 """The recorder's queue for states and forces: some seconds at full speed."""
@@ -33,7 +34,7 @@ LATCHED = _reliable(1, QoSDurabilityPolicy.TRANSIENT_LOCAL)
 LATCHED_QUEUE = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)
 """To subscribe to latched topics where none may be missed, or several nodes publish."""
 
-CLOCK = _reliable(1000, QoSDurabilityPolicy.VOLATILE)
+CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
 """Simulated time; stock subscribers ask for best effort, which this satisfies."""
 
 DIAGNOSTICS = _reliable(10, QoSDurabilityPolicy.VOLATILE)
