@@ -94,10 +94,12 @@ def proven(trained):
     return claims(trained)
 
 
+@pytest.mark.slow
 def test_the_trained_controller_is_certified(proven):
     assert {claim.verdict for claim in proven.values()} == {PROVEN}
 
 
+@pytest.mark.slow
 def test_the_greatest_output_is_the_centroid_of_lp(trained, proven):
     y = np.linspace(-1, 1, 101)
     left = trained.force.lp_left
@@ -108,6 +110,7 @@ def test_the_greatest_output_is_the_centroid_of_lp(trained, proven):
     assert expected <= claim.bound <= 1.02 * expected
 
 
+@pytest.mark.slow
 def test_bounds_hold_on_random_lines(trained, proven):
     """Steps of every size, along either error, against the independent inference."""
     rng = np.random.default_rng(3)
@@ -122,6 +125,7 @@ def test_bounds_hold_on_random_lines(trained, proven):
             assert -fall <= rise and abs(rise) <= slope * (end[axis] - start[axis]) + 1e-12
 
 
+@pytest.mark.slow
 def test_witnesses_are_near_the_bounds_and_true(trained, proven):
     for name, axis in (('position error', 0), ('velocity error', 1)):
         for kind in ('slope in', 'monotone in'):

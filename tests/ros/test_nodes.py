@@ -72,7 +72,9 @@ def test_a_signal_ends_every_node_cleanly(ros, number):
         assert 'Traceback' not in node.output
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
     output = ros.folder / 'run'
     node = ros.node(

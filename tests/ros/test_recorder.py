@@ -65,6 +65,7 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
+@pytest.mark.slow
 def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
     flown, log = end_in_flight(ros, signal.SIGKILL, after_s=1.5, real_time_factor=40.0)
     check(flown, log, signal.SIGKILL)

@@ -37,36 +37,53 @@ def commands(first_word: str) -> list[list[str]]:
     )
 
 
-@pytest.mark.timeout(3 * DEADLINE_S)
-def test_the_readme_flies(ros_env, tmp_path):
-    """One after the other what is to be typed so, side by side what goes in several shells.
+class Shells:
+    """What is typed one after the other, and what goes into several shells."""
 
-    The report takes long and is written by the slow test of docs/reports.md.
-    """
-    env = {**os.environ, **ros_env}
-    log = (tmp_path / 'log.txt').open('w+')
+    def __init__(self, folder: Path, env: dict[str, str]) -> None:
+        self.folder, self.env = folder, {**os.environ, **env}
+        self.log = folder / 'log.txt'
 
-    def start(command: list[str]) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(command, cwd=tmp_path, env=env, stdout=log, stderr=log)
+    def start(self, command: list[str]) -> subprocess.Popen[bytes]:
+        with self.log.open('a') as log:
+            return subprocess.Popen(command, cwd=self.folder, env=self.env, stdout=log, stderr=log)
 
-    def ends_well(process: subprocess.Popen[bytes]) -> None:
-        code = process.wait(DEADLINE_S)
-        log.seek(0)
-        assert code == 0, (process.args, log.read())
+    def ends_well(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.wait(DEADLINE_S) == 0, (process.args, self.log.read_text())
 
-    for command in commands('ros2 run rpo_bringup'):
-        if command[:2] != ['rpo', 'report']:
-            ends_well(start(command))
-    for block in (commands('ros2 run rpo_sim plant'), commands('ros2 run rpo_log recorder')):
-        started = {tuple(command[2:4]): start(command) for command in block}
-        ends_well(started.pop(('rpo_sim', 'plant')))
+    def one_after_the_other(self, first_word: str) -> None:
+        """Type a block; the report takes long and is written by the slow test of its page."""
+        for command in commands(first_word):
+            if command[:2] != ['rpo', 'report']:
+                self.ends_well(self.start(command))
+
+    def side_by_side(self, first_word: str) -> None:
+        """Type a block into several shells; the plant ends by itself, the recorder after it."""
+        started = {tuple(command[2:4]): self.start(command) for command in commands(first_word)}
+        self.ends_well(started.pop(('rpo_sim', 'plant')))
         for name, process in started.items():
             if name != ('rpo_log', 'recorder'):
                 process.send_signal(signal.SIGINT)
-            ends_well(process)
-    for command in commands('ros2 run rpo_log replay'):
-        ends_well(start(command))
-    assert (tmp_path / 'runs/first/report/time_histories.png').exists()
-    first, second = (tmp_path / 'runs' / name / 'run.mcap' for name in ('first', 'second'))
-    log.close()
+            self.ends_well(process)
+
+
+@pytest.fixture
+def shells(ros_env, tmp_path):
+    return Shells(tmp_path, ros_env)
+
+
+@pytest.mark.timeout(3 * DEADLINE_S)
+def test_the_readme_flies(shells):
+    shells.one_after_the_other('ros2 run rpo_bringup')
+    assert (shells.folder / 'runs/first/report/time_histories.png').exists()
+    shells.side_by_side('ros2 run rpo_sim plant')
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3 * DEADLINE_S)
+def test_the_readme_records_and_replays(shells):
+    shells.one_after_the_other('ros2 run rpo_bringup')
+    shells.side_by_side('ros2 run rpo_log recorder')
+    shells.one_after_the_other('ros2 run rpo_log replay')
+    first, second = (shells.folder / 'runs' / name / 'run.mcap' for name in ('first', 'second'))
     assert first.read_bytes() == second.read_bytes()

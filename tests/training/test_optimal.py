@@ -78,7 +78,9 @@ def test_a_coasting_flight_rests_from_its_arrival_on():
     )
 
 
-@pytest.mark.parametrize('position', [(100.0, 100.0, 100.0), (-5.0, 50.0, 5.0)])
+@pytest.mark.parametrize(
+    'position', [(100.0, 100.0, 100.0), pytest.param((-5.0, 50.0, 5.0), marks=pytest.mark.slow)]
+)
 def test_the_constrained_flight_meets_every_condition_between_the_bounds(position):
     scenario = from_start(*position)
     flight = optimal.constrained(scenario)
