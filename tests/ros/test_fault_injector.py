@@ -6,10 +6,9 @@ import re
 
 import numpy as np
 import pytest
-import yaml
 from processes import flight
+from scenarios import lasting
 
-import rpo_core.files
 from rpo_core import closed_loop
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_scenario
@@ -24,15 +23,6 @@ FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.
 def ros(ros_env, tmp_path):
     with flight(ros_env, tmp_path) as started:
         yield started
-
-
-def ten_seconds(folder):
-    """Write `approach` cut to 10 s; return its path."""
-    path = rpo_core.files.shipped('scenario')['approach']
-    document = {**yaml.safe_load(path.read_text()), 'duration_s': 10.0}
-    target = folder / 'ten_seconds.yaml'
-    target.write_text(yaml.safe_dump(document))
-    return str(target)
 
 
 def remapped(name, **topics):
@@ -78,7 +68,7 @@ def counted(node, kind):
 
 
 def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_bytes(ros):
-    scenario = ten_seconds(ros.folder)
+    scenario = lasting(10.0, ros.folder)
     faulty, injectors = fly_through(ros, scenario, **FAULTS)
     for injector in injectors:
         assert all(counted(injector, kind) > 10 for kind in FAULTS), injector.output
@@ -92,7 +82,7 @@ def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_byte
 @pytest.mark.slow
 @pytest.mark.parametrize('corruption', ['any', *CORRUPTIONS])
 def test_spoilt_messages_change_nothing(ros, corruption):
-    scenario = ten_seconds(ros.folder)
+    scenario = lasting(10.0, ros.folder)
     output, injectors = fly_through(ros, scenario, corrupt=0.3, corruption=corruption)
     kinds = CORRUPTIONS if corruption == 'any' else [corruption]
     for injector in injectors:

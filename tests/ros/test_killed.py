@@ -6,11 +6,10 @@ import random
 import time
 
 import pytest
-import yaml
 from processes import flight
+from scenarios import lasting
 from steering import steering
 
-import rpo_core.files
 from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
 
@@ -31,10 +30,7 @@ class Run:
         self.ros, self.hand, self.mode = ros, hand, mode
         self.chance = random.Random(seed)
         self.count = 0
-        document = yaml.safe_load(rpo_core.files.shipped('scenario')['paper_test'].read_text())
-        path = ros.folder / 'long.yaml'
-        path.write_text(yaml.safe_dump({**document, 'duration_s': duration_s}))
-        self.scenario = str(path)
+        self.scenario = lasting(duration_s, ros.folder, 'paper_test')
 
     def controller(self):
         return self.ros.node('rpo_ctrl', 'fuzzy_controller')

@@ -5,12 +5,11 @@
 import time
 
 import pytest
-import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
 from rosgraph_msgs.msg import Clock
+from scenarios import lasting
 
-import rpo_core.files
 import rpo_log.recorder_node
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log.reader import read_run
@@ -25,10 +24,7 @@ ASIDE = ['-r', f'fuzzy_controller:{names.NODE_MANIFEST}:={LATE}']
 
 @pytest.fixture
 def two_seconds(tmp_path):
-    document = yaml.safe_load(rpo_core.files.shipped('scenario')['approach'].read_text())
-    path = tmp_path / 'two_seconds.yaml'
-    path.write_text(yaml.safe_dump({**document, 'duration_s': 2.0}))
-    return str(path)
+    return lasting(2.0, tmp_path)
 
 
 def start(inner, scenario, folder):

@@ -3,12 +3,11 @@
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
 import pytest
-import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
+from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
-import rpo_core.files
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
@@ -21,10 +20,7 @@ class Bench:
 
     def __init__(self, inner, folder):
         self.inner, self.folder = inner, folder
-        document = yaml.safe_load(rpo_core.files.shipped('scenario')['approach'].read_text())
-        path = folder / 'twenty_seconds.yaml'
-        path.write_text(yaml.safe_dump({**document, 'duration_s': 20.0}))
-        self.scenario = str(path)
+        self.scenario = lasting(20.0, folder)
         self.said = []
         inner.user.create_subscription(
             DiagnosticStatus, names.RUN_STATUS, self.said.append, qos.LATCHED_QUEUE

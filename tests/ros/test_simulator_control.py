@@ -5,11 +5,10 @@
 import signal
 
 import pytest
-import yaml
 from processes import flight
+from scenarios import lasting
 from steering import steering
 
-import rpo_core.files
 from rpo_log.reader import read_run
 from rpo_log.verify import verify
 
@@ -31,10 +30,7 @@ def hand(ros_env):
 @pytest.fixture
 def scenario(tmp_path):
     """`approach` cut to 20 s."""
-    document = yaml.safe_load(rpo_core.files.shipped('scenario')['approach'].read_text())
-    target = tmp_path / 'twenty_seconds.yaml'
-    target.write_text(yaml.safe_dump({**document, 'duration_s': 20.0}))
-    return str(target)
+    return lasting(20.0, tmp_path)
 
 
 def start(ros, scenario, output, **parameters):

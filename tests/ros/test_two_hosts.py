@@ -6,11 +6,10 @@ import time
 
 import numpy as np
 import pytest
-import yaml
 from links import ADDRESSES, LinkError, hosts
 from processes import flight
+from scenarios import lasting
 
-import rpo_core.files
 from rpo_core import closed_loop
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_scenario
@@ -49,10 +48,7 @@ class Two:
         return self.on('plant', variables, 'rpo_sim', 'plant', **parameters)
 
     def scenario(self, duration_s):
-        document = yaml.safe_load(rpo_core.files.shipped('scenario')['approach'].read_text())
-        path = self.ros.folder / 'cut.yaml'
-        path.write_text(yaml.safe_dump({**document, 'duration_s': duration_s}))
-        return str(path)
+        return lasting(duration_s, self.ros.folder)
 
 
 @pytest.fixture
