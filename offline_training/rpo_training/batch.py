@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The batch simulator: many axis loops side by side, the bits of `rpo_core.closed_loop.fly`.
+"""The batch simulator: many axis loops side by side, the bits of `rpo_core.flight.fly`.
 
 Under Clohessy-Wiltshire z is decoupled from x and y, and the controller acts axis by axis: a set
 of starts needs its distinct planar (x, y) and vertical (z) loops only. The axes of all loops of one
@@ -178,7 +178,7 @@ def combine(p, q, dt, times, w, norms, figures):  # type: ignore[no-untyped-def]
     """Pair every planar with every vertical loop: figures (P * Q, FIGURES), z fastest.
 
     Columns: energy [N^2 s], mean speed [m/s], slew [N/s], mean distance [m], as
-    `rpo_core.metrics.Figures` names them, summed over ticks per axis, then x + y + z; and, over the
+    `rpo_core.metrics.Metrics` names them, summed over ticks per axis, then x + y + z; and, over the
     late window, the largest |position| of an axis [m], the norm of the axes' largest speeds [m/s]
     and the largest |force| of an axis [N]; last, the time [s] after which every axis stays within
     the arrival distance, as far as the judged flight goes.

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
 from rpo_core import files, metrics
-from rpo_core.closed_loop import Flight, fly
+from rpo_core.baselines import Mpc
 from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.rivals import Mpc
+from rpo_core.flight import Flight, fly
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training import fitness, planning
+from rpo_training.baseline_batch import BaselineSimulator
 from rpo_training.campaign import config, fleet, flying, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
@@ -38,7 +39,6 @@ from rpo_training.evaluation import ARRIVAL, DISTANCE, ENERGY, SLEW, Case, Simul
 from rpo_training.genes import population_of
 from rpo_training.ledger import write_aside
 from rpo_training.optimal import least_constrained
-from rpo_training.rival_batch import RivalSimulator
 
 Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
@@ -250,13 +250,13 @@ def figures_of(controller: AnyController, case: Case, workers: int = 0) -> Float
     if isinstance(controller, FuzzyController):
         with Simulator([case], workers, controller.system.samples) as simulator:
             return np.asarray(simulator.fly(population_of(controller))[0][0])
-    with RivalSimulator([case], workers) as simulator:
+    with BaselineSimulator([case], workers) as simulator:
         return np.asarray(simulator.fly([controller])[0][0])
 
 
 def _test(flight: Flight) -> Test:
     late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
-    return Test(late.position_m, late.velocity_m_s, metrics.assess(flight).energy_n2s)
+    return Test(late.position_m, late.velocity_m_s, metrics.of_flight(flight).energy_n2s)
 
 
 def command_us(controller: AnyController, scenario: Scenario) -> float:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""From a few numbers to a rival: what is tuned of each kind, within which range."""
+"""From a few numbers to a baseline: what is tuned of each kind, within which range."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from rpo_core.rivals import Lqr, Model, Mpc, Pd, PotentialField, Rival
+from rpo_core.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 
 Floats = NDArray[np.float64]
 
@@ -30,10 +30,10 @@ class Knob(NamedTuple):
 
 
 class Design(NamedTuple):
-    """What is tuned of a kind, and how a rival is made of it."""
+    """What is tuned of a kind, and how a baseline is made of it."""
 
     knobs: tuple[Knob, ...]
-    make: Callable[[Mapping[str, float], Model], Rival]
+    make: Callable[[Mapping[str, float], Model], Baseline]
     description: str
 
     def values(self, genes: Floats) -> dict[str, float]:

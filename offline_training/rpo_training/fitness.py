@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.baselines import Baseline
 from rpo_core.metrics import (
     CLAIM_POSITION_M,
     CLAIM_VELOCITY_M_S,
@@ -30,7 +31,6 @@ from rpo_core.metrics import (
     MAX_SLEW_N_S,
     PENALTY,
 )
-from rpo_core.rivals import Rival
 from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real
 from rpo_training import corners
@@ -172,7 +172,7 @@ class Fitness:
             cases += corners.cases()
         return cases
 
-    def score(self, population: Population | Sequence[Rival]) -> Scores:
+    def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the marks of a population, of what the simulator flies."""
         settings = self.settings
         outcomes = iter(self.simulator.fly(population))

@@ -20,10 +20,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.hardware import Chaser
 from rpo_core.kernels import State, Vector, saturate
-from rpo_core.metrics import PENALTY, assess
+from rpo_core.metrics import PENALTY, of_flight
 from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
 
@@ -144,7 +144,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         info = self._info()
         over = self.tick == scenario.ticks
         if over:
-            figures = assess(self.flight)
+            figures = of_flight(self.flight)
             info['figures'] = asdict(figures)
             info['conditions'] = figures.conditions
             info['fitness_n2s'] = figures.fitness

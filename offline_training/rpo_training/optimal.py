@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import cw, metrics
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.kernels import plant_step
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError, real

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rpo_core import closed_loop
 from rpo_core.controller import DEFAULT_CONTROLLER, load_controller, load_fuzzy
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_training.assessment import assess
 from rpo_training.campaign import config
@@ -25,7 +25,7 @@ _CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
 def main() -> None:
     """Fly once through everything that is compiled."""
     controller = load_fuzzy(DEFAULT_CONTROLLER)
-    closed_loop.fly(load_scenario('quick'), controller)
+    fly(load_scenario('quick'), controller)
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)

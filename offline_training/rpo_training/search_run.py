@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
+from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
-from rpo_core.rivals import Rival
 from rpo_core.validation import InputError
 from rpo_training.fitness import Fitness, Scores
 from rpo_training.ledger import Ledger, digest, write_aside
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 CHECKPOINT = 'checkpoint.npz'
 
 Config = TypeVar('Config')
-Found = TypeVar('Found', FuzzyController, Rival)
+Found = TypeVar('Found', FuzzyController, Baseline)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 

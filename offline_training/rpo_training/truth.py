@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from rpo_core import cw
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 
 Floats = NDArray[np.float64]

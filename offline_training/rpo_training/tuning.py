@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tuning a rival: the fitness and the starts of the training, at most the paper's evaluations.
+"""Tuning a baseline: the fitness and the starts of the training, at most the paper's evaluations.
 
 The search is CMA-ES on the graded fitness, as the preset `best` judges fuzzy controllers: where no
 parameters meet all conditions, the flat penalty would not say which way is better. The folder holds
@@ -19,14 +19,14 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.rivals import Model, Rival
+from rpo_core.baselines import Baseline, Model
 from rpo_core.scenario import load_set
 from rpo_core.validation import choice, mapping, real, whole
+from rpo_training.baseline_batch import BaselineSimulator
 from rpo_training.designs import DESIGNS, Design
 from rpo_training.fitness import CONDITIONS, Fitness, FitnessSettings
 from rpo_training.genetic import GaSettings
 from rpo_training.ledger import versions
-from rpo_training.rival_batch import RivalSimulator
 from rpo_training.search import CmaSearch, CmaSettings, Search
 from rpo_training.search_run import SearchRun
 
@@ -71,7 +71,7 @@ class TuningConfig:
 
     @property
     def name(self) -> str:
-        """Name of the rival."""
+        """Name of the baseline."""
         return f'{self.kind}_disturbed' if self.disturbance else self.kind
 
 
@@ -80,8 +80,8 @@ def parse(document: Any) -> TuningConfig:
     return TuningConfig(**mapping('', document, [f.name for f in fields(TuningConfig)]))
 
 
-class Tuning(SearchRun[TuningConfig, Rival]):
-    """The tuning of a rival."""
+class Tuning(SearchRun[TuningConfig, Baseline]):
+    """The tuning of a baseline."""
 
     config_file, kind, command = CONFIG, 'tuning', 'rpo tune'
 
@@ -101,9 +101,9 @@ class Tuning(SearchRun[TuningConfig, Rival]):
         return CmaSearch(settings, own.seed, np.full(len(self.design.knobs), 0.5))
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
-        """Return the graded fitness; a rival's generation is too small for a cluster."""
+        """Return the graded fitness; a baseline's generation is too small for a cluster."""
         searched = replace(SEARCHED, disturbance=self.config.disturbance)
-        return Fitness(load_set(SCENARIO), searched, workers, RivalSimulator)
+        return Fitness(load_set(SCENARIO), searched, workers, BaselineSimulator)
 
     @property
     def design(self) -> Design:
@@ -112,7 +112,7 @@ class Tuning(SearchRun[TuningConfig, Rival]):
 
     @cached_property
     def model(self) -> Model:
-        """The plant as a rival may know it."""
+        """The plant as a baseline may know it."""
         base = load_set(SCENARIO).base
         return Model(base.orbit_radius_m, base.mass_kg, base.dt_s)
 
@@ -121,19 +121,19 @@ class Tuning(SearchRun[TuningConfig, Rival]):
         """What is tuned."""
         return f'tuning {self.config.kind}'
 
-    def decode(self, genes: Floats) -> list[Rival]:
-        """Return the rivals of a generation."""
+    def decode(self, genes: Floats) -> list[Baseline]:
+        """Return the baselines of a generation."""
         return [self.make(row) for row in genes]
 
-    def make(self, genes: Floats) -> Rival:
-        """Return the rival of a chromosome, without provenance."""
+    def make(self, genes: Floats) -> Baseline:
+        """Return the baseline of a chromosome, without provenance."""
         made = self.design.make(self.design.values(genes), self.model)
         return replace(made, name=self.config.name)
 
-    def found(self) -> Rival:
+    def found(self) -> Baseline:
         """Return the best so far, its provenance filled in."""
         found = self.make(self.best_genes)
-        judge = Fitness(load_set(SCENARIO), FitnessSettings(), 1, RivalSimulator)
+        judge = Fitness(load_set(SCENARIO), FitnessSettings(), 1, BaselineSimulator)
         with judge.simulator:
             scores = judge.score([found])
         provenance = {

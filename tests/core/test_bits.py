@@ -18,10 +18,10 @@ DIGESTS = """
 import hashlib
 import numpy as np
 from rpo_core import cw, jit, kernels
-from rpo_core.closed_loop import fly
+from rpo_core.flight import fly
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import FuzzySystem
-from rpo_core.rivals import Mpc, PotentialField
+from rpo_core.baselines import Mpc, PotentialField
 from rpo_core.scenario import load_scenario
 
 def digest(name, *values):
@@ -58,9 +58,9 @@ for step, draws in zip(steps, rng.uniform(-1, 1, (200, 6)).tolist()):
 digest('plant', track)
 
 model = {'approach_speed_m_s': 0.8, 'rounding_radius_m': 40.0}
-rivals = [Mpc(name='mpc', horizon_s=30.0, least_time_to_go_s=5.0),
+baselines = [Mpc(name='mpc', horizon_s=30.0, least_time_to_go_s=5.0),
           PotentialField(name='apf', switching_gain_n=0.1, boundary_layer_m_s=0.2, **model)]
-digest('rivals', [rival.force_n(state[:3], state[3:], tick) for rival in rivals
+digest('baselines', [baseline.force_n(state[:3], state[3:], tick) for baseline in baselines
                   for tick, state in enumerate(rng.uniform(-9, 9, (300, 6)).tolist())])
 """
 
@@ -74,7 +74,7 @@ outputs d9eb7febbbeca634f05eceeff8c5d24580bb41d021d34223a9803e8f60ed0758
 sin_cos 96c33f5e23b23e48cf0e64f5d48836d9d38859658e225a67ebb1417fefb9a141
 steps 51d365e303a4900e790be327f9b7c1a7f68ca78260295734997e37f0113c321a
 plant eb49b421da8954f388cc9bf0e0190fdd9cbdabb12b638d1860dbb9231e7ede48
-rivals b77e92454138450f7b02056b828fe5f8d82d0f1e5438b05440590457ceff9521
+baselines b77e92454138450f7b02056b828fe5f8d82d0f1e5438b05440590457ceff9521
 """
 
 

@@ -16,10 +16,10 @@ from core_documents import MISSING, PARSERS, changed, document, keys, name, with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import files, watch
+from rpo_core import files, limit_checker
 from rpo_core.validation import InputError
 
-PARSE = {**PARSERS, 'monitor': watch.parse}
+PARSE = {**PARSERS, 'monitor': limit_checker.parse}
 FREE = ('provenance', 'description')
 """Fields whose content is anybody's; `description` may be missing too."""
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from rpo_core import kernels, metrics
-from rpo_core.closed_loop import fly
 from rpo_core.controller import FuzzyController
 from rpo_core.disturbance import Disturbance
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 
 
@@ -28,7 +28,7 @@ def test_handmade_meets_the_papers_claims(name, handmade):
     assert np.abs(flight.positions_m[last]).max() <= 0.5
     assert np.abs(flight.velocities_m_s[last]).max() < 0.01
     assert all(claim.holds for claim in metrics.claims(flight))
-    assert all(metrics.assess(flight).conditions)
+    assert all(metrics.of_flight(flight).conditions)
 
 
 def test_handmade_comes_to_rest_undisturbed(handmade):

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import files
-from rpo_core.closed_loop import fly
 from rpo_core.controller import FuzzyController
+from rpo_core.flight import fly
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 

@@ -10,8 +10,8 @@ from core_documents import document
 from scipy.linalg import expm
 
 from rpo_core import files, noise, scenario
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.hardware import IDENTITY, Navigation, Thrusters
 from rpo_core.validation import InputError
 

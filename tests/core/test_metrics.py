@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a flight, against tiny flights worked out by hand and plain loops over a real one."""
+"""Metrics of a flight, against tiny flights worked out by hand and plain loops over a real one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from rpo_core import metrics
-from rpo_core.closed_loop import Flight
 from rpo_core.disturbance import Disturbance
-from rpo_core.metrics import Figures
+from rpo_core.flight import Flight
+from rpo_core.metrics import Metrics
 
 
 def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):
@@ -43,17 +43,17 @@ def tiny(paper_test):
 
 def test_energy_counts_what_the_thrusters_gave(tiny):
     # 0.01, then 0.09 + 0.16, then 0.25 (0.9 saturated at 0.5) + 0.04; each for 2 s
-    assert metrics.assess(tiny).energy_n2s == pytest.approx(2 * (0.01 + 0.25 + 0.29), abs=1e-15)
+    assert metrics.of_flight(tiny).energy_n2s == pytest.approx(2 * (0.01 + 0.25 + 0.29), abs=1e-15)
 
 
 def test_slew_is_between_commands_flown(tiny):
     # 0.2 in x and 0.4 in y, then 0.3, 0.1 and 0.2; over 2 s; neither the first nor the last counts
-    assert metrics.assess(tiny).slew_n_s == pytest.approx(0.4 / 2, abs=1e-15)
+    assert metrics.of_flight(tiny).slew_n_s == pytest.approx(0.4 / 2, abs=1e-15)
     assert metrics.slew_n_s(np.array([[0.5, 0.5, 0.5]]), 0.1) == 0.0
 
 
 def test_arrival_means_are_of_norms_and_leave_the_start_out(tiny):
-    figures = metrics.assess(tiny)  # 30 s is longer than the flight
+    figures = metrics.of_flight(tiny)  # 30 s is longer than the flight
     assert figures.arrival_distance_m == pytest.approx((2 + 3 + 10) / 3, abs=1e-15)
     assert figures.arrival_speed_m_s == pytest.approx((3 + 5 + 7) / 3, abs=1e-15)
 
@@ -65,7 +65,7 @@ def test_windows_hold_their_seconds(paper_test):
     assert metrics.window_ticks(long.scenario, 30.0) == 30
     assert metrics.window_ticks(long.scenario, 0.2) == 1
     assert metrics.window_ticks(long.scenario, 1e6) == 100
-    figures = metrics.assess(long)
+    figures = metrics.of_flight(long)
     assert figures.arrival_distance_m == sum(range(71, 101)) / 30
     assert figures.arrival_speed_m_s == pytest.approx(sum(range(71, 101)) / 3000, abs=1e-15)
     assert metrics.window(long, 10.0) == (100.0, 1.0, pytest.approx(0.396))
@@ -77,12 +77,12 @@ def test_windows_hold_their_seconds(paper_test):
 @pytest.mark.parametrize(
     ('figures', 'conditions', 'penalty'),
     [
-        (Figures(3.0, 0.05, 0.1, 0.5), (True, True, True), 0),
-        (Figures(3.0, 0.0500001, 0.1, 0.5), (False, True, True), 100),
-        (Figures(3.0, 0.05, 0.1000001, 0.5), (True, False, True), 100),
-        (Figures(3.0, 0.05, 0.1, 0.5000001), (True, True, False), 100),
-        (Figures(3.0, 1.0, 1.0, 1.0), (False, False, False), 300),
-        (Figures(3.0, math.nan, 0.0, 0.0), (False, True, True), 100),
+        (Metrics(3.0, 0.05, 0.1, 0.5), (True, True, True), 0),
+        (Metrics(3.0, 0.0500001, 0.1, 0.5), (False, True, True), 100),
+        (Metrics(3.0, 0.05, 0.1000001, 0.5), (True, False, True), 100),
+        (Metrics(3.0, 0.05, 0.1, 0.5000001), (True, True, False), 100),
+        (Metrics(3.0, 1.0, 1.0, 1.0), (False, False, False), 300),
+        (Metrics(3.0, math.nan, 0.0, 0.0), (False, True, True), 100),
     ],
 )
 def test_fitness_is_energy_and_penalties(figures, conditions, penalty):
@@ -102,7 +102,7 @@ def test_figures_of_a_real_flight_by_plain_loops(paper_flight):
     arrival = states[4001 - 300 :]  # t = 370.1 s to 400.0 s
     distance = sum(math.hypot(*row[:3]) for row in arrival) / 300
     speed = sum(math.hypot(*row[3:]) for row in arrival) / 300
-    figures = metrics.assess(paper_flight)
+    figures = metrics.of_flight(paper_flight)
     assert figures.energy_n2s == pytest.approx(energy, rel=1e-13)
     assert figures.slew_n_s == pytest.approx(slew, rel=1e-13)
     assert figures.arrival_distance_m == pytest.approx(distance, rel=1e-13)

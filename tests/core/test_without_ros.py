@@ -38,10 +38,10 @@ import importlib, pkgutil
 import rpo_core
 for module in pkgutil.iter_modules(rpo_core.__path__, 'rpo_core.'):
     importlib.import_module(module.name)
-from rpo_core import closed_loop
+from rpo_core.flight import fly
 from rpo_core.controller import load_controller
 from rpo_core.scenario import load_scenario
-print(closed_loop.fly(load_scenario('quick'), load_controller('trained')).states.shape)
+print(fly(load_scenario('quick'), load_controller('trained')).states.shape)
 """
 
 

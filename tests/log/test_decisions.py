@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from rpo_core.cadence import Cadence
+from rpo_core.decimation import Decimation
 from rpo_log import cdr
 from rpo_log.decisions import DecisionLogWriter, decision_at, read_decisions
 from rpo_log.errors import LogError
@@ -77,7 +77,7 @@ def test_a_spoilt_file_is_refused_in_one_sentence(tmp_path):
 
 @given(st.lists(st.integers(1, 10**9), min_size=1, max_size=50), st.floats(0.01, 1e3))
 def test_each_period_has_exactly_one_first_stamp(steps, rate_hz):
-    cadence = Cadence(rate_hz)
+    cadence = Decimation(rate_hz)
     stamps = [BASE.epoch_ns + sum(steps[:k]) for k in range(len(steps) + 1)]
     due = [b for a, b in zip([None, *stamps], stamps, strict=False) if cadence.due(b, a)]
     assert len(due) == len({cadence.period(stamp) for stamp in stamps})

@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.reader import read_run
 from rpo_log.repair import repair
-from rpo_log.surroundings import HealthLogWriter
+from rpo_log.run_info import HealthLogWriter
 
 
 def cut(folder: Path, content: bytes, size: int) -> Path:

@@ -21,7 +21,7 @@ from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.export import export
 from rpo_log.info import inspect
 from rpo_log.reader import read_run
-from rpo_log.surroundings import HealthLogWriter, machine_facts, write_run_info
+from rpo_log.run_info import HealthLogWriter, machine_facts, write_run_info
 
 
 @pytest.fixture(scope='module')

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, TOPICS, Run, make_run, rewrite
 
-from rpo_core import closed_loop, scenario
+from rpo_core import scenario
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.hardware import Navigation, Thrusters
 from rpo_log import cdr, stream, topics
 from rpo_log.errors import ExitCode, LogError
@@ -44,7 +45,7 @@ class HardwareRun(Run):
 def run_of(flown=SCENARIO, recorded=(*TOPICS, NAVIGATION)):
     """Return the run of a scenario, with `SCENARIO` attached to its log."""
     attachments = make_run(2.0).attachments | {'scenario.yaml': scenario.dumps(SCENARIO).encode()}
-    flight = closed_loop.fly(flown, load_controller('handmade'))
+    flight = fly(flown, load_controller('handmade'))
     return HardwareRun(replace(flight, scenario=SCENARIO), attachments, recorded)
 
 

@@ -12,8 +12,8 @@ import pytest
 import yaml
 from processes import Flight, flight
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight
 
@@ -78,7 +78,7 @@ def first_digest(log: bytes, shared: Path) -> str:
 @pytest.mark.slow  # quickly: test_readme compares the logs of the first two ways and verifies them
 @pytest.mark.parametrize('way', WAYS)
 def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_path_factory):
-    expected = closed_loop.fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
+    expected = fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
     compiled = '1' if way == 'four processes' else '0'
     with flight({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
         WAYS[way](ros, str(tmp_path / 'run'))

@@ -9,8 +9,8 @@ import pytest
 from processes import flight
 from scenarios import lasting
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
 from rpo_sim.faults import CORRUPTIONS
@@ -87,7 +87,7 @@ def test_spoilt_messages_change_nothing(ros, corruption):
     kinds = CORRUPTIONS if corruption == 'any' else [corruption]
     for injector in injectors:
         assert all(counted(injector, kind) > 5 for kind in kinds), injector.output
-    expected = closed_loop.fly(load_scenario(scenario), load_controller(CONTROLLER))
+    expected = fly(load_scenario(scenario), load_controller(CONTROLLER))
     np.testing.assert_array_equal(read_run(output).states, expected.states)
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_sim import plant as kinds
 from rpo_sim.free_running import FreeRunningPlant
@@ -36,7 +36,7 @@ def at_tick(scenario, tick, stale_after_ticks=3):
 
 def test_with_every_answer_in_its_tick_it_flies_as_lockstep_does():
     scenario, controller = load_scenario('paper_test'), load_controller('handmade')
-    expected = closed_loop.fly(scenario, controller)
+    expected = fly(scenario, controller)
     plant = FreeRunningPlant(scenario, [FORCE, DISTURBANCE], 10)
     for tick in range(scenario.ticks):
         assert plant.state == tuple(expected.states[tick])

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import Scenario, load_scenario
 from rpo_sim import lockstep
 from rpo_sim.lockstep import LockstepPlant
@@ -95,7 +95,7 @@ def test_a_dropped_peer_counts_as_zero_force(scenario):
 def test_driven_by_the_controller_it_is_the_core_closed_loop_bit_for_bit():
     scenario = load_scenario('paper_test')
     controller = load_controller('handmade')
-    expected = closed_loop.fly(scenario, controller)
+    expected = fly(scenario, controller)
     plant = LockstepPlant(scenario, ANSWERS)
     for tick in range(scenario.ticks + 1):
         force = controller.force_n(plant.state[:3], plant.state[3:])

@@ -71,7 +71,7 @@ def test_a_bad_state_aborts_the_run(ros_env, tmp_path, capfd, fault, lie):
         Liar(bench).state(*map(float, lie))
         bench.until(lambda: plant.phase == 'aborted')
         assert plant.exit_code == EXIT_ABORTED
-        assert watcher.watch.detected[fault] == 1
+        assert watcher.checker.detected[fault] == 1
         bench.until(lambda: watcher.phase == 'aborted' and watcher.answers == {'abort': 'done'})
     said = capfd.readouterr().err
     assert f'({fault}): abort' in said and 'abort: done by' in said
@@ -85,7 +85,7 @@ def test_a_saturated_command_coasts(ros_env, tmp_path):
         before = controller.answered_zero
         bench.until(lambda: controller.answered_zero > before + 5)
         assert plant.phase == 'running', 'the chaser drifts, the run goes on'
-        bench.until(lambda: watcher.watch.detected['controller_inactive'])
+        bench.until(lambda: watcher.checker.detected['controller_inactive'])
 
 
 def test_a_silent_controller_aborts(ros_env, tmp_path):
@@ -122,6 +122,6 @@ def test_nobody_there_to_react_is_an_error_on_diagnostics(ros_env, tmp_path):
         watcher = bench.start(MonitorNode({'table': table(tmp_path, out_of_range='abort')}))
         watcher.phase = 'running'
         Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        bench.until(lambda: watcher.watch.detected['out_of_range'])
+        bench.until(lambda: watcher.checker.detected['out_of_range'])
         level, said, _ = watcher._health()
         assert level == b'\x02' and 'nobody there to abort' in said

@@ -12,8 +12,8 @@ import pytest
 import yaml
 from processes import flight
 
-from rpo_core import closed_loop
 from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight, read_run
 
@@ -91,7 +91,7 @@ def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
     assert node.stop(number) == 0, node.output
     assert 'Traceback' not in node.output
     log = read_run(output)
-    expected = closed_loop.fly(load_scenario('paper_test'), load_controller(DEFAULT_CONTROLLER))
+    expected = fly(load_scenario('paper_test'), load_controller(DEFAULT_CONTROLLER))
     count = len(log.ticks)
     np.testing.assert_array_equal(log.states, expected.states[:count])
     assert dict(log.statuses[-1][1].values)['phase'] == 'aborted'
@@ -198,7 +198,7 @@ def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
     plant.process.kill()
     recorder.says('the plant is gone', 12.0)  # DDS alone would take 20 s
     assert recorder.wait() == 1
-    expected = closed_loop.fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
+    expected = fly(load_scenario('approach'), load_controller(DEFAULT_CONTROLLER))
     states = read_run(output).states
     if np.isnan(states[-1]).any():  # it died between /clock and state
         states = states[:-1]
@@ -220,7 +220,7 @@ def test_wrong_answers_change_nothing(ros):
     finally:
         rude.kill()  # it is rude to the end: SIGTERM may find it inside a spin
         rude.wait(10)
-    expected = closed_loop.fly(load_scenario('quick'), load_controller('handmade'))
+    expected = fly(load_scenario('quick'), load_controller('handmade'))
     np.testing.assert_array_equal(read_run(output).states, expected.states)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from processes import flight
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
 
@@ -56,7 +56,7 @@ def end_in_flight(ros, number, after_s, **parameters):
 
 
 def check(flown, log, number):
-    expected = closed_loop.fly(load_scenario('approach'), load_controller('handmade'))
+    expected = fly(load_scenario('approach'), load_controller('handmade'))
     count = len(log.ticks)
     if np.isnan(log.states[-1]).any():  # the plant was held between /clock and state
         count -= 1

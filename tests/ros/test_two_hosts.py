@@ -10,8 +10,8 @@ from links import ADDRESSES, LinkError, hosts
 from processes import flight
 from scenarios import lasting
 
-from rpo_core import closed_loop
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
 
@@ -122,7 +122,7 @@ def recorded(two, duration_s, **parameters):
     two.controller()
     recorder = two.on('plant', SUBNET, 'rpo_log', 'recorder', output=str(two.ros.folder / 'run'))
     plant = two.plant(scenario=scenario, wait_for_recorder='true', **parameters)
-    expected = closed_loop.fly(load_scenario(scenario), load_controller('handmade'))
+    expected = fly(load_scenario(scenario), load_controller('handmade'))
     return plant, recorder, expected.states
 
 

@@ -27,7 +27,7 @@ from doc_blocks import (
     run_line,
 )
 
-from rpo_core import controller, rivals
+from rpo_core import baselines, controller
 from rpo_core.disturbance import Disturbance, Harmonic
 from rpo_core.fuzzy import MembershipFunctions
 from rpo_core.hardware import Navigation, Thrusters
@@ -188,9 +188,9 @@ def test_every_field_of_every_file_is_described():
     names = {'schema', 'kind', 'epoch', 'initial_position_axis_m', *DISTURBANCES}
     for section in (Scenario, Disturbance, Harmonic, Thrusters, Navigation, MembershipFunctions):
         names |= {field.name for field in fields(section)} - {'epoch_ns'}
-    for kind, rival in rivals.KINDS.items():
-        names |= {kind, *rivals.parameters(rival)}
-    names |= set(rivals.Model.__dataclass_fields__)
+    for kind, baseline in baselines.KINDS.items():
+        names |= {kind, *baselines.parameters(baseline)}
+    names |= set(baselines.Model.__dataclass_fields__)
     names |= set(controller.to_document(controller.load_controller('trained')))
     missing = sorted(name for name in names if not re.search(rf'\b{name}\b', text))
     assert not missing

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import kernels, metrics
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training import batch, lanes
@@ -115,7 +115,7 @@ def test_figures_are_those_of_the_core(rules):
     for index in (0, 100, 173, 215):
         for controller, rows in zip(controllers, figures, strict=True):
             scenario = TRAINING.scenarios()[index]
-            f = metrics.assess(fly(scenario, controller))
+            f = metrics.of_flight(fly(scenario, controller))
             expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
             np.testing.assert_allclose(rows[index, :4], expected, rtol=1e-12)
             late = metrics.window(fly(replace(scenario, duration_s=220.0), controller), 10.0)

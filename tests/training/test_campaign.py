@@ -13,7 +13,7 @@ from campaign_documents import EVERYTHING, SHORT, write_campaign
 from scipy import stats
 
 from rpo_core import metrics
-from rpo_core.closed_loop import fly as fly_core
+from rpo_core.flight import fly as fly_core
 from rpo_training.campaign import config, fleet, sampling, single, statistics
 
 
@@ -38,7 +38,7 @@ def test_every_run_has_the_bits_and_figures_of_the_core(write):
         flight = single.fly_run(campaign, number)
         final = [columns[name][number] for name in fleet.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
-        figures, late = metrics.assess(flight), metrics.window(flight, metrics.CLAIM_WINDOW_S)
+        figures, late = metrics.of_flight(flight), metrics.window(flight, metrics.CLAIM_WINDOW_S)
         delay = int(columns['delay_ticks'][number])
         expected = {
             'energy_n2s': figures.energy_n2s,

@@ -9,8 +9,8 @@ import pytest
 import scipy.linalg
 
 from rpo_core import metrics
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
 from rpo_training import corners
@@ -32,7 +32,7 @@ def score(settings, controller=HANDMADE, scenarios=SMALL):
 
 
 def test_the_flat_fitness_is_the_papers():
-    figures = [metrics.assess(fly(scenario, HANDMADE)) for scenario in SMALL.scenarios()]
+    figures = [metrics.of_flight(fly(scenario, HANDMADE)) for scenario in SMALL.scenarios()]
     scores = score(FitnessSettings())
     assert scores.fitness[0] == pytest.approx(np.mean([f.fitness for f in figures]), rel=1e-12)
     missed = np.array([[not held for held in f.conditions] for f in figures]).sum(axis=0)
@@ -123,7 +123,7 @@ def test_an_assessment_is_consistent_with_the_core():
     found = assess(HANDMADE)
     marks = {(mark.target, mark.what): mark for mark in found.marks()}
     missed = sum(
-        not all(metrics.assess(fly(s, HANDMADE)).conditions) for s in TRAINING.scenarios()[::6]
+        not all(metrics.of_flight(fly(s, HANDMADE)).conditions) for s in TRAINING.scenarios()[::6]
     )
     rows = np.flatnonzero((found.figures[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
     assert len(rows) == missed

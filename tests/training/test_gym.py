@@ -18,10 +18,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import rpo_training.gym
-from rpo_core.closed_loop import Flight, fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import Flight, fly
 from rpo_core.hardware import Navigation, Thrusters
-from rpo_core.metrics import assess
+from rpo_core.metrics import of_flight
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
 
@@ -76,7 +76,7 @@ def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
     total, info = played(env, 'trained')
     flight = fly(scenario, load_controller('trained'))
     assert bits(env.flight) == bits(flight)
-    expected = assess(flight)
+    expected = of_flight(flight)
     assert info['figures']['energy_n2s'] == expected.energy_n2s
     assert info['fitness_n2s'] == expected.fitness
     assert info['conditions'] == expected.conditions
@@ -87,7 +87,7 @@ def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
 def test_a_member_of_the_training_set_has_the_return_of_training():
     total, _ = played(make(), 'trained', start=215)
     member = load_set('paper_training').scenarios()[215]
-    figures = assess(fly(member, load_controller('trained')))
+    figures = of_flight(fly(member, load_controller('trained')))
     assert all(figures.conditions)
     assert total == pytest.approx(-figures.energy_n2s, rel=1e-12)
 

@@ -40,7 +40,7 @@ def test_least_energy_is_that_of_its_flight_which_ends_at_rest():
         flight = optimal.to_rest(scenario)
         assert np.abs(flight.states[-1]).max() < 1e-8
         energy = optimal.least_energy(scenario, np.array([scenario.start]))[0]
-        assert metrics.assess(flight).energy_n2s == pytest.approx(energy, rel=1e-9)
+        assert metrics.of_flight(flight).energy_n2s == pytest.approx(energy, rel=1e-9)
 
 
 def test_least_energy_under_the_papers_disturbance():
@@ -71,7 +71,7 @@ def test_no_other_force_history_to_rest_is_cheaper():
 def test_a_coasting_flight_rests_from_its_arrival_on():
     flight = optimal.to_rest(from_start(100.0, 100.0, 100.0), coast_s=30.0)
     assert np.abs(flight.states[1700:]).max() < 1e-8
-    figures = metrics.assess(flight)
+    figures = metrics.of_flight(flight)
     assert figures.arrival_distance_m < 1e-8
     assert figures.energy_n2s == pytest.approx(
         optimal.least_energy(TRAINING.base, STARTS[-1:], coast_s=30.0)[0], rel=1e-9
@@ -84,14 +84,14 @@ def test_a_coasting_flight_rests_from_its_arrival_on():
 def test_the_constrained_flight_meets_every_condition_between_the_bounds(position):
     scenario = from_start(*position)
     flight = optimal.constrained(scenario)
-    figures = metrics.assess(flight)
+    figures = metrics.of_flight(flight)
     assert figures.arrival_speed_m_s <= metrics.MAX_ARRIVAL_SPEED_M_S * (1 + 1e-6)
     assert figures.arrival_distance_m <= metrics.MAX_ARRIVAL_DISTANCE_M * (1 + 1e-6)
     assert figures.slew_n_s <= metrics.MAX_SLEW_N_S * (1 + 1e-6)
     assert np.abs(flight.forces_n).max() <= scenario.max_force_n * (1 + 1e-6)
     # To rest early and coast meets the arrival conditions, but ends with a jump of the force: where
     # the slew is free, the optimum must be at least as good.
-    coasting = metrics.assess(optimal.to_rest(scenario, coast_s=30.0))
+    coasting = metrics.of_flight(optimal.to_rest(scenario, coast_s=30.0))
     assert coasting.conditions == (True, False, True)
     free = optimal.Program(scenario, replace(optimal.Conditions.of(scenario), slew=10.0))
     assert free.solve(scenario.start) <= min(coasting.energy_n2s, figures.energy_n2s * (1 + 1e-6))
@@ -122,7 +122,7 @@ def test_duality_proves_the_constrained_optimum(position):
     q = np.einsum('ikj,lkj->il', slope, slope) / (4.0 * scenario.dt_s)
     assert (np.linalg.solve(q, c) >= 0.0).all()  # multipliers
     bound = 0.25 * c @ np.linalg.solve(q, c)
-    energy = metrics.assess(flight).energy_n2s
+    energy = metrics.of_flight(flight).energy_n2s
     assert bound <= energy * (1 + 1e-6)
     assert bound == pytest.approx(energy, rel=1e-5)
 

@@ -19,7 +19,7 @@ from log_runs import FORCE, Run, make_run
 from pages import Page
 from typer.testing import CliRunner
 
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 from rpo_log import style

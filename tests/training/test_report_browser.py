@@ -55,11 +55,11 @@ def controller_report(folder):
     return controller.report_of('trained')
 
 
-def rival_report(folder):
+def baseline_report(folder):
     return controller.report_of('mpc')
 
 
-@pytest.mark.parametrize('make', [run_report, campaign_report, controller_report, rival_report])
+@pytest.mark.parametrize('make', [run_report, campaign_report, controller_report, baseline_report])
 def test_a_report_in_chromium(make, tmp_path):
     made = make(tmp_path)
     *pictures, path = page.write(made, tmp_path / 'report')

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from rpo_core import metrics
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_training import config as configs
 from rpo_training import corners

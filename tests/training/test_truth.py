@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rpo_core import cw
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.hardware import Thrusters
 from rpo_core.scenario import load_scenario
 from rpo_training import truth

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import yaml
 
 from rpo_core import files
+from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
-from rpo_core.rivals import Rival
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
@@ -219,7 +219,7 @@ class Campaign:
     texts: tuple[str, str, str]
 
     def __post_init__(self) -> None:
-        if isinstance(self.controller, Rival):
+        if isinstance(self.controller, Baseline):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
         if not self.scenario.is_ideal:
             raise InputError(

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController
 from rpo_core.metrics import ARRIVAL_WINDOW_S, CLAIM_WINDOW_S, window_ticks
-from rpo_core.rivals import Rival
 from rpo_training import lanes
-from rpo_training.campaign import loops, rivals
+from rpo_training.campaign import baselines, loops
 from rpo_training.campaign.config import FIGURES, Campaign
 from rpo_training.campaign.faults import Faults
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, Runs, draw
@@ -72,8 +72,8 @@ def _scratch() -> Floats:
 
 def _flown_by(controller: AnyController) -> tuple[Callable[..., None], Any]:
     """Return the loop that flies a controller, and its law."""
-    if isinstance(controller, Rival):
-        return rivals.fly, controller.law
+    if isinstance(controller, Baseline):
+        return baselines.fly, controller.law
     law, members = lanes.make_law(controller.system.samples), population_of(controller)
     lanes.set_law(law, members.scales[0], members.functions[0], members.rules[0])
     return loops.fly, law

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rpo_core import closed_loop
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight, fly
 from rpo_core.hardware import Chaser, Navigation, Thrusters
 from rpo_core.scenario import Scenario
 from rpo_training.campaign.config import Campaign
@@ -25,7 +24,7 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
     """
     scenario = scenario_of(campaign, number)
     if campaign.config.faults is None:
-        return closed_loop.fly(scenario, campaign.controller)
+        return fly(scenario, campaign.controller)
     key = draw(campaign, number, 1).keys[0].tolist()
     channel = Channel(campaign.config.faults, (key[0], key[1]))
     chaser, navigation = Chaser(scenario), scenario.navigation or Navigation()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rpo_core.closed_loop import Flight
+    from rpo_core.flight import Flight
     from rpo_training.campaign.config import Campaign
     from rpo_training.campaign.store import Store
 

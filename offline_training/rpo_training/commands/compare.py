@@ -28,7 +28,7 @@ _HEADING = 11  # longest word of a heading
 def compare(
     controllers: Annotated[
         list[str] | None,
-        typer.Argument(help='shipped names or files  [the fuzzy ones and all rivals]'),
+        typer.Argument(help='shipped names or files  [the fuzzy ones and all baselines]'),
     ] = None,
     campaign: Annotated[Path, typer.Option(help='what is dispersed, and success')] = _CAMPAIGN,
     runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from rpo_core.closed_loop import Flight
+    from rpo_core.flight import Flight
     from rpo_core.scenario import Scenario, ScenarioSet
 
 EXAMPLES = """
@@ -83,8 +83,8 @@ def _with_start(base: Scenario, text: str) -> Scenario:
 
 
 def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> None:
-    from rpo_core.closed_loop import fly
     from rpo_core.controller import load_controller
+    from rpo_core.flight import fly
     from rpo_training import optimal as limits
 
     coast = limits.COAST_S
@@ -107,7 +107,7 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
 
     from rpo_core import metrics
 
-    best = metrics.assess(flights[_BEST]).energy_n2s
+    best = metrics.of_flight(flights[_BEST]).energy_n2s
     position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
     table = Table(
         title=f'Least energy from [{position}] m in {scenario.duration_s:g} s', title_justify='left'
@@ -117,7 +117,7 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
     for heading in headings:
         table.add_column(heading, justify='right')
     for name, flight in flights.items():
-        f = metrics.assess(flight)
+        f = metrics.of_flight(flight)
         peak = abs(flight.applied_forces_n).max()
         row = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
         table.add_row(

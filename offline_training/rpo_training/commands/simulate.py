@@ -12,7 +12,7 @@ import typer
 from rpo_core.controller import DEFAULT_CONTROLLER
 
 if TYPE_CHECKING:
-    from rpo_core.closed_loop import Flight
+    from rpo_core.flight import Flight
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
@@ -26,8 +26,8 @@ def simulate(
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their figures."""
-    from rpo_core.closed_loop import fly
     from rpo_core.controller import load_controller
+    from rpo_core.flight import fly
     from rpo_core.scenario import load_scenario
     from rpo_log.report import print_table
 

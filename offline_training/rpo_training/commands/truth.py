@@ -13,7 +13,7 @@ import typer
 from rpo_core.controller import DEFAULT_CONTROLLER
 
 if TYPE_CHECKING:
-    from rpo_core.closed_loop import Flight
+    from rpo_core.flight import Flight
     from rpo_training.truth import Comparison
 
 EXAMPLES = """
@@ -57,8 +57,8 @@ def truth(
 
 
 def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, str]:
-    from rpo_core.closed_loop import fly
     from rpo_core.controller import load_controller
+    from rpo_core.flight import fly
     from rpo_core.scenario import load_scenario
     from rpo_log.reader import read_flight
 

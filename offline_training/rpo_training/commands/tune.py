@@ -33,7 +33,7 @@ def tune(
     resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
     workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
 ) -> None:
-    """Tune a rival of the fuzzy controller: same starts, same fitness, the paper's budget at most.
+    """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
 
     Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
     """

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.closed_loop import Flight
 from rpo_core.explain import AXES
+from rpo_core.flight import Flight
 
 Floats = NDArray[np.float64]
 

@@ -15,15 +15,17 @@ from rpo_core.fuzzy import WORDS
 from rpo_log import style
 from rpo_training.assessment import Assessment, assess
 from rpo_training.evaluation import ENERGY
+from rpo_training.report import baseline
 from rpo_training.report import controller_figures as figures
-from rpo_training.report import rival
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
 def report_of(name: str) -> Report:
     """Return the report of a shipped controller or a file; raises InputError."""
     controller, path = load_controller(name), files.find('controller', name)
-    made = _fuzzy(controller) if isinstance(controller, FuzzyController) else rival.of(controller)
+    made = (
+        _fuzzy(controller) if isinstance(controller, FuzzyController) else baseline.of(controller)
+    )
     last = Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path))))
     return replace(made, sections=(*made.sections, last))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_log.reader import RunLog, flight_of, scenario_of
 

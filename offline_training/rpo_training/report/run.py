@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from rpo_core import metrics
-from rpo_core.closed_loop import Flight
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.explain import decisions
+from rpo_core.flight import Flight
 from rpo_core.validation import InputError
 from rpo_log import report as log_report
 from rpo_log import style
@@ -100,7 +100,7 @@ def _optima(shown: Flown) -> _Optima:
 
 def _summary(shown: Flown, log: RunLog) -> str:
     flight = shown.flight
-    figures, arrived = metrics.assess(flight), arrival_s(flight)
+    figures, arrived = metrics.of_flight(flight), arrival_s(flight)
     when = f'every axis within {ARRIVED_M:g} m ' + (
         'never for good' if arrived is None else f'from {arrived:.1f} s on'
     )
@@ -173,7 +173,7 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
 
 
 def _energy(flight: Flight, optima: _Optima) -> list[Block]:
-    spent_n2s = metrics.assess(flight).energy_n2s
+    spent_n2s = metrics.of_flight(flight).energy_n2s
     rows = [_energy_row('flown', flight, spent_n2s)]
     rows += [_energy_row(n, f, spent_n2s) for n, f in optima.flights.items()]
     columns = (
@@ -201,7 +201,7 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
 
 
 def _energy_row(name: str, flight: Flight, flown_n2s: float) -> tuple[str, ...]:
-    f = metrics.assess(flight)
+    f = metrics.of_flight(flight)
     peak = float(np.abs(flight.applied_forces_n).max())
     numbers = (peak, f.slew_n_s, f.arrival_speed_m_s, f.arrival_distance_m)
     ratio = f'{flown_n2s / f.energy_n2s:.3g}' if f.energy_n2s > 0.0 else '–'
@@ -210,7 +210,7 @@ def _energy_row(name: str, flight: Flight, flown_n2s: float) -> tuple[str, ...]:
 
 def _limits(flight: Flight) -> Picture:
     peak = float(np.abs(flight.applied_forces_n).max())
-    slew = metrics.assess(flight).slew_n_s
+    slew = metrics.of_flight(flight).slew_n_s
     return Picture(
         'limits',
         run_figures.limits(flight),

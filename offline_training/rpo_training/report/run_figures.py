@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import metrics
-from rpo_core.closed_loop import Flight
 from rpo_core.controller import FuzzyController
+from rpo_core.flight import Flight
 from rpo_log import style
 from rpo_log.report import by_axis, limit_lines
 from rpo_training.report.approach import Aids

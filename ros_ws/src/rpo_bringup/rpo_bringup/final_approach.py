@@ -14,8 +14,8 @@ from pathlib import Path
 from rclpy.utilities import remove_ros_args
 
 from rpo_core import scenario
+from rpo_core.baselines import Baseline
 from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
-from rpo_core.rivals import Rival
 from rpo_core.validation import InputError, real
 from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
 from rpo_ctrl.rival_controller_node import RivalControllerNode
@@ -65,7 +65,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 def _controller(options: argparse.Namespace) -> FlightNode:
     """Return the node that flies a controller file of any kind."""
-    if isinstance(load_controller(options.controller), Rival):
+    if isinstance(load_controller(options.controller), Baseline):
         return RivalControllerNode({'controller': options.controller, 'scenario': options.scenario})
     return FuzzyControllerNode({'controller': options.controller})
 

@@ -25,11 +25,11 @@ from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from rpo_core.watch import ABORT, COAST, WARN, Detection, Watch, load_monitor
+from rpo_core.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node
-from rpo_ros.silence import Silence
+from rpo_ros.timeout import Timeout
 
 PARAMETERS = (
     Row('table', 'default', 'shipped monitor table, or path of a monitor file',
@@ -49,12 +49,12 @@ class MonitorNode(FlightNode):
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('monitor', overrides)
         self.values = declare(self, PARAMETERS)
-        self.watch = Watch(load_monitor(self.values['table']))
+        self.checker = LimitChecker(load_monitor(self.values['table']))
         self.phase = ''
         self.reacted: dict[str, str] = {}
         self._fresh: set[str] = set()
         self.answers: dict[str, str] = {}
-        self._silence = Silence()
+        self._timeout = Timeout()
         self._newest_ns = 0
         self._owed: dict[str, Client] = {}
         controller, plant = self.values['controller_node'], self.values['plant_node']
@@ -64,7 +64,7 @@ class MonitorNode(FlightNode):
         self._subscribe()
         self.every(_LOOK_S, self._look)
         health.publish_health(self, self._health)
-        self.get_logger().info(f'watching by the table {self.watch.table.name}')
+        self.get_logger().info(f'watching by the table {self.checker.table.name}')
 
     def _subscribe(self) -> None:
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
@@ -81,18 +81,18 @@ class MonitorNode(FlightNode):
         if stamp_ns != self._newest_ns:  # a state that is sent again is no new sample
             self._newest_ns = stamp_ns
             state = conversions.from_odometry(message)
-            self._sample(self.watch.table.limits.faults_of_state(state))
+            self._sample(self.checker.table.limits.faults_of_state(state))
 
     def _on_force(self, message: WrenchStamped) -> None:
-        self._silence.broken()
+        self._timeout.broken()
         force = conversions.from_wrench(message)
-        self._sample(self.watch.table.limits.faults_of_force(force))
+        self._sample(self.checker.table.limits.faults_of_force(force))
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         phase = {pair.key: pair.value for pair in message.values}.get('phase', '')
         if phase == _RUNNING and self.phase != _RUNNING:
-            self._silence.broken()
-            self.watch.clear(self.watch.table.rules)
+            self._timeout.broken()
+            self.checker.clear(self.checker.table.rules)
             self._owed.clear()
         self.phase = phase
 
@@ -105,7 +105,7 @@ class MonitorNode(FlightNode):
 
     def _look(self) -> None:
         """Notice silence, and ask again for what could not be asked for."""
-        silent = self._silence.look() > self.watch.table.limits.force_age_s
+        silent = self._timeout.look() > self.checker.table.limits.force_age_s
         self._sample({'force_stale': silent and self.phase == _RUNNING})
         if self.phase != _RUNNING:
             self._owed.clear()
@@ -114,7 +114,7 @@ class MonitorNode(FlightNode):
                 self._ask(reaction, self._owed.pop(reaction))
 
     def _sample(self, seen: Mapping[str, bool]) -> None:
-        for detection in self.watch.sample(seen):
+        for detection in self.checker.sample(seen):
             self._react(detection)
 
     def _react(self, detection: Detection) -> None:
@@ -151,7 +151,7 @@ class MonitorNode(FlightNode):
 
     def _health(self) -> health.Health:
         level, said = health.OK, 'nothing to report'
-        faults = self.watch.holding | self._fresh  # one that came and went is told of once
+        faults = self.checker.holding | self._fresh  # one that came and went is told of once
         self._fresh = set()
         if faults:
             level, said = health.WARN, ', '.join(sorted(faults))
@@ -159,10 +159,10 @@ class MonitorNode(FlightNode):
                 level = health.ERROR
         if self._owed:
             level, said = health.ERROR, f'{said}; nobody there to {", ".join(self._owed)}'
-        counts = {f'detected_{k}': n for k, n in self.watch.detected.items() if n}
+        counts = {f'detected_{k}': n for k, n in self.checker.detected.items() if n}
         reactions = {f'reaction_{k}': reaction for k, reaction in sorted(self.reacted.items())}
         answers = {f'answer_{k}': answer for k, answer in sorted(self.answers.items())}
-        values = {'phase': self.phase, 'table': self.watch.table.name}
+        values = {'phase': self.phase, 'table': self.checker.table.name}
         values |= {**counts, **reactions, **answers}
         return level, said, values
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers and their files: the fuzzy one, and the door to its rivals (`rpo_core.rivals`)."""
+"""Controllers and their files: the fuzzy one, and the door to `rpo_core.baselines`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import yaml
 
-from rpo_core import files, kernels, rivals
+from rpo_core import baselines, files, kernels
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.validation import (
     InputError,
@@ -119,7 +119,7 @@ class FuzzyController:
         return x, y, z
 
 
-AnyController = FuzzyController | rivals.Rival
+AnyController = FuzzyController | baselines.Baseline
 """What a controller file holds; its `kind` says which, a file without one is fuzzy."""
 
 
@@ -127,8 +127,8 @@ def parse(document: Any) -> AnyController:
     """Return the controller of a parsed YAML document; raises InputError."""
     schema(document, SCHEMA)
     if isinstance(document, Mapping) and document.get('kind', FUZZY) != FUZZY:
-        choice('kind', document['kind'], [FUZZY, *rivals.KINDS])
-        return rivals.parse(document)
+        choice('kind', document['kind'], [FUZZY, *baselines.KINDS])
+        return baselines.parse(document)
     return _parse_fuzzy(document)
 
 
@@ -196,8 +196,8 @@ def _samples(value: Any) -> int:
 
 def to_document(controller: AnyController) -> dict[str, Any]:
     """Return the controller as the document that `parse` reads."""
-    if isinstance(controller, rivals.Rival):
-        return {'schema': SCHEMA, **rivals.to_document(controller)}
+    if isinstance(controller, baselines.Baseline):
+        return {'schema': SCHEMA, **baselines.to_document(controller)}
     system, rules = controller.system, controller.system.rules
     symmetry = 'free'
     if rules.is_transpose_symmetric:
@@ -246,7 +246,7 @@ def load_controller(name: str | Path) -> AnyController:
 
 
 def load_fuzzy(name: str | Path) -> FuzzyController:
-    """Return a fuzzy controller; a rival, which has no rules to show, is refused."""
+    """Return a fuzzy controller; a baseline, which has no rules to show, is refused."""
     return only_fuzzy(load_controller(name))
 
 

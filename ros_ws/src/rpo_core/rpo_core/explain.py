@@ -244,10 +244,10 @@ def activities(system: FuzzySystem) -> tuple[Activity, ...]:
     }
     found = []
     for (i, j), own in strengths.items():
-        rivals = [strengths[k] for k in strengths if k != (i, j) and codes[k] == codes[i, j]]
-        rival = np.maximum.reduce(rivals) if rivals else np.zeros_like(own)
+        baselines = [strengths[k] for k in strengths if k != (i, j) and codes[k] == codes[i, j]]
+        baseline = np.maximum.reduce(baselines) if baselines else np.zeros_like(own)
         word = WORDS[codes[i, j]]
-        fires, decides = float((own > 0.0).mean()), float((own > rival).mean())
+        fires, decides = float((own > 0.0).mean()), float((own > baseline).mean())
         found.append(Activity(WORDS[j], WORDS[i], word, fires, decides))
     return tuple(found)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a flight: energy J, training's conditions, window statistics, the paper's claims."""
+"""Metrics of a flight: energy J, training's conditions, window statistics, the paper's claims."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 
 PENALTY = 100.0
@@ -33,7 +33,7 @@ def window_ticks(scenario: Scenario, window_s: float) -> int:
 
 
 @dataclass(frozen=True)
-class Figures:
+class Metrics:
     """What a flight is judged by.
 
     energy_n2s : J = integral of f.f dt over the forces flown
@@ -67,11 +67,11 @@ def slew_n_s(applied_forces_n: NDArray[np.float64], dt_s: float) -> float:
     return float(steps.max() / dt_s) if steps.size else 0.0
 
 
-def assess(flight: Flight) -> Figures:
-    """Return the figures of a flight."""
+def of_flight(flight: Flight) -> Metrics:
+    """Return the metrics of a flight."""
     scenario, applied = flight.scenario, flight.applied_forces_n
     last = window_ticks(scenario, ARRIVAL_WINDOW_S)
-    return Figures(
+    return Metrics(
         energy_n2s=float((applied**2).sum() * scenario.dt_s),
         arrival_speed_m_s=float(np.linalg.norm(flight.velocities_m_s[-last:], axis=1).mean()),
         slew_n_s=slew_n_s(applied, scenario.dt_s),

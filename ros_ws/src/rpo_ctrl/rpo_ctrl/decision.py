@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from rpo_core.cadence import Cadence
+from rpo_core.decimation import Decimation
 from rpo_ros import conversions, names, qos
 
 Reason = tuple[str, Sequence[tuple[str, float]]]
@@ -24,7 +24,7 @@ class DecisionPublisher:
     """
 
     def __init__(self, node: Node, rate_hz: float) -> None:
-        self._cadence = Cadence(rate_hz)
+        self._decimation = Decimation(rate_hz)
         self._before_ns: int | None = None
         self._explained_ns: int | None = None
         self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
@@ -38,7 +38,7 @@ class DecisionPublisher:
         explain : returns level and the reasons of x, y, z
         """
         stamp_ns = conversions.from_stamp(stamp)
-        if self._cadence.due(stamp_ns, self._before_ns):
+        if self._decimation.due(stamp_ns, self._before_ns):
             self._explained_ns = stamp_ns
         self._before_ns = stamp_ns
         if stamp_ns != self._explained_ns:

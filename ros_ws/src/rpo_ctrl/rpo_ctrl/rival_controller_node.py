@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `rival_controller`: answers each relative state with the force of a rival, like an LQR."""
+"""Node `rival_controller`: answers each relative state with the force of a baseline, like LQR."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from rpo_core import controller
-from rpo_core.rivals import Rival
+from rpo_core.baselines import Baseline
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 from rpo_ctrl import controller_node
@@ -33,12 +33,12 @@ class RivalControllerNode(ControllerNode):
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('rival_controller', overrides, PARAMETERS)
 
-    def parse(self, document: Any) -> Rival:
-        """Return the rival of a parsed file, checked against the scenario; raises InputError."""
+    def parse(self, document: Any) -> Baseline:
+        """Return the baseline of a parsed file, checked against the scenario; raises InputError."""
         law = controller.parse(document)
-        if not isinstance(law, Rival):
+        if not isinstance(law, Baseline):
             raise InputError(
-                f'`controller` must be a rival here; {law.name} is fuzzy: fly it with '
+                f'`controller` must be a baseline here; {law.name} is fuzzy: fly it with '
                 '`ros2 run rpo_ctrl fuzzy_controller`'
             )
         self._scenario = load_scenario(self.values['scenario'])

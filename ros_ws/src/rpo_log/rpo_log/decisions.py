@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
-from rpo_core.cadence import Cadence
+from rpo_core.decimation import Decimation
 from rpo_log import cdr
 from rpo_log.bag_file import CHUNK_SHARE
 from rpo_log.run import DECISIONS_FILE, TimeBase
@@ -38,7 +38,7 @@ class DecisionLogWriter(SideFile):
 
     def __init__(self, folder: str | Path, name: str, base: TimeBase, rate_hz: float) -> None:
         super().__init__(Path(folder) / DECISIONS_FILE, name, Qos())
-        self._base, self._cadence = base, Cadence(rate_hz)
+        self._base, self._decimation = base, Decimation(rate_hz)
         self._last = -1
         self._chunked = 0
 
@@ -57,7 +57,7 @@ class DecisionLogWriter(SideFile):
     def due(self, tick: int) -> bool:
         """Return whether a tick owes a decision."""
         before = self._base.stamp_ns(tick - 1) if tick else None
-        return self._cadence.due(self._base.stamp_ns(tick), before)
+        return self._decimation.due(self._base.stamp_ns(tick), before)
 
     def owes(self, tick: int) -> bool:
         """Return whether a decision up to a tick, the last of the flight, is still to come."""

@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rpo_log.completeness import Completeness
 from rpo_log.errors import ExitCode
 from rpo_log.run import TimeBase
 from rpo_log.stream import RunReader
-from rpo_log.tally import Tally
 from rpo_log.topics import Topic
 
 
@@ -61,16 +61,16 @@ class LogInfo:
 def inspect(path: str | Path) -> LogInfo:
     """Read a log through, in bounded memory; raises LogError."""
     reader = RunReader(path)
-    tally = Tally(reader)
+    completeness = Completeness(reader)
     for block in reader.blocks():
-        tally.add(block)
+        completeness.add(block)
     return LogInfo(
         path=reader.path,
         files=tuple((file, file.stat().st_size) for file in reader.files),
         base=reader.base,
-        messages=tally.messages,
-        ticks=(tally.first, tally.last),
+        messages=completeness.messages,
+        ticks=(completeness.first, completeness.last),
         attachments={name: len(data) for name, data in reader.attachments.items()},
-        outcome=tally.outcome,
-        gaps=tally.gaps(reader.damage),
+        outcome=completeness.outcome,
+        gaps=completeness.gaps(reader.damage),
     )

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import controller, files, scenario
-from rpo_core.closed_loop import Flight
 from rpo_core.controller import AnyController
+from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log import cdr, topics
+from rpo_log.completeness import Completeness
 from rpo_log.decode import Odd
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.run import CONTROLLER, SCENARIO, TimeBase
 from rpo_log.stream import RunReader
-from rpo_log.tally import Tally
 from rpo_log.topics import Topic
 
 _Parsed = TypeVar('_Parsed')
@@ -111,9 +111,9 @@ def read_run(path: str | Path) -> RunLog:
     long logs in bounded memory.
     """
     reader = RunReader(path)
-    tally, blocks = Tally(reader), []
+    completeness, blocks = Completeness(reader), []
     for block in reader.blocks():
-        tally.add(block)
+        completeness.add(block)
         blocks.append(block)
     ticks = np.concatenate([b.ticks for b in blocks])
     if not len(ticks):
@@ -136,10 +136,10 @@ def read_run(path: str | Path) -> RunLog:
         applied_n=recorded(topics.APPLIED, 'applied_n'),
         applied_disturbances_n=recorded(topics.APPLIED_DISTURBANCE, 'applied_disturbances_n'),
         statuses=tuple(status for b in blocks for status in b.statuses),
-        missing=tally.missing,
+        missing=completeness.missing,
         odd=tuple(odd for b in blocks for odd in b.odd),
         damage=reader.damage,
-        gaps=tally.gaps(reader.damage),
+        gaps=completeness.gaps(reader.damage),
     )
 
 

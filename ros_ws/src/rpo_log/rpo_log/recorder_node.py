@@ -22,7 +22,7 @@ from rosgraph_msgs.msg import Clock
 from rpo_core import files, scenario
 from rpo_core.validation import InputError
 from rpo_log import run as run_log
-from rpo_log import surroundings
+from rpo_log import run_info
 from rpo_log.decisions import DecisionLogWriter
 from rpo_log.errors import LogError
 from rpo_log.writer import RunLogWriter
@@ -30,7 +30,7 @@ from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node
-from rpo_ros.silence import Silence
+from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
 
@@ -84,9 +84,9 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready = self._running = False
-        self._silence = Silence()
+        self._timeout = Timeout()
         self._interrupted = False
-        self._health_log: surroundings.HealthLogWriter | None = None
+        self._health_log: run_info.HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
         self._decision_topic = self.resolve_topic_name(names.DECISION)
         self._begun = time.time()
@@ -122,7 +122,7 @@ class RecorderNode(FlightNode):
         )
 
     def _on_raw(self, name: str, data: bytes) -> None:
-        self._silence.broken()
+        self._timeout.broken()
         if self._commanded_s is None and name == self._force_topic:
             self._commanded_s = time.monotonic()
         if not self._ready:
@@ -155,7 +155,7 @@ class RecorderNode(FlightNode):
         values = _values(manifest)
         self._manifests[values.get('role', '')] = manifest
         if values.get('role') == 'plant':
-            self._silence.broken()
+            self._timeout.broken()
         if values.get('role') == 'plant' and self._scenario is None:
             try:
                 found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
@@ -205,7 +205,7 @@ class RecorderNode(FlightNode):
 
     def _watch_plant(self) -> None:
         gone = not self.count_publishers(names.RELATIVE_STATE)
-        if self._silence.look() > self.values['plant_timeout_s'] or gone:
+        if self._timeout.look() > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
 
     def _lose_plant(self, said: str) -> None:
@@ -235,7 +235,7 @@ class RecorderNode(FlightNode):
             self.get_logger().error(str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
-        self._health_log = surroundings.HealthLogWriter(self.folder)
+        self._health_log = run_info.HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
         rate_hz = self._decision_rate_hz()
         if rate_hz > 0.0:
@@ -288,7 +288,7 @@ class RecorderNode(FlightNode):
         if self.log is None or self.done:
             return
         summary = self.log.close()
-        self._write_surroundings(summary)
+        self._write_run_info(summary)
         said = f'{summary.sentence()}: {self.folder}'
         if summary.whole:
             self.get_logger().info(said)
@@ -298,7 +298,7 @@ class RecorderNode(FlightNode):
         self._say('closed')
         self.done = True
 
-    def _write_surroundings(self, summary: run_log.RunSummary) -> None:
+    def _write_run_info(self, summary: run_log.RunSummary) -> None:
         """Write what depends on the wall clock and the machine, apart from the run's log."""
         if self._health_log is not None:
             self._health_log.close()
@@ -315,7 +315,7 @@ class RecorderNode(FlightNode):
             'faults': None if summary.whole else summary.sentence(),
         }
         try:
-            surroundings.write_run_info(self.folder, facts)
+            run_info.write_run_info(self.folder, facts)
         except LogError as error:
             self.get_logger().error(str(error))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_core import metrics
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_log import style
 from rpo_log.reader import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.run import CONTROLLER
@@ -58,7 +58,7 @@ def folder_of(run: Path) -> Path:
 
 def rows(flight: Flight) -> dict[str, list[Row]]:
     """Return the table by sections: the paper's claims that apply, the conditions of training."""
-    figures = metrics.assess(flight)
+    figures = metrics.of_flight(flight)
     met = figures.conditions
     limits = [
         ('mean speed, last 30 s', 'm/s', figures.arrival_speed_m_s, metrics.MAX_ARRIVAL_SPEED_M_S),

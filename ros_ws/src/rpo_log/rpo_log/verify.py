@@ -27,11 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import kernels
-from rpo_core.closed_loop import fly_on
 from rpo_core.controller import FuzzyController
+from rpo_core.flight import fly_on
 from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table, kernel
 from rpo_log import cdr, topics
+from rpo_log.aligned_ticks import AlignedTicks, DelayLine, HeldForces, held_ticks
+from rpo_log.completeness import Completeness
 from rpo_log.decode import Block
 from rpo_log.difference import (
     DISTURBANCE,
@@ -47,9 +49,7 @@ from rpo_log.difference import (
 )
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.reader import controller_of, scenario_of
-from rpo_log.rows import DelayLine, HeldForces, Rows, held_ticks
 from rpo_log.stream import RunReader
-from rpo_log.tally import Tally
 
 FIGURE_TOLERANCE = 1e-9
 """Relative, for the figures in run_status: sums and norms, written as text, flown by nobody."""
@@ -151,7 +151,7 @@ class _Verifier:
         self.line = DelayLine(thrusters.delay_ticks if thrusters else 0)
         self.chaser = Chaser(self.scenario)
         self.limit = float(self.scenario.max_force_n)
-        self.rows: Rows | None = None
+        self.rows: AlignedTicks | None = None
         self.flown: Any = tuple(map(float, self.scenario.start))  # the next state, without the log
         self.unbroken_to = 0  # the next tick, as long as no message lacks
         self.spent = np.zeros((1, 2))  # before each of the rows: energy [N^2 s], saturated ticks
@@ -162,7 +162,7 @@ class _Verifier:
             odd_difference(odd, self.scenario.stamp_ns(odd.tick)) for odd in block.odd
         ]
         if len(block.ticks):
-            self.rows = rows = Rows(block, self.rows, self.disturbed, self.free)
+            self.rows = rows = AlignedTicks(block, self.rows, self.disturbed, self.free)
             flown = self.line.flown(rows.ticks, rows.flown)
             self._account(flown)
             found += self._compare(rows, flown)
@@ -175,7 +175,9 @@ class _Verifier:
             key=lambda d: (d.tick, order[topics.role_of(d.topic) or topics.STATUS]),
         )
 
-    def _compare(self, rows: Rows, flown: NDArray[np.float64]) -> Iterator[Difference | None]:
+    def _compare(
+        self, rows: AlignedTicks, flown: NDArray[np.float64]
+    ) -> Iterator[Difference | None]:
         """Compare each message with those that it follows from."""
         seen = rows.states
         if self.scenario.navigation is not None:
@@ -218,7 +220,7 @@ class _Verifier:
             laws[row] = controller.force_n(state[:3], state[3:], int(ticks[row]))
         return laws
 
-    def _following(self, rows: Rows, flown: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _following(self, rows: AlignedTicks, flown: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the state (n, 6) after each tick, by its state and the command flown (n, 3)."""
         given, limit, following = flown, self.limit, np.empty_like(rows.states)
         thrusters = self.scenario.thrusters
@@ -229,7 +231,7 @@ class _Verifier:
         _step_each(*tables, limit, self.scenario.step, following)
         return following
 
-    def _held(self, rows: Rows) -> Iterator[Difference | None]:
+    def _held(self, rows: AlignedTicks) -> Iterator[Difference | None]:
         """Compare the forces flown with those commanded not long before, as far as they are known.
 
         Zero is always one: the plant cuts off what is too old.
@@ -243,7 +245,7 @@ class _Verifier:
             role = topics.APPLIED_DISTURBANCE
             yield self._first(FLOWN, role, rows.ticks, rows.pushes, computed, where)
 
-    def _fly(self, rows: Rows) -> Iterator[Difference | None]:
+    def _fly(self, rows: AlignedTicks) -> Iterator[Difference | None]:
         """Fly from the start, without the log, as far as no message lacks."""
         new = rows.ticks >= self.unbroken_to
         ticks, whole = rows.ticks[new], rows.whole[new]
@@ -348,11 +350,11 @@ def _same_figure(logged: str, computed: float) -> bool:
 def verify(path: str | Path) -> Verification:
     """Compute the flight of a run folder or .mcap file anew and compare; raises LogError."""
     reader = RunReader(path)
-    verifier, tally = _Verifier(reader), Tally(reader)
+    verifier, completeness = _Verifier(reader), Completeness(reader)
     for block in reader.blocks():
-        tally.add(block)
+        completeness.add(block)
         difference = verifier.first_difference(block)
         if difference is not None:
-            return Verification(reader.path, tally.last + 1, difference, (), verifier.free)
-    gaps = tally.gaps(reader.damage)
-    return Verification(reader.path, tally.last + 1, None, gaps, verifier.free)
+            return Verification(reader.path, completeness.last + 1, difference, (), verifier.free)
+    gaps = completeness.gaps(reader.damage)
+    return Verification(reader.path, completeness.last + 1, None, gaps, verifier.free)

@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the commands of this package begin; see `rpo_ros.early`."""
+"""Where the commands of this package begin; see `rpo_ros.entry_point`."""
 
-from rpo_ros.early import start
+from rpo_ros.entry_point import start
 
 
 def plant() -> int:

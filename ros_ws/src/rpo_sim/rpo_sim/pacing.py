@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rpo_core.scenario import Scenario
 from rpo_ros import health, names
-from rpo_ros.silence import Silence
+from rpo_ros.timeout import Timeout
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.plant import Force
@@ -80,13 +80,13 @@ class LockstepPacing(Pacing):
         super().__init__(node)
         self.plant = LockstepPlant(flown, expected)
         self.resends = 0
-        self._silence = Silence()
+        self._timeout = Timeout()
         self._overdue = False
 
     def begin(self) -> None:
         """Set the pace, and go on."""
         self._time(self.node.values['real_time_factor'])
-        self._silence.broken()
+        self._timeout.broken()
         self.on_answer()
 
     def on_answer(self) -> None:
@@ -105,12 +105,12 @@ class LockstepPacing(Pacing):
 
     def _pass(self) -> None:
         self._overdue = False
-        self._silence.broken()
+        self._timeout.broken()
         self.node.advance()
 
     def watch(self, now_s: float) -> None:
         """Send the state again; notice a lost peer."""
-        silent_s = self._silence.look()
+        silent_s = self._timeout.look()
         if not self.plant.missing:
             return
         values = self.node.values

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_ros import names, qos
 from rpo_ros.running import FlightNode
-from rpo_ros.silence import Silence
+from rpo_ros.timeout import Timeout
 
 LEASE_S = 5.0
 """Longest silence of a recorder that is alive: it speaks once a second."""
@@ -22,7 +22,7 @@ class RecorderWatch:
 
     def __init__(self, node: FlightNode, insist: bool) -> None:
         self._node, self._insist = node, insist
-        self._said, self._silence = '', Silence()
+        self._said, self._timeout = '', Timeout()
         self.lost = False
         node.create_subscription(
             DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED
@@ -30,7 +30,7 @@ class RecorderWatch:
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         self._said = message.message
-        self._silence.broken()
+        self._timeout.broken()
 
     def forget(self) -> None:
         """Expect another recorder: a new run begins."""
@@ -49,5 +49,5 @@ class RecorderWatch:
 
     def look(self) -> bool:
         """Return whether it was ready and has fallen silent; to be asked often."""
-        self.lost = self._silence.look() > LEASE_S and self._said == 'ready'
+        self.lost = self._timeout.look() > LEASE_S and self._said == 'ready'
         return self.lost

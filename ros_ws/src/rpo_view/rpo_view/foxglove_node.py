@@ -19,7 +19,7 @@ from rpo_log import schemas
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode
-from rpo_view.newest import Newest, run_viewer
+from rpo_view.latest import Latest, run_viewer
 
 try:
     import foxglove
@@ -60,7 +60,7 @@ class FoxgloveNode(FlightNode):
         self._app_context = foxglove.Context()
         self._stamp_ns = 0
         self._status = b''
-        self._newest = {name: Newest(self, kind, name, raw=True) for name, kind in _SAMPLED.items()}
+        self._newest = {name: Latest(self, kind, name, raw=True) for name, kind in _SAMPLED.items()}
         self._channels = {name: self._channel(name, kind) for name, kind in _SAMPLED.items()}
         self._channels[names.RUN_STATUS] = self._channel(names.RUN_STATUS, DiagnosticStatus)
         self._transform = FrameTransformChannel(

@@ -13,8 +13,8 @@ from nav_msgs.msg import Odometry
 
 from rpo_ros import conversions, names, qos
 from rpo_ros.running import FlightNode
+from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
-from rpo_view.newest import Newest
 
 
 class ListeningNode(FlightNode):
@@ -24,12 +24,12 @@ class ListeningNode(FlightNode):
         super().__init__(name, overrides)
         self.live = LiveRun()
         self.topic = self.resolve_topic_name(names.RELATIVE_STATE)
-        self._states = Newest(self, Odometry, names.RELATIVE_STATE)
+        self._states = Latest(self, Odometry, names.RELATIVE_STATE)
         self._forces = {
-            'force_n': Newest(self, WrenchStamped, names.CONTROL_FORCE),
-            'disturbance_n': Newest(self, WrenchStamped, names.DISTURBANCE_FORCE),
+            'force_n': Latest(self, WrenchStamped, names.CONTROL_FORCE),
+            'disturbance_n': Latest(self, WrenchStamped, names.DISTURBANCE_FORCE),
         }
-        self._decisions = Newest(self, DiagnosticArray, names.DECISION)
+        self._decisions = Latest(self, DiagnosticArray, names.DECISION)
         for topic, react in (
             (names.RUN_STATUS, self._on_status),
             (names.NODE_MANIFEST, self._on_manifest),

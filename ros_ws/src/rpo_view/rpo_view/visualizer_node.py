@@ -15,7 +15,7 @@ from visualization_msgs.msg import MarkerArray
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode
-from rpo_view.newest import Newest, run_viewer
+from rpo_view.latest import Latest, run_viewer
 from rpo_view.scene import Look, markers
 from rpo_view.trail import Trail
 
@@ -50,8 +50,8 @@ class VisualizerNode(FlightNode):
         self._trail = Trail(values['trail_points'])
         self._stamp_ns = 0
         self._force_n: tuple[float, ...] | None = None
-        self._states = Newest(self, Odometry, names.RELATIVE_STATE)
-        self._forces = Newest(self, WrenchStamped, names.CONTROL_FORCE)
+        self._states = Latest(self, Odometry, names.RELATIVE_STATE)
+        self._forces = Latest(self, WrenchStamped, names.CONTROL_FORCE)
         self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
         self._tf = None

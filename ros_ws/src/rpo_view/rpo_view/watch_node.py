@@ -10,8 +10,8 @@ from typing import Any
 
 from rpo_core.validation import InputError
 from rpo_ros.parameters import Row, declare
+from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
-from rpo_view.newest import run_viewer
 
 try:
     from rich.console import Console

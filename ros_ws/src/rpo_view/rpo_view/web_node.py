@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from rpo_ros.parameters import Row, declare
+from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
-from rpo_view.newest import run_viewer
 from rpo_view.web_server import LivePage
 
 PARAMETERS = (

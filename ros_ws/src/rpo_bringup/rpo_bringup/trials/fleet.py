@@ -18,7 +18,7 @@ from typing import Any
 import yaml
 
 from rpo_core import files
-from rpo_core.closed_loop import Flight
+from rpo_core.flight import Flight
 from rpo_log.reader import flight_of, read_run
 
 PLANT, INJECTOR, FAULTS = (

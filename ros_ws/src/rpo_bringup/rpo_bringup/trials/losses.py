@@ -35,7 +35,7 @@ def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int
     cells = (
         f'{rate:.0%}', f'{int(values["held_ticks"]) / ticks:.0%}',
         f'{int(values["stale_ticks"]) / ticks:.1%}', f'{position.flown:.3f} m',
-        f'{velocity.flown:.4f} m/s', f'{metrics.assess(flight).energy_n2s:.2f} N²s',
+        f'{velocity.flown:.4f} m/s', f'{metrics.of_flight(flight).energy_n2s:.2f} N²s',
         'yes' if position.holds and velocity.holds else 'NO',
     )  # fmt: skip
     return f'| {" | ".join(cells)} |'

@@ -10,7 +10,7 @@ _NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Cadence:
+class Decimation:
     """Periods counted from 1970: the first stamp in each is due.
 
     So the sender, who knows no tick, and the reader of its log agree on what is owed.

@@ -1,13 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rivals on ROS 2: the bits of the core, in one process and in four; what they refuse."""
+"""Baselines on ROS 2: the bits of the core, in one process and in four; what they refuse."""
 
 import numpy as np
 import pytest
 from processes import flight
 
-from rpo_core.closed_loop import fly
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight
 from rpo_log.verify import ExitCode, verify
@@ -37,7 +37,7 @@ def test_a_law_that_counts_ticks_flies_the_bits_of_the_core(ros_env, tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize('controller', ['pd', 'lqr', 'mpc', 'apf_smc', 'drift'])
-def test_every_rival_flies_the_bits_of_the_core(controller, ros_env, tmp_path):
+def test_every_baseline_flies_the_bits_of_the_core(controller, ros_env, tmp_path):
     one_process(ros_env, tmp_path, 'paper_test', controller)
 
 

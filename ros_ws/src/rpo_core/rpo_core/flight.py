@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import kernels
+from rpo_core.baselines import Baseline
 from rpo_core.controller import Controller, FuzzyController
 from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table
-from rpo_core.rivals import Rival
 from rpo_core.scenario import Scenario
 
 
@@ -58,7 +58,7 @@ def fly(scenario: Scenario, controller: Controller) -> Flight:
 
     Raises InputError if the controller counts ticks of another length than the scenario's.
     """
-    if isinstance(controller, Rival):
+    if isinstance(controller, Baseline):
         controller.refuse_other_ticks(scenario.dt_s)
     disturbances = scenario.disturbance.over(scenario.times_s)
     states = np.empty((scenario.ticks + 1, 6))

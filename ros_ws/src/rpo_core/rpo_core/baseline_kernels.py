@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Control laws of the rivals as scalar kernels: gain tables, a potential field with sliding mode.
+"""Baseline control laws as scalar kernels: gain tables, a potential field with sliding mode.
 
 Plain functions of floats like `rpo_core.kernels`: the same bits interpreted and compiled. Every law
 is odd bit for bit: the force of the mirrored state is the mirrored force.
@@ -21,8 +21,8 @@ GAINS = 18
 """Numbers in a row of a gain table: K (3, 6) row by row, forces from (x, y, z, vx, vy, vz)."""
 
 
-class RivalLaw(NamedTuple):
-    """A rival as the kernels read it; tables by `rpo_core.jit.as_table`.
+class BaselineLaw(NamedTuple):
+    """A baseline as the kernels read it; tables by `rpo_core.jit.as_table`.
 
     gains : (rows, 18) f = -K x [N/m, N s/m]; row k is that of tick k, the last one stays
     field : () where the gains rule, else the 6 numbers of `sliding_force`
@@ -82,8 +82,8 @@ def sliding_force(state: State, field: Any) -> Vector:
 
 
 @kernel
-def rival_force(state: State, tick: int, law: RivalLaw) -> Vector:
-    """Force [N] of a rival at a tick, saturated."""
+def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
+    """Force [N] of a baseline at a tick, saturated."""
     if len(law.field) > 0:
         fx, fy, fz = sliding_force(state, law.field)
     else:

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from rpo_core.closed_loop import fly
 from rpo_core.controller import AnyController
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log import report as log_report
 from rpo_log import style

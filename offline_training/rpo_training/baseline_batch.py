@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Many flights of one rival, start after start: the bits of `rpo_core.closed_loop.fly`.
+"""Many flights of one baseline, start after start: the bits of `rpo_core.flight.fly`.
 
-Some rivals couple all three axes, so each start is flown by itself; their laws are short enough for
-that. The figures are those of `rpo_training.batch.combine`.
+Some baselines couple all three axes, so each start is flown by itself; their laws are short enough
+for that. The figures are those of `rpo_training.batch.combine`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.baseline_kernels import baseline_force
+from rpo_core.baselines import Baseline
 from rpo_core.kernels import plant_step, saturate
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
-from rpo_core.rival_kernels import rival_force
-from rpo_core.rivals import Rival
 from rpo_training import batch
 from rpo_training.evaluation import Case
 from rpo_training.lanes import compiled
@@ -54,7 +54,7 @@ def _assess_one(state, disturbance, law, limit, c, times, dt, row):  # type: ign
     flown, outside = (0.0, 0.0, 0.0), 0
     for tick in range(times.horizon):
         d = disturbance[tick if len(disturbance) > 1 else 0]
-        told = rival_force(state, tick, law)
+        told = baseline_force(state, tick, law)
         force = (saturate(told[0], limit), saturate(told[1], limit), saturate(told[2], limit))
         late = tick >= times.horizon - times.late
         if tick < times.ticks:
@@ -90,32 +90,32 @@ def _assess_one(state, disturbance, law, limit, c, times, dt, row):  # type: ign
     row[7] = outside * dt
 
 
-class RivalSimulator:
-    """Flies rivals through cases, on `workers` threads (0: one per core)."""
+class BaselineSimulator:
+    """Flies baselines through cases, on `workers` threads (0: one per core)."""
 
     def __init__(self, cases: Sequence[Case], workers: int = 0) -> None:
         self.cases = tuple(cases)
-        self._pool = ThreadPoolExecutor(workers or len(os.sched_getaffinity(0)), 'rpo-rivals')
+        self._pool = ThreadPoolExecutor(workers or len(os.sched_getaffinity(0)), 'rpo-baselines')
 
-    def __enter__(self) -> RivalSimulator:
+    def __enter__(self) -> BaselineSimulator:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def fly(self, rivals: Sequence[Rival]) -> list[Floats]:
-        """Return the figures (rivals, starts, 8) of each case."""
-        outcomes = [np.empty((len(rivals), len(c.starts), batch.FIGURES)) for c in self.cases]
+    def fly(self, baselines: Sequence[Baseline]) -> list[Floats]:
+        """Return the figures (baselines, starts, 8) of each case."""
+        outcomes = [np.empty((len(baselines), len(c.starts), batch.FIGURES)) for c in self.cases]
 
         def one(index: int) -> None:
             for case, outcome in zip(self.cases, outcomes, strict=True):
-                base, rival = case.base, rivals[index]
-                rival.refuse_other_ticks(base.dt_s)
+                base, baseline = case.base, baselines[index]
+                baseline.refuse_other_ticks(base.dt_s)
                 assess(
                     case.starts,
                     case.disturbances,
                     case.disturbance,
-                    rival.law,
+                    baseline.law,
                     base.max_force_n,
                     base.step,
                     case.times,
@@ -123,6 +123,6 @@ class RivalSimulator:
                     outcome[index],
                 )
 
-        for _ in self._pool.map(one, range(len(rivals))):
+        for _ in self._pool.map(one, range(len(baselines))):
             pass
         return outcomes

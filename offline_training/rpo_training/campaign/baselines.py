@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The dispersed closed loop under a rival's control law; all else is `campaign.loops`."""
+"""The dispersed closed loop under a baseline's control law; all else is `campaign.loops`."""
 
 from __future__ import annotations
 
-from rpo_core.rival_kernels import rival_force
+from rpo_core.baseline_kernels import baseline_force
 from rpo_training import batch
 from rpo_training.campaign import loops
 from rpo_training.lanes import compiled
@@ -23,7 +23,7 @@ def command(w, tick, law):  # type: ignore[no-untyped-def]
             w[batch.V + y],
             w[batch.V + z],
         )
-        force = rival_force(seen, tick, law)
+        force = baseline_force(seen, tick, law)
         w[batch.FORCE + s], w[batch.FORCE + y], w[batch.FORCE + z] = force
 
 

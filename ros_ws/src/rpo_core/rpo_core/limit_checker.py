@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Watching a flight: limits, persistence (n of the last m samples), and fault -> reaction as data.
+"""Limits of a flight, persistence (n of the last m samples), and fault -> reaction as data.
 
 The scheme is that of NASA's cFS Limit Checker: watchpoints with persistence counters call for a
 stored response. The speed limit |v| <= v0 + v1 |r| is the one of run-time assurance for docking
@@ -117,7 +117,7 @@ class Detection(NamedTuple):
         return f'{FAULTS[self.fault]} ({self.fault}): {self.reaction}'
 
 
-class Watch:
+class LimitChecker:
     """Counts samples; a fault begins to hold once, and again only after a whole window without.
 
     holding : the faults that hold

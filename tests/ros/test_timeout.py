@@ -8,7 +8,7 @@ import time
 import pytest
 from processes import flight
 
-from rpo_ros.silence import MOST_STEP_S, Silence
+from rpo_ros.timeout import MOST_STEP_S, Timeout
 
 
 class Clock:
@@ -23,7 +23,7 @@ class Clock:
 def after(*steps_s):
     """Return the silence that is found after looks at these intervals."""
     clock = Clock()
-    silence = Silence(clock)
+    silence = Timeout(clock)
     for step_s in steps_s:
         clock.now_s += step_s
         found = silence.look()
@@ -40,7 +40,7 @@ def test_a_listener_that_slept_accuses_nobody():
 
 def test_what_is_heard_breaks_it():
     clock = Clock()
-    silence = Silence(clock)
+    silence = Timeout(clock)
     clock.now_s += 0.2
     silence.look()
     silence.broken()

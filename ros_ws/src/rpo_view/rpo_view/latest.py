@@ -33,7 +33,7 @@ class _Unspun(CallbackGroup):
         """Nothing was begun."""
 
 
-class Newest:
+class Latest:
     """One topic, looked at now and then; the node must be run by `run_viewer`."""
 
     def __init__(self, node: Node, kind: type, topic: str, *, raw: bool = False) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rivals of the fuzzy controller: their laws against other ways to compute them, their files."""
+"""Baselines of the fuzzy controller: their laws against other ways to compute them, their files."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are, solve_discrete_lyapunov
 
 from rpo_core import controller, cw, files
-from rpo_core.closed_loop import fly
+from rpo_core.baseline_kernels import sliding_surface
+from rpo_core.baselines import KINDS, Mpc, Pd, PotentialField
 from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.disturbance import Disturbance
-from rpo_core.rival_kernels import sliding_surface
-from rpo_core.rivals import KINDS, Mpc, Pd, PotentialField
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 
@@ -43,11 +43,11 @@ def test_one_of_each_kind_ships():
 @settings(max_examples=30)
 @given(state=states, tick=st.integers(0, 5000))
 def test_forces_are_odd_bit_for_bit_and_within_the_limit(name, state, tick):
-    rival = load(name)
-    force = rival.force_n(state[:3], state[3:], tick)
+    baseline = load(name)
+    force = baseline.force_n(state[:3], state[3:], tick)
     mirrored = tuple(-x for x in state)
-    assert rival.force_n(mirrored[:3], mirrored[3:], tick) == tuple(-f for f in force)
-    assert max(map(abs, force)) <= rival.max_force_n
+    assert baseline.force_n(mirrored[:3], mirrored[3:], tick) == tuple(-f for f in force)
+    assert max(map(abs, force)) <= baseline.max_force_n
     assert all(type(f) is float and math.isfinite(f) for f in force)
 
 

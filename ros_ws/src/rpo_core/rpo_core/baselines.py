@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import cw
+from rpo_core.baseline_kernels import GAINS, BaselineLaw, baseline_force, least_energy_gains
 from rpo_core.jit import as_table
-from rpo_core.rival_kernels import GAINS, RivalLaw, least_energy_gains, rival_force
 from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
 
 MAX_GAIN = 1e6
@@ -59,7 +59,7 @@ class Model:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rival:
+class Baseline:
     """A controller that is no fuzzy one.
 
     max_force_n : largest |f| of an axis that is commanded
@@ -83,7 +83,7 @@ class Rival:
 
     @property
     @abstractmethod
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read."""
 
     @property
@@ -109,13 +109,13 @@ class Rival:
         x, y, z = position_m
         vx, vy, vz = velocity_m_s
         state = (float(x), float(y), float(z), float(vx), float(vy), float(vz))
-        fx, fy, fz = rival_force(state, tick, self.law)
+        fx, fy, fz = baseline_force(state, tick, self.law)
         return float(fx), float(fy), float(fz)
 
 
-def _table_law(gains: Any, limit: float) -> RivalLaw:
+def _table_law(gains: Any, limit: float) -> BaselineLaw:
     rows = np.asarray(gains, dtype=np.float64).reshape(-1, GAINS)
-    return RivalLaw(as_table(rows), as_table(np.empty(0)), limit)
+    return BaselineLaw(as_table(rows), as_table(np.empty(0)), limit)
 
 
 def _gain(name: str, value: Any, unit: str) -> float:
@@ -123,19 +123,19 @@ def _gain(name: str, value: Any, unit: str) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drift(Rival):
+class Drift(Baseline):
     """No force at all: the free motion of the relative orbit, the null of every comparison."""
 
     kind: ClassVar[str] = 'drift'
 
     @cached_property
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read."""
         return _table_law(np.zeros(GAINS), self.max_force_n)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pd(Rival):
+class Pd(Baseline):
     """Saturated PD: f = -kp r - kd v of each axis, without a model of the motion."""
 
     kind: ClassVar[str] = 'pd'
@@ -152,14 +152,14 @@ class Pd(Rival):
         )
 
     @cached_property
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read."""
         k = np.hstack([self.position_gain_n_m * np.eye(3), self.velocity_gain_n_s_m * np.eye(3)])
         return _table_law(k, self.max_force_n)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lqr(Rival):
+class Lqr(Baseline):
     """Linear quadratic regulator: f = -K x minimises sum of x' Q x + f' f over all ticks.
 
     Q = diag(position_weight (3), velocity_weight (3)) with the weights per tick. The file holds the
@@ -186,7 +186,7 @@ class Lqr(Rival):
         )
 
     @cached_property
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read."""
         return _table_law(self.gains, self.max_force_n)
 
@@ -207,7 +207,7 @@ def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mpc(Rival):
+class Mpc(Baseline):
     """Shrinking-horizon model predictive control: the least energy to rest at the origin in time.
 
     At tick k it plans the forces of the ticks left to the horizon, minimum sum of f' f subject to
@@ -241,7 +241,7 @@ class Mpc(Rival):
         return self.model.dt_s
 
     @cached_property
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read; a row of gains for each tick until the holding begins."""
         a, b = self.model.matrices()
         least = round(self.least_time_to_go_s / self.model.dt_s)
@@ -252,8 +252,8 @@ class Mpc(Rival):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PotentialField(Rival):
-    """Artificial potential field tracked by sliding mode, see `rival_kernels.sliding_force`.
+class PotentialField(Baseline):
+    """Artificial potential field tracked by sliding mode, see `baseline_kernels.sliding_force`.
 
     The potential as guidance: Lopez and McInnes, "Autonomous Rendezvous Using Artificial Potential
     Function Guidance", JGCD 18(2), 1995. Its gradient as a sliding surface: Guldner and Utkin,
@@ -289,28 +289,28 @@ class PotentialField(Rival):
             store(self, **{name: value})
 
     @cached_property
-    def law(self) -> RivalLaw:
+    def law(self) -> BaselineLaw:
         """What the kernels read."""
         numbers = [getattr(self, name) for name in self._UNITS]
         numbers += [self.model.mass_kg, self.model.mean_motion_rad_s]
-        return RivalLaw(as_table(np.zeros((1, GAINS))), as_table(numbers), self.max_force_n)
+        return BaselineLaw(as_table(np.zeros((1, GAINS))), as_table(numbers), self.max_force_n)
 
 
-KINDS: Mapping[str, type[Rival]] = {
-    rival.kind: rival for rival in (Pd, Lqr, Mpc, PotentialField, Drift)
+KINDS: Mapping[str, type[Baseline]] = {
+    baseline.kind: baseline for baseline in (Pd, Lqr, Mpc, PotentialField, Drift)
 }
 """Kind in a controller file -> class."""
 
 _ALIKE = ('name', 'max_force_n', 'description', 'provenance')
 
 
-def parameters(kind: type[Rival]) -> list[str]:
-    """Return the names of what a file of this kind holds beside what all rivals have."""
+def parameters(kind: type[Baseline]) -> list[str]:
+    """Return the names of what a file of this kind holds beside what all baselines have."""
     return [f.name for f in fields(kind) if f.name not in _ALIKE]
 
 
-def parse(document: Mapping[str, Any]) -> Rival:
-    """Return the rival of a parsed document whose schema was checked; raises InputError."""
+def parse(document: Mapping[str, Any]) -> Baseline:
+    """Return the baseline of a parsed document whose schema was checked; raises InputError."""
     kind = KINDS[choice('kind', document['kind'], KINDS)]
     own = parameters(kind)
     data = mapping(
@@ -336,18 +336,18 @@ def parse(document: Mapping[str, Any]) -> Rival:
     )
 
 
-def to_document(rival: Rival) -> dict[str, Any]:
-    """Return the fields of a rival as `parse` reads them, without the schema."""
-    own = {name: getattr(rival, name) for name in parameters(type(rival))}
+def to_document(baseline: Baseline) -> dict[str, Any]:
+    """Return the fields of a baseline as `parse` reads them, without the schema."""
+    own = {name: getattr(baseline, name) for name in parameters(type(baseline))}
     if 'model' in own:
         own['model'] = {f.name: getattr(own['model'], f.name) for f in fields(Model)}
     if 'gains' in own:
         own['gains'] = [list(row) for row in own['gains']]
     return {
-        'name': rival.name,
-        'kind': rival.kind,
-        'description': rival.description,
-        'max_force_n': rival.max_force_n,
+        'name': baseline.name,
+        'kind': baseline.kind,
+        'description': baseline.description,
+        'max_force_n': baseline.max_force_n,
         **own,
-        'provenance': dict(rival.provenance),
+        'provenance': dict(baseline.provenance),
     }

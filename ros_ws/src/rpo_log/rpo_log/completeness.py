@@ -10,7 +10,7 @@ from rpo_log.stream import RunReader
 from rpo_log.topics import Topic
 
 
-class Tally:
+class Completeness:
     """Counts the messages of a log, block by block."""
 
     def __init__(self, reader: RunReader) -> None:

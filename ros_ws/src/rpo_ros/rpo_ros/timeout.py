@@ -11,7 +11,7 @@ MOST_STEP_S = 0.25
 """What one look adds at most: in a longer gap between two looks it was the listener that slept."""
 
 
-class Silence:
+class Timeout:
     """Adds up the time since something was heard, look by look.
 
     A process that was stopped, or starved of processor, finds its timers due before the messages

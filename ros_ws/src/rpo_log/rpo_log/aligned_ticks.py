@@ -18,7 +18,7 @@ MOST_HELD_TICKS = 1000
 """A force held longer than that is not looked for."""
 
 
-class Rows:
+class AlignedTicks:
     """Ticks of a log beside what they should be; the last row of a block goes before the next.
 
     forces, disturbances : the answers to the states
@@ -26,7 +26,7 @@ class Rows:
     """
 
     def __init__(
-        self, block: Block, before: Rows | None, disturbed: bool, free: bool = False
+        self, block: Block, before: AlignedTicks | None, disturbed: bool, free: bool = False
     ) -> None:
         here = np.ones(len(block.ticks), dtype=bool)
         self.ticks = block.ticks
@@ -52,7 +52,7 @@ class Rows:
 
     @property
     def whole(self) -> NDArray[np.bool_]:
-        """Rows that have all their messages."""
+        """AlignedTicks that have all their messages."""
         return self.has_state & self.has_force & self.has_disturbance
 
 

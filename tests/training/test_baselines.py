@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rivals in bulk: the bits of the core, plans against a solver, tuning, the comparison."""
+"""Baselines in bulk: the bits of the core, plans against a solver, tuning, the comparison."""
 
 import json
 from dataclasses import replace
@@ -12,16 +12,16 @@ from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
 from rpo_core import metrics
-from rpo_core.closed_loop import fly
+from rpo_core.baselines import Model, Mpc
 from rpo_core.controller import load_controller
-from rpo_core.rivals import Model, Mpc
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training import comparison, comparison_table, designs, optimal, planning
+from rpo_training.baseline_batch import BaselineSimulator
 from rpo_training.campaign import config, fleet, single
 from rpo_training.cli import app
 from rpo_training.evaluation import case_of_flights, case_of_set
-from rpo_training.rival_batch import RivalSimulator
 from rpo_training.tuning import BUDGET, Tuning, TuningConfig
 
 TRAINING = load_set('paper_training')
@@ -32,20 +32,20 @@ NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
 
 
 def test_figures_in_bulk_are_those_of_the_core():
-    rivals = [load_controller(name) for name in NAMES]
+    baselines = [load_controller(name) for name in NAMES]
     base = replace(TRAINING.base, duration_s=50.0)
     training = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
     tests = [replace(load_scenario(n), duration_s=40.0) for n in ('paper_test', 'paper_test_phase')]
-    with RivalSimulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
-        undisturbed, disturbed = simulator.fly(rivals)
-    for rival, starts, pushed in zip(rivals, undisturbed, disturbed, strict=True):
+    with BaselineSimulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
+        undisturbed, disturbed = simulator.fly(baselines)
+    for baseline, starts, pushed in zip(baselines, undisturbed, disturbed, strict=True):
         for row, scenario, late_s in (
             (starts[100], replace(base, initial_position_m=tuple(training.starts[100, :3])), None),
             (pushed[0], tests[0], 20.0),
             (pushed[1], tests[1], 20.0),
         ):
-            flight = fly(scenario, rival)
-            f = metrics.assess(flight)
+            flight = fly(scenario, baseline)
+            f = metrics.of_flight(flight)
             expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
             np.testing.assert_allclose(row[:4], expected, rtol=1e-11, atol=1e-15)
             if late_s:
@@ -61,7 +61,7 @@ def test_a_dispersed_run_has_the_bits_of_the_core(name, tmp_path):
         flight = single.fly_run(campaign, number)
         final = [found[column][number] for column in fleet.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
-        energy = metrics.assess(flight).energy_n2s
+        energy = metrics.of_flight(flight).energy_n2s
         assert found['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
 
 
@@ -131,12 +131,12 @@ def test_a_plan_beyond_a_limit_is_counted():
 # Tuning.
 
 
-def test_shipped_rivals_are_as_good_as_they_say():
+def test_shipped_baselines_are_as_good_as_they_say():
     tuned = [load_controller(n) for n in (*NAMES, 'pd_disturbed') if n != 'drift']
-    with RivalSimulator([case_of_set(TRAINING)]) as simulator:
+    with BaselineSimulator([case_of_set(TRAINING)]) as simulator:
         (figures,) = simulator.fly(tuned)
-    for rival, rows in zip(tuned, figures, strict=True):
-        made = rival.provenance
+    for baseline, rows in zip(tuned, figures, strict=True):
+        made = baseline.provenance
         assert made['method'] == 'rpo tune' and made['evaluations'] <= BUDGET
         assert made['mean_energy_n2s'] == comparison.fitness.mean(rows[:, 0])
         assert made['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
@@ -150,7 +150,7 @@ def test_shipped_lqr_gains_are_those_of_its_weights():
 
 
 @pytest.mark.slow
-def test_an_interrupted_tuning_goes_on_to_the_same_rival(tmp_path):
+def test_an_interrupted_tuning_goes_on_to_the_same_baseline(tmp_path):
     settings = TuningConfig('pd', 2, 40)
     whole = Tuning.create(settings, tmp_path / 'whole', 1).run()
 
@@ -214,18 +214,18 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     done = compare(name, 'drift', '--write', 'doc.md')
     assert done.exit_code == 0, done.output
     document = json.loads((tmp_path / 'out' / 'compare.json').read_text())
-    rival, drift = document['controllers']
-    assert rival['mean_energy_n2s'] == load_controller(name).provenance['mean_energy_n2s']
-    assert rival['ratio'] == rival['mean_energy_n2s'] / 2.5
-    assert (rival['met'], rival['starts'], drift['met']) == (216, 216, 0)
+    baseline, drift = document['controllers']
+    assert baseline['mean_energy_n2s'] == load_controller(name).provenance['mean_energy_n2s']
+    assert baseline['ratio'] == baseline['mean_energy_n2s'] / 2.5
+    assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
     columns = fleet.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
     assert drift['kept'] == (columns['late_position_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
-    assert rival['tests']['paper_test']['position_m'] == late.position_m
+    assert baseline['tests']['paper_test']['position_m'] == late.position_m
     if name == 'mpc':
-        assert rival['plans']['starts']['within'] == rival['plans']['starts']['plans'] > 216
+        assert baseline['plans']['starts']['within'] == baseline['plans']['starts']['plans'] > 216
     table = (tmp_path / 'doc.md').read_text()
-    shown = f'{rival["mean_energy_n2s"]:.3f} | {rival["ratio"]:.3f} | 216 of 216'
+    shown = f'{baseline["mean_energy_n2s"]:.3f} | {baseline["ratio"]:.3f} | 216 of 216'
     assert f'| {name} | {shown} |' in table and table.count('| drift |') == 2
     assert (tmp_path / 'out' / 'compare.csv').read_text().count('\n') == 3
 
@@ -237,7 +237,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     again = compare('drift', name)
     assert again.exit_code == 0, again.output
     rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']
-    assert {**rows[1], 'command_us': 0} == {**rival, 'command_us': 0}
+    assert {**rows[1], 'command_us': 0} == {**baseline, 'command_us': 0}
 
 
 def test_a_table_goes_between_its_marks_only(tmp_path):

@@ -9,17 +9,20 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import closed_loop, files, watch
+from rpo_core import files, limit_checker
 from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.limit_checker import ABORT, LimitChecker, MonitorTable, Rule, load_monitor
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
-from rpo_core.watch import ABORT, MonitorTable, Rule, Watch, load_monitor
 
 SHIPPED = load_monitor('default')
 
 
 def of(count, window):
-    return Watch(MonitorTable('test', SHIPPED.limits, {'too_fast': Rule(count, window, ABORT)}))
+    return LimitChecker(
+        MonitorTable('test', SHIPPED.limits, {'too_fast': Rule(count, window, ABORT)})
+    )
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 8), st.integers(0, 8))
@@ -68,7 +71,7 @@ def test_limits_of_a_state(state, faults):
 def test_the_corridor_is_a_cone_about_its_axis(degrees, off, tmp_path):
     document = yaml.safe_load(files.find('monitor', 'default').read_text())
     document['limits'].update(corridor_half_angle_deg=30.0, corridor_axis=[0, -2.0, 0])
-    limits = watch.parse(document).limits
+    limits = limit_checker.parse(document).limits
     angle = math.radians(degrees)
     state = (50 * math.sin(angle) * 0.6, -50 * math.cos(angle), 50 * math.sin(angle) * 0.8, 0, 0, 0)
     assert limits.faults_of_state(state)['off_corridor'] is off
@@ -83,8 +86,8 @@ def test_limits_of_a_force():
 @pytest.mark.parametrize('scenario', ['paper_test', 'approach'])
 @pytest.mark.parametrize('controller', ['trained', 'handmade', 'paper_ga'])
 def test_shipped_flights_are_no_fault(scenario, controller):
-    flown = closed_loop.fly(load_scenario(scenario), load_controller(controller))
-    watched = Watch(SHIPPED)
+    flown = fly(load_scenario(scenario), load_controller(controller))
+    watched = LimitChecker(SHIPPED)
     for state, force in zip(flown.states.tolist(), flown.forces_n.tolist(), strict=True):
         watched.sample(SHIPPED.limits.faults_of_state(state))
         watched.sample(SHIPPED.limits.faults_of_force(force))
@@ -111,4 +114,4 @@ def test_a_bad_table_is_refused_in_one_sentence(path, value, said):
         place = place[parent]
     place[last] = value
     with pytest.raises(InputError, match=said):
-        watch.parse(document)
+        limit_checker.parse(document)
