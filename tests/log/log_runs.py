@@ -18,9 +18,8 @@ import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_core import controller, files, scenario
+from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import Flight, fly
-from rpo_log import cdr
 from rpo_log.mcap_file import McapFile
 from rpo_log.run import RunSummary, TimeBase
 from rpo_log.writer import RunLogWriter

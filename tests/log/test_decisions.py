@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
+from rpo_core import cdr
 from rpo_core.decimation import Decimation
-from rpo_log import cdr
 from rpo_log.decisions import DecisionLogWriter, decision_at, read_decisions
 from rpo_log.errors import LogError
 from rpo_log.run import DECISIONS_FILE, TimeBase

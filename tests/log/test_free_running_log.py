@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
+from rpo_core import cdr
 from rpo_core.controller import load_controller
-from rpo_log import cdr
 from rpo_log.diff import diff
 from rpo_log.export import tables
 from rpo_log.reader import read_flight

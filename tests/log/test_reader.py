@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from log_runs import FORCE, STATE, STATUS, make_run, rewrite
 from mcap.writer import Writer
 
-from rpo_log import cdr, schemas, stream
+from rpo_core import cdr
+from rpo_log import schemas, stream
 from rpo_log.decode import Pattern
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.mcap_file import McapFile

@@ -15,7 +15,8 @@ import yaml
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
 from mcap.reader import make_reader
 
-from rpo_log import cdr, stream
+from rpo_core import cdr
+from rpo_log import stream
 from rpo_log.diff import diff
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.export import export

@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
 
+from rpo_core import cdr
 from rpo_core.jit import COMPILED
-from rpo_log import cdr, stream
+from rpo_log import stream
 from rpo_log.errors import ExitCode, Kind, LogError
 from rpo_log.verify import verify
 

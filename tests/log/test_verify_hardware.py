@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, TOPICS, Run, make_run, rewrite
 
-from rpo_core import scenario
+from rpo_core import cdr, scenario
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.hardware import Navigation, Thrusters
-from rpo_log import cdr, stream, topics
+from rpo_log import stream, topics
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.verify import verify
 

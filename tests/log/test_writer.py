@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from log_runs import FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
 
-from rpo_log import cdr
+from rpo_core import cdr
 from rpo_log.errors import Kind, LogError
 from rpo_log.reader import read_run
 from rpo_log.repair import repair

@@ -21,9 +21,9 @@ from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.node_cards import CARDS, MEANINGS, Card
-from rpo_core import controller, scenario
+from rpo_core import cdr, controller, scenario
 from rpo_core.flight import fly
-from rpo_log import cdr, run
+from rpo_log import run
 from rpo_log.writer import RunLogWriter
 from rpo_ros import names
 from rpo_ros.parameters import Row

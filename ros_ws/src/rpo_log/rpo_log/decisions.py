@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
+from rpo_core import cdr
 from rpo_core.decimation import Decimation
-from rpo_log import cdr
 from rpo_log.bag_file import CHUNK_SHARE
 from rpo_log.run import DECISIONS_FILE, TimeBase
 from rpo_log.scan import Scan, chunk_records, inner_records

@@ -14,7 +14,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from rpo_log import cdr, topics
+from rpo_core import cdr
+from rpo_log import topics
 from rpo_log.errors import Kind, LogError
 from rpo_log.run import TimeBase
 from rpo_log.scan import Record

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_log import cdr, topics
+from rpo_core import cdr
+from rpo_log import topics
 from rpo_log.decode import Block
 from rpo_log.errors import ExitCode
 from rpo_log.stream import RunReader

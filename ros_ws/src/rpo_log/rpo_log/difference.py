@@ -7,7 +7,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from rpo_log import cdr, topics
+from rpo_core import cdr
+from rpo_log import topics
 from rpo_log.decode import Odd, plain, values_of
 from rpo_log.topics import Topic
 

@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import controller, files, scenario
+from rpo_core import cdr, controller, files, scenario
 from rpo_core.controller import AnyController
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_log import cdr, topics
+from rpo_log import topics
 from rpo_log.completeness import Completeness
 from rpo_log.decode import Odd
 from rpo_log.errors import ExitCode, Kind, LogError

@@ -26,12 +26,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import kernels
+from rpo_core import cdr, kernels
 from rpo_core.controller import FuzzyController
 from rpo_core.flight import fly_on
 from rpo_core.hardware import Chaser
 from rpo_core.jit import as_table, kernel
-from rpo_log import cdr, topics
+from rpo_log import topics
 from rpo_log.aligned_ticks import AlignedTicks, DelayLine, HeldForces, held_ticks
 from rpo_log.completeness import Completeness
 from rpo_log.decode import Block

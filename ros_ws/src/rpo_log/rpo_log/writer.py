@@ -15,7 +15,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from rpo_log import cdr, rosbag2, topics
+from rpo_core import cdr
+from rpo_log import rosbag2, topics
 from rpo_log.bag_file import BagFileWriter, bag_topics
 from rpo_log.errors import LogError
 from rpo_log.orderer import TickOrderer

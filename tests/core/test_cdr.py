@@ -14,7 +14,8 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
-from rpo_log import cdr, schemas, topics
+from rpo_core import cdr
+from rpo_log import schemas, topics
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = topics.TYPES[topics.STATE], topics.TYPES[topics.FORCE]

@@ -1,0 +1,184 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table of interfaces: what flies between stages, and how a topic carries it.
+
+A signal is a tuple of floats with a name. A signal that is in this table is a topic of that name
+too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read this table;
+whoever adds a topic adds one row (`add`), and nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rpo_core.cdr import Layout
+from rpo_core.validation import InputError
+
+LVLH_FRAME = 'target_lvlh'
+"""Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""
+
+CHASER_FRAME = 'chaser'
+"""Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
+
+CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
+STATE_TYPE = 'nav_msgs/msg/Odometry'
+FORCE_TYPE = 'geometry_msgs/msg/WrenchStamped'
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
+ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+
+CLOCK = 'clock'
+RELATIVE_STATE = 'relative_state'
+NAVIGATION_STATE = 'navigation_state'
+CONTROL_FORCE = 'control_force'
+DISTURBANCE_FORCE = 'disturbance_force'
+APPLIED_FORCE = 'applied_force'
+APPLIED_DISTURBANCE = 'applied_disturbance'
+STAGE_STATUS = 'stage_status'
+RUN_STATUS = 'run_status'
+DECISION = 'decision'
+NODE_MANIFEST = 'node_manifest'
+RECORDER_STATUS = 'recorder_status'
+DIAGNOSTICS = 'diagnostics'
+
+STATE, COMMAND, DISTURBANCE = 'state', 'command', 'disturbance'
+"""What a signal carries: a relative state; a force commanded on its way to the thrusters; a force
+from outside. A stage that reads one of these gets the last that was made before it."""
+
+TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
+"""When a topic is owed: at each tick, by the plant itself; at each tick, in answer to a state (in
+free running it may be late or missing); now and then."""
+
+_COLUMNS = {
+    STATE_TYPE: tuple(
+        f'{part}.{axis}'
+        for part in ('pose.pose.position', 'twist.twist.linear')
+        for axis in 'xyz'
+    ),
+    FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service that the publisher of a topic offers."""
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    depth: int = 64
+
+
+LOCKSTEP = Qos()
+"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a
+recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to 3 s later, and all
+that follows would be held back until then. Not transient local: a late joiner must not get another
+run's forces."""
+
+LATCHED = Qos(durability='transient_local', depth=1)
+"""Statuses and manifests: who comes late still learns the last one."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One row of the table.
+
+    name : of the signal and of the topic, relative, so that two runs live in two namespaces
+    type : ROS type of the message
+    meaning : in a few words, with unit and frame
+    carries : STATE, COMMAND, DISTURBANCE, or '' for a signal that is read by its name only
+    owed : TRUTH, EACH_TICK or EVENT
+    logged : whether `run.mcap` holds it
+    qos : offered by its publisher
+    """
+
+    name: str
+    type: str
+    meaning: str
+    carries: str = ''
+    owed: str = EACH_TICK
+    logged: bool = True
+    qos: Qos = field(default=LOCKSTEP)
+
+    @property
+    def topic(self) -> str:
+        """Name of the topic as nodes ask for it: relative, but for the clock and diagnostics."""
+        return f'/{self.name}' if self.name in (CLOCK, DIAGNOSTICS) else self.name
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the message's fields that the numbers of the signal fill, in their order."""
+        return _COLUMNS.get(self.type, ())
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frame ids in the message: that of the header, and the child frame of a state."""
+        both = (LVLH_FRAME, CHASER_FRAME)
+        return {STATE_TYPE: both, FORCE_TYPE: both[:1]}.get(self.type, ())
+
+    @property
+    def layout(self) -> Layout:
+        """Where the numbers of the signal lie in the bytes of its message."""
+        return Layout.of(self.type, self.frames)
+
+
+_TABLE: dict[str, Interface] = {}
+
+
+def add(row: Interface, before: str = '') -> Interface:
+    """Add a row to the table, in the order in which the messages of a tick are logged.
+
+    before : name of the row that follows; '' for the end
+
+    Raises InputError if there is a row of that name already, or none of the name `before`.
+    """
+    if row.name in _TABLE:
+        raise InputError(f'interface `{row.name}` must be added once; it is in the table already')
+    rows = list(_TABLE.values())
+    rows.insert(rows.index(row_of(before)) if before else len(rows), row)
+    _TABLE.clear()
+    _TABLE.update((r.name, r) for r in rows)
+    return row
+
+
+def row_of(name: str) -> Interface:
+    """Return the row of a signal; raises InputError if it has none."""
+    if name not in _TABLE:
+        raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
+    return _TABLE[name]
+
+
+def find(name: str) -> Interface | None:
+    """Return the row of a signal or topic, absolute or in a namespace; None if it has none."""
+    return _TABLE.get(name.rsplit('/', 1)[-1])
+
+
+def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
+    """Return the rows in their order; those that are logged, those that are not, or all."""
+    return tuple(r for r in _TABLE.values() if logged is None or r.logged == logged)
+
+
+# fmt: off
+for _row in (
+    Interface(CLOCK, CLOCK_TYPE, 'simulated time', owed=TRUTH),
+    Interface(RELATIVE_STATE, STATE_TYPE, 'true relative state, m and m/s, target LVLH', STATE,
+              owed=TRUTH),
+    Interface(NAVIGATION_STATE, STATE_TYPE, 'relative state as navigation finds it', STATE),
+    Interface(CONTROL_FORCE, FORCE_TYPE, 'force that the controller commands, N', COMMAND),
+    Interface(DISTURBANCE_FORCE, FORCE_TYPE, 'force from outside on the chaser, N', DISTURBANCE),
+    Interface(APPLIED_FORCE, FORCE_TYPE, 'command that the plant took, saturated, in free running',
+              COMMAND, owed=TRUTH),
+    Interface(APPLIED_DISTURBANCE, FORCE_TYPE, 'disturbance that acted, in free running',
+              DISTURBANCE, owed=TRUTH),
+    Interface(STAGE_STATUS, STATUS_TYPE, 'a stage was switched off or on', owed=EVENT,
+              qos=LATCHED),
+    Interface(RUN_STATUS, STATUS_TYPE, 'phase and metrics of the run', owed=EVENT, qos=LATCHED),
+    Interface(DECISION, ARRAY_TYPE, 'why the controller commands what it commands', owed=EVENT,
+              logged=False),
+    Interface(NODE_MANIFEST, STATUS_TYPE, 'files and parameters that a node runs with',
+              owed=EVENT, logged=False, qos=LATCHED),
+    Interface(RECORDER_STATUS, STATUS_TYPE, 'whether the recorder is ready', owed=EVENT,
+              logged=False, qos=LATCHED),
+    Interface(DIAGNOSTICS, ARRAY_TYPE, 'health of the nodes', owed=EVENT, logged=False,
+              qos=Qos(depth=10)),
+):
+    add(_row)
+# fmt: on
