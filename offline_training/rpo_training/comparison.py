@@ -24,9 +24,10 @@ from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
 from rpo_core import files, metrics
-from rpo_core.baselines import Mpc
+from rpo_core.baselines import Baseline, Mpc
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.flight import Flight, fly
+from rpo_core.interfaces import NAVIGATION_STATE
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training import fitness, planning
@@ -238,11 +239,7 @@ class Comparison:
 
 def _seen(flights: Sequence[Flight]) -> Floats:
     """Return the states (flights, ticks, 6) that the controller saw."""
-    seen = []
-    for flight in flights:
-        navigation, ticks = flight.scenario.navigation, np.arange(len(flight.states))
-        seen.append(navigation.solutions(ticks, flight.states) if navigation else flight.states)
-    return np.array(seen)
+    return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
 
 
 def figures_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
@@ -250,6 +247,8 @@ def figures_of(controller: AnyController, case: Case, workers: int = 0) -> Float
     if isinstance(controller, FuzzyController):
         with Simulator([case], workers, controller.system.samples) as simulator:
             return np.asarray(simulator.fly(population_of(controller))[0][0])
+    if not isinstance(controller, Baseline):
+        raise InputError(f'controller {controller.name} must be fuzzy or a baseline')
     with BaselineSimulator([case], workers) as simulator:
         return np.asarray(simulator.fly([controller])[0][0])
 
@@ -263,11 +262,12 @@ def command_us(controller: AnyController, scenario: Scenario) -> float:
     """Return the processor time [us] of a command, as a node asks for it: the best of some runs."""
     flight = fly(scenario, controller)
     ticks = np.linspace(0, len(flight.states) - 1, _CALLS).astype(int).tolist()
-    asked = [(s[:3], s[3:], k) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]
+    asked = [(k, tuple(s)) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]
+    stage = controller.stage(scenario.dt_s)
     best = np.inf
     for _ in range(_REPETITIONS):
         began = time.process_time()
-        for position, velocity, tick in asked:
-            controller.force_n(position, velocity, tick)
+        for tick, state in asked:
+            stage.step(tick, state)
         best = min(best, time.process_time() - began)
     return 1e6 * best / _CALLS

@@ -3,7 +3,7 @@
 """The final approach as a Gymnasium environment: learning controllers on the same ground.
 
 Importing this module registers `rpo/FinalApproach-v0`. One step is one tick of the core's plant
-(`rpo_core.hardware.Chaser`), so a policy that plays a controller flies that controller's bits. The
+(`rpo_core.chain`), so a policy that plays a controller flies that controller's bits. The
 return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
 
 Needs NumPy, PyYAML and gymnasium (layer `gym`).
@@ -20,11 +20,18 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.chain import Chain, Signals
 from rpo_core.flight import Flight
-from rpo_core.hardware import Chaser
-from rpo_core.kernels import State, Vector, saturate
+from rpo_core.interfaces import (
+    CONTROL_FORCE,
+    NAVIGATION_STATE,
+    RELATIVE_STATE,
+    SATURATED_FORCE,
+)
+from rpo_core.kernels import Vector, saturate
 from rpo_core.metrics import PENALTY, of_flight
 from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
+from rpo_core.stage import Place, Signal
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
 
 Floats = NDArray[np.float64]
@@ -120,12 +127,21 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     def _begin(self, scenario: Scenario) -> None:
         """Place the chaser at the start of a scenario, tick 0."""
         self.scenario, self.tick = scenario, 0
-        self._chaser = Chaser(scenario)
-        self._pushes = scenario.disturbance.over(scenario.times_s)
+        chain = Chain.of(scenario)
+        self._sensors, self._plant = chain.before(Place.CONTROLLER), chain.after(Place.CONTROLLER)
+        chain.reset()
         self._states = np.empty((scenario.ticks + 1, 6))
         self._commands = np.zeros((scenario.ticks + 1, 3))
-        self._states[0] = self._chaser.state
-        self._told: Vector = (0.0, 0.0, 0.0)
+        self._signals: Signals = {
+            RELATIVE_STATE: tuple(map(float, scenario.start)),
+            SATURATED_FORCE: (0.0, 0.0, 0.0),
+        }
+        self._sense()
+
+    def _sense(self) -> None:
+        """Note the true state of the present tick, and let the sensors see it."""
+        self._states[self.tick] = self._signals[RELATIVE_STATE]
+        self._sensors.step(self.tick, self._signals)
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """Fly one tick; raises InputError if the action is no force or the flight is over."""
@@ -134,12 +150,11 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
             raise InputError('the flight is over; call `reset` before the next `step`')
         limit = scenario.max_force_n
         x, y, z = (saturate(f * limit, limit) for f in _three(action))
-        self._commands[tick] = x, y, z
-        push = self._pushes[tick].tolist()
-        self._told = self._chaser.advance((x, y, z), (push[0], push[1], push[2]))
+        self._commands[tick] = self._signals[CONTROL_FORCE] = x, y, z
+        self._plant.step(tick, self._signals)
         self.tick = tick + 1
-        self._states[self.tick] = self._chaser.state
-        fx, fy, fz = self._told
+        self._sense()
+        fx, fy, fz = self._signals[SATURATED_FORCE]
         reward = -(fx * fx + fy * fy + fz * fz) * scenario.dt_s
         info = self._info()
         over = self.tick == scenario.ticks
@@ -156,14 +171,13 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         """The flight since the last reset; after its end, whole. Its last command is zero."""
         if self.tick < self.scenario.ticks:
             raise InputError('the flight is not over; it can be looked at after its last step')
-        return Flight(self.scenario, self._states, self._commands, self._pushes)
+        disturbances = self.scenario.disturbance.over(self.scenario.times_s)
+        return Flight(self.scenario, self._states, self._commands, disturbances)
 
     @property
-    def seen(self) -> State:
+    def seen(self) -> Signal:
         """State (6,) [m, m/s], target LVLH, as navigation finds it; the truth if it is perfect."""
-        navigation = self.scenario.navigation
-        truth = self._chaser.state
-        return truth if navigation is None else navigation.solution(self.tick, truth)
+        return self._signals.get(NAVIGATION_STATE, self._signals[RELATIVE_STATE])
 
     def _observation(self) -> Floats:
         limit = self.scenario.max_force_n
@@ -172,7 +186,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
                 max(-MAX_OBSERVED, min(MAX_OBSERVED, x / unit))
                 for x, unit in zip(self.seen, UNITS, strict=True)
             ),
-            *(force / limit for force in self._told),
+            *(force / limit for force in self._signals[SATURATED_FORCE]),
             self.tick / self.scenario.ticks,
         ]
         return np.array(observed)
@@ -181,17 +195,17 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         return {
             'tick': self.tick,
             'time_s': self.scenario.time_s(self.tick),
-            'state': np.array(self._chaser.state),
+            'state': np.array(self._signals[RELATIVE_STATE]),
             'seen': np.array(self.seen),
-            'force_n': np.array(self._told),
+            'force_n': np.array(self._signals[SATURATED_FORCE]),
         }
 
     def render(self) -> str | None:
         """Return time, position, velocity and force as a line of text ('ansi')."""
         if self.render_mode is None:
             return None
-        x, y, z, vx, vy, vz = self._chaser.state
-        fx, fy, fz = self._told
+        x, y, z, vx, vy, vz = self._signals[RELATIVE_STATE]
+        fx, fy, fz = self._signals[SATURATED_FORCE]
         return (
             f't = {self.scenario.time_s(self.tick):7.1f} s   r = [{x:8.3f} {y:8.3f} {z:8.3f}] m   '
             f'v = [{vx:7.4f} {vy:7.4f} {vz:7.4f}] m/s   f = [{fx:7.4f} {fy:7.4f} {fz:7.4f}] N'

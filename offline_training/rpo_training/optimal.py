@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import cw, metrics
-from rpo_core.flight import Flight
-from rpo_core.kernels import plant_step
+from rpo_core.flight import Flight, OpenLoop, fly
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError, real
 
@@ -140,20 +139,7 @@ def _flown(scenario: Scenario, forces: Floats) -> Flight:
     """Return the flight of open-loop forces (N, 3) through the plant, its limit lifted to them."""
     limit = max(scenario.max_force_n, float(np.abs(forces).max()))
     lifted = replace(scenario, max_force_n=limit)
-    disturbances = _disturbances(scenario)
-    states = np.empty((scenario.ticks + 1, 6))
-    state = states[0] = scenario.start
-    for tick, (force, disturbance) in enumerate(zip(forces, disturbances, strict=False)):
-        state = plant_step(
-            tuple(map(float, state)),  # type: ignore[arg-type]
-            tuple(force.tolist()),
-            tuple(disturbance.tolist()),
-            limit,
-            scenario.step,
-        )
-        states[tick + 1] = state
-    commanded = np.vstack([forces, np.zeros((1, 3))])
-    return Flight(lifted, states, commanded, disturbances)
+    return fly(lifted, OpenLoop(forces))
 
 
 class Program:

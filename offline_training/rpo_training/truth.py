@@ -23,7 +23,9 @@ from scipy.integrate import DOP853
 
 from rpo_core import cw
 from rpo_core.flight import Flight
+from rpo_core.interfaces import THRUST_FORCE
 from rpo_core.scenario import Scenario
+from rpo_core.thrusters import ThrustersStage
 
 Floats = NDArray[np.float64]
 Truth = Callable[[Scenario, Floats], Floats]
@@ -40,10 +42,10 @@ def total_forces_n(flight: Flight) -> Floats:
 
     Those of the log: nothing is flown again by the controller.
     """
-    given, thrusters = flight.applied_forces_n, flight.scenario.thrusters
-    if thrusters is not None:
-        given = np.array([thrusters.given_n(tuple(row)) for row in given.tolist()])
-    return np.asarray(given + flight.disturbances_n[:-1])
+    stage = ThrustersStage(flight.scenario.thrusters, flight.scenario.max_force_n)
+    ticks = np.arange(len(flight.forces_n) - 1)
+    thrust = stage.steps(ticks, flight.forces_n[:-1])[stage.outputs.index(THRUST_FORCE)]
+    return np.asarray(thrust + flight.disturbances_n[:-1])
 
 
 def _turn(angle_rad: float) -> Floats:

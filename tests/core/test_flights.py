@@ -130,12 +130,12 @@ def test_thrusters_saturate_a_controller_that_asks_too_much(paper_test, handmade
     eager = replace(handmade, force_scale_n=5.0)
     flight = fly(replace(paper_test, duration_s=20.0), eager)
     assert np.abs(flight.forces_n).max() > 2.0
-    assert np.abs(flight.applied_forces_n).max() == paper_test.max_force_n
-    assert flight.applied_forces_n.shape == (200, 3)
+    assert np.abs(flight.saturated_forces_n).max() == paper_test.max_force_n
+    assert flight.saturated_forces_n.shape == (200, 3)
     steps = [
         kernels.cw_step(tuple(state), tuple(force + push), paper_test.step)
         for state, force, push in zip(
-            flight.states[:-1], flight.applied_forces_n, flight.disturbances_n[:-1], strict=True
+            flight.states[:-1], flight.saturated_forces_n, flight.disturbances_n[:-1], strict=True
         )
     ]
     np.testing.assert_array_equal(steps, flight.states[1:])

@@ -110,7 +110,7 @@ def test_the_flight_of_a_log_is_what_was_flown(free, tmp_path):
     free.write(tmp_path / 'run')
     flight = read_flight(tmp_path / 'run')
     np.testing.assert_array_equal(flight.forces_n, np.array(free.applied))
-    energy = float((flight.applied_forces_n**2).sum() * flight.scenario.dt_s)
+    energy = float((flight.saturated_forces_n**2).sum() * flight.scenario.dt_s)
     assert math.isclose(energy, free.plant.energy_n2s, rel_tol=1e-12)
     assert (flight.forces_n[LAME.stop - 1] == 0.0).all()
     parts = list(tables(RunReader(tmp_path / 'run')))

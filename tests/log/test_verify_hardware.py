@@ -11,18 +11,19 @@ from log_runs import DISTURBANCE, FORCE, STATE, TOPICS, Run, make_run, rewrite
 from rpo_core import cdr, scenario
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
-from rpo_core.hardware import Navigation, Thrusters
+from rpo_core.navigation import Navigation
+from rpo_core.thrusters import Thrusters
 from rpo_log import stream, topics
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.verify import verify
 
 NAVIGATION = '/navigation_state'
 MATRIX = ((0.97, 0.02, 0.0), (-0.02, 1.04, 0.01), (0.0, -0.01, 0.99))
-HARDWARE = {
-    'thrusters': Thrusters(MATRIX, 3),
-    'navigation': Navigation((0.02, 0.0, -0.01), (0.0, 0.001, 0.0), 0.01, 0.0005, (7, 8)),
-}
-SCENARIO = replace(make_run(2.0).flight.scenario, **HARDWARE)
+HARDWARE = (
+    Thrusters(MATRIX, 3),
+    Navigation((0.02, 0.0, -0.01), (0.0, 0.001, 0.0), 0.01, 0.0005, (7, 8)),
+)
+SCENARIO = make_run(2.0).flight.scenario.equipped(*HARDWARE)
 
 
 class HardwareRun(Run):
@@ -82,17 +83,17 @@ def test_one_bit_of_a_message_is_found(blocks, topic, check, tick, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('changes', 'check'),
+    ('sections', 'check'),
     [
-        ({'thrusters': Thrusters(MATRIX, 2)}, 'dynamics'),
-        ({'thrusters': Thrusters(((0.98, 0.02, 0.0), *MATRIX[1:]), 3)}, 'dynamics'),
-        ({'thrusters': None}, 'dynamics'),
-        ({'navigation': replace(HARDWARE['navigation'], noise_key=(7, 9))}, 'control law'),
-        ({'navigation': None}, 'control law'),
+        ((Thrusters(MATRIX, 2), HARDWARE[1]), 'dynamics'),
+        ((Thrusters(((0.98, 0.02, 0.0), *MATRIX[1:]), 3), HARDWARE[1]), 'dynamics'),
+        ((HARDWARE[1],), 'dynamics'),
+        ((HARDWARE[0], replace(HARDWARE[1], noise_key=(7, 9))), 'control law'),
+        ((HARDWARE[0],), 'control law'),
     ],
 )
-def test_other_hardware_than_the_scenarios_is_found(blocks, changes, check, tmp_path):
-    run_of(flown=replace(SCENARIO, **changes)).write(tmp_path)
+def test_other_hardware_than_the_scenarios_is_found(blocks, sections, check, tmp_path):
+    run_of(flown=replace(SCENARIO, sections=sections)).write(tmp_path)
     assert verify(tmp_path).difference.check == check
 
 

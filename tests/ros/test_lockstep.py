@@ -107,6 +107,6 @@ def test_driven_by_the_controller_it_is_the_core_closed_loop_bit_for_bit():
         if not plant.finished:
             plant.advance()
     assert plant.finished
-    applied = expected.applied_forces_n
+    applied = expected.saturated_forces_n
     energy = float(np.sum(applied**2) * scenario.dt_s)
     assert math.isclose(plant.figures()['energy_n2s'], energy, rel_tol=1e-12)

@@ -30,8 +30,9 @@ from doc_blocks import (
 from rpo_core import baselines, controller
 from rpo_core.disturbance import Disturbance, Harmonic
 from rpo_core.fuzzy import MembershipFunctions
-from rpo_core.hardware import Navigation, Thrusters
+from rpo_core.navigation import Navigation
 from rpo_core.scenario import DISTURBANCES, Scenario
+from rpo_core.thrusters import Thrusters
 from rpo_training.cli import app
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]

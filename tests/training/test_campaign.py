@@ -44,11 +44,13 @@ def test_every_run_has_the_bits_and_figures_of_the_core(write):
             'energy_n2s': figures.energy_n2s,
             'arrival_speed_m_s': figures.arrival_speed_m_s,
             'arrival_distance_m': figures.arrival_distance_m,
-            'slew_n_s': metrics.slew_n_s(flight.applied_forces_n[delay:], 0.1),
+            'slew_n_s': metrics.slew_n_s(flight.saturated_forces_n[delay:], 0.1),
             'late_position_m': late.position_m,
             'late_velocity_m_s': late.velocity_m_s,
             'late_force_n': late.force_n,
-            'delta_v_m_s': np.abs(flight.applied_forces_n).sum() * 0.1 / columns['mass_kg'][number],
+            'delta_v_m_s': np.abs(flight.saturated_forces_n).sum()
+            * 0.1
+            / columns['mass_kg'][number],
         }
         for name, value in expected.items():
             assert columns[name][number] == pytest.approx(value, rel=1e-12), name

@@ -34,7 +34,7 @@ def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
         flight = single.fly_run(campaign, number)
         final = [columns[name][number] for name in fleet.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
-        energy = (flight.applied_forces_n**2).sum() * 0.1
+        energy = (flight.saturated_forces_n**2).sum() * 0.1
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
 
 

@@ -20,9 +20,10 @@ from gymnasium.utils.env_checker import check_env
 import rpo_training.gym
 from rpo_core.controller import load_controller
 from rpo_core.flight import Flight, fly
-from rpo_core.hardware import Navigation, Thrusters
 from rpo_core.metrics import of_flight
+from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_core.thrusters import Thrusters
 from rpo_core.validation import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,7 +67,7 @@ SHORT = replace(load_scenario('paper_test'), duration_s=20.0)
     'scenario',
     [
         SHORT,
-        replace(SHORT, thrusters=REAL, navigation=NOISY),
+        SHORT.equipped(REAL, NOISY),
         replace(SHORT, initial_velocity_m_s=(0.3, -0.4, 0.5), disturbance=SHORT.disturbance),
     ],
     ids=['ideal', 'real hardware', 'moving start'],

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from rpo_core import cw
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
-from rpo_core.hardware import Thrusters
 from rpo_core.scenario import load_scenario
+from rpo_core.thrusters import Thrusters
 from rpo_training import truth
 from rpo_training.cli import app
 
@@ -67,9 +67,9 @@ def test_the_error_grows_with_the_square_of_the_distance():
 
 def test_thrusters_give_what_the_scenario_says():
     matrix = ((0.9, 0.1, 0.0), (0.0, 1.1, 0.0), (0.0, 0.2, 1.0))
-    scenario = replace(SHORT, thrusters=Thrusters(matrix, 2))
+    scenario = SHORT.equipped(Thrusters(matrix, 2))
     flight = fly(scenario, load_controller('handmade'))
-    expected = flight.applied_forces_n @ np.array(matrix).T + flight.disturbances_n[:-1]
+    expected = flight.saturated_forces_n @ np.array(matrix).T + flight.disturbances_n[:-1]
     np.testing.assert_allclose(truth.total_forces_n(flight), expected, rtol=1e-15)
     states = truth.by_scipy(scenario, truth.total_forces_n(flight))
     np.testing.assert_allclose(flight.states, states, rtol=0, atol=1e-5)

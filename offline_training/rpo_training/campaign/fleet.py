@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.baselines import Baseline
-from rpo_core.controller import AnyController
+from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import ARRIVAL_WINDOW_S, CLAIM_WINDOW_S, window_ticks
 from rpo_training import lanes
 from rpo_training.campaign import baselines, loops
@@ -74,6 +74,7 @@ def _flown_by(controller: AnyController) -> tuple[Callable[..., None], Any]:
     """Return the loop that flies a controller, and its law."""
     if isinstance(controller, Baseline):
         return baselines.fly, controller.law
+    controller = only_fuzzy(controller)
     law, members = lanes.make_law(controller.system.samples), population_of(controller)
     lanes.set_law(law, members.scales[0], members.functions[0], members.rules[0])
     return loops.fly, law

@@ -6,7 +6,7 @@ A tick: navigation measures the state with a bias and noise; the controller answ
 lost or late, and the newest answer that has come is held; the thrusters saturate the command of
 `delay` ticks ago, and give it with their own magnitude and direction; the disturbance is added; the
 chaser steps by its own mass about its own orbit. Every lane does the arithmetic of
-`rpo_core.hardware` and `campaign.faults` in its order.
+`rpo_core.thrusters`, `rpo_core.navigation` and `campaign.faults` in its order.
 
 Rows of scratch go on where those of `batch` end; axes lie one after the other in a row.
 """

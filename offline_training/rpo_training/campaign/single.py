@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-
-import numpy as np
+from typing import Any
 
 from rpo_core.flight import Flight, fly
-from rpo_core.hardware import Chaser, Navigation, Thrusters
+from rpo_core.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Signal, Stage
+from rpo_core.thrusters import Thrusters
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import Channel
 from rpo_training.campaign.sampling import Runs, draw
@@ -23,21 +25,29 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
     With message faults, its forces are those held at each tick.
     """
     scenario = scenario_of(campaign, number)
-    if campaign.config.faults is None:
+    faults = campaign.config.faults
+    if faults is None:
         return fly(scenario, campaign.controller)
     key = draw(campaign, number, 1).keys[0].tolist()
-    channel = Channel(campaign.config.faults, (key[0], key[1]))
-    chaser, navigation = Chaser(scenario), scenario.navigation or Navigation()
-    states, held = np.empty((scenario.ticks + 1, 6)), np.empty((scenario.ticks + 1, 3))
-    disturbances = scenario.disturbance.over(scenario.times_s)
-    for tick, push in enumerate(disturbances.tolist()):
-        states[tick] = chaser.state
-        seen = navigation.solution(tick, chaser.state)
-        command = campaign.controller.force_n(seen[:3], seen[3:], tick)
-        held[tick] = force = channel.passed(tick, command)
-        if tick < scenario.ticks:
-            chaser.advance(force, (push[0], push[1], push[2]))
-    return Flight(scenario, states, held, disturbances)
+    link = LinkStage(Channel(faults, (key[0], key[1])))
+    flight = fly(scenario, campaign.controller, [(Place.LINK, link)])
+    return replace(flight, forces_n=flight.signals[APPLIED_FORCE])
+
+
+class LinkStage(Stage):
+    """Messages lost or late: from the command to the force that the plant holds."""
+
+    name = 'link'
+    inputs = (COMMAND,)
+    outputs = (APPLIED_FORCE,)
+    memory_ticks = None
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the force (3,) [N] that the plant holds at a tick."""
+        return (self._channel.passed(tick, inputs[0]),)
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:
@@ -53,27 +63,30 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
         mass_kg=row[6],
         orbit_radius_m=row[22],
         disturbance=runs.disturbance(0, nominal.disturbance),
-        thrusters=_thrusters(campaign.config.dispersions, runs),
-        navigation=_navigation(campaign, runs),
+        sections=(
+            *_thrusters(campaign.config.dispersions, runs),
+            *_navigation(campaign, runs),
+        ),
     )
 
 
-def _thrusters(dispersed: Collection[str], runs: Runs) -> Thrusters | None:
+def _thrusters(dispersed: Collection[str], runs: Runs) -> list[Thrusters]:
     if not {'thrust_share', 'misalignment_deg', 'delay_ticks'} & set(dispersed):
-        return None
+        return []
     x, y, z = (tuple(row) for row in runs.thrust(0).tolist())
-    return Thrusters((x, y, z), int(runs.delays[0]))
+    return [Thrusters((x, y, z), int(runs.delays[0]))]
 
 
-def _navigation(campaign: Campaign, runs: Runs) -> Navigation | None:
+def _navigation(campaign: Campaign, runs: Runs) -> list[Navigation]:
     config = campaign.config
     if not any(name.startswith('navigation_') for name in config.dispersions):
-        return None
+        return []
     biases = runs.biases[0].tolist()
-    return Navigation(
+    errors = Navigation(
         tuple(biases[:3]),
         tuple(biases[3:]),
         config.spread('navigation_position_noise_m')[0],
         config.spread('navigation_velocity_noise_m_s')[0],
         (int(runs.keys[0, 0]), int(runs.keys[0, 1])),
     )
+    return [errors]

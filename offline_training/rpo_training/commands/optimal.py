@@ -118,7 +118,7 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
         table.add_column(heading, justify='right')
     for name, flight in flights.items():
         f = metrics.of_flight(flight)
-        peak = abs(flight.applied_forces_n).max()
+        peak = abs(flight.saturated_forces_n).max()
         row = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
         table.add_row(
             name, f'{f.energy_n2s:.4f}', f'{f.energy_n2s / best:.3f}', *(f'{x:.4f}' for x in row)

@@ -140,13 +140,13 @@ def energy(flight: Flight, optima: OptimaByName) -> Any:
 
 
 def _energy(flight: Flight) -> tuple[Floats, Floats]:
-    spent = np.cumsum((flight.applied_forces_n**2).sum(axis=1)) * flight.scenario.dt_s
+    spent = np.cumsum((flight.saturated_forces_n**2).sum(axis=1)) * flight.scenario.dt_s
     return flight.scenario.times_s, np.concatenate([[0.0], spent])
 
 
 def limits(flight: Flight) -> Any:
     """Return force and slew against what the thrusters and the conditions allow."""
-    scenario, forces = flight.scenario, flight.applied_forces_n
+    scenario, forces = flight.scenario, flight.saturated_forces_n
     slew = np.diff(forces, axis=0) / scenario.dt_s
     figure = style.new_figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
@@ -166,7 +166,7 @@ def disturbance(flight: Flight) -> Any:
     figure = style.new_figure(4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     by_axis(upper, scenario.times_s[:-1], disturbances, 'disturbance [N]')
-    by_axis(lower, scenario.times_s[:-1], flight.applied_forces_n + disturbances, 'net force [N]')
+    by_axis(lower, scenario.times_s[:-1], flight.saturated_forces_n + disturbances, 'net force [N]')
     limit_lines(lower, level, 'level of the disturbance')
     lower.set(xlabel='time [s]', ylim=(-3.0 * level, 3.0 * level))
     style.legend_below(figure, lower)

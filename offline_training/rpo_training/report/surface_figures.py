@@ -52,10 +52,11 @@ def axis_forces(controller: AnyController) -> Any:
     """Return each axis's force over its position and velocity, the others at rest, at t = 0."""
     r, v = (np.linspace(-span, span, _COARSE) for span in (_REACH_M, _REACH_M_S))
     forces = np.empty((3, _COARSE, _COARSE))
+    stage = controller.stage(getattr(controller, 'clock_s', None) or 1.0)
     for axis, row, column in itertools.product(range(3), range(_COARSE), range(_COARSE)):
         position, velocity = np.zeros(3), np.zeros(3)
         position[axis], velocity[axis] = r[column], v[row]
-        force = controller.force_n(position.tolist(), velocity.tolist())
+        (force,) = stage.step(0, (*position.tolist(), *velocity.tolist()))
         forces[axis, row, column] = force[axis]
     figure = style.new_figure(3.9)
     panels = figure.subplots(1, 3, sharey=True)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -22,8 +22,11 @@ from numpy.typing import NDArray
 
 from rpo_core import cw
 from rpo_core.baseline_kernels import GAINS, BaselineLaw, baseline_force, least_energy_gains
+from rpo_core.codec import required
+from rpo_core.controller_file import ControllerFile, ControllerStage, register
 from rpo_core.jit import as_table
-from rpo_core.validation import InputError, choice, mapping, real, shown, store, text, within
+from rpo_core.stage import Signal, Stage
+from rpo_core.validation import InputError, real, shown, store
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000
@@ -36,9 +39,9 @@ _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of states [m, m/s], f
 class Model:
     """The relative dynamics that a design takes for true."""
 
-    orbit_radius_m: float = 6_678_000.0
-    mass_kg: float = 10.0
-    dt_s: float = 0.1
+    orbit_radius_m: float = required(6_678_000.0)
+    mass_kg: float = required(10.0)
+    dt_s: float = required(0.1)
 
     def __post_init__(self) -> None:
         store(
@@ -58,46 +61,30 @@ class Model:
         return cw.matrices(cw.discretise(self.mean_motion_rad_s, self.mass_kg, self.dt_s))
 
 
+class BaselineStage(ControllerStage):
+    """A baseline in the chain; its force follows from the state and the tick."""
+
+    def __init__(self, law: BaselineLaw) -> None:
+        self._law = law
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a state (6,)."""
+        return (baseline_force(inputs[0], tick, self._law),)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Baseline:
-    """A controller that is no fuzzy one.
-
-    max_force_n : largest |f| of an axis that is commanded
-    provenance : how its parameters came to be; free text and numbers, not read by the control
-    """
-
-    kind: ClassVar[str]
-
-    name: str
-    max_force_n: float = 0.5
-    description: str = field(default='', compare=False)
-    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
-
-    def __post_init__(self) -> None:
-        store(
-            self,
-            name=text('name', self.name),
-            description=text('description', self.description, empty=True),
-            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=1e6),
-        )
+class Baseline(ControllerFile):
+    """A controller that is not fuzzy and has no memory."""
 
     @property
     @abstractmethod
     def law(self) -> BaselineLaw:
         """What the kernels read."""
 
-    @property
-    def clock_s(self) -> float | None:
-        """Length of the ticks that it counts; None if its force follows from the state alone."""
-        return None
-
-    def refuse_other_ticks(self, dt_s: float) -> None:
-        """Raise InputError if it counts ticks of another length than `dt_s`."""
-        if self.clock_s is not None and self.clock_s != dt_s:
-            raise InputError(
-                f'controller {self.name} counts ticks of {self.clock_s:g} s (`model.dt_s`); '
-                f'the scenario has {dt_s:g} s'
-            )
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage; raises InputError, see `refuse_other_ticks`."""
+        self.refuse_other_ticks(dt_s)
+        return BaselineStage(self.law)
 
     def force_n(
         self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
@@ -297,57 +284,6 @@ class PotentialField(Baseline):
 
 
 KINDS: Mapping[str, type[Baseline]] = {
-    baseline.kind: baseline for baseline in (Pd, Lqr, Mpc, PotentialField, Drift)
+    kind.kind: register(kind) for kind in (Pd, Lqr, Mpc, PotentialField, Drift)
 }
 """Kind in a controller file -> class."""
-
-_ALIKE = ('name', 'max_force_n', 'description', 'provenance')
-
-
-def parameters(kind: type[Baseline]) -> list[str]:
-    """Return the names of what a file of this kind holds beside what all baselines have."""
-    return [f.name for f in fields(kind) if f.name not in _ALIKE]
-
-
-def parse(document: Mapping[str, Any]) -> Baseline:
-    """Return the baseline of a parsed document whose schema was checked; raises InputError."""
-    kind = KINDS[choice('kind', document['kind'], KINDS)]
-    own = parameters(kind)
-    data = mapping(
-        '',
-        document,
-        ['schema', 'kind', 'name', 'max_force_n', *own, 'provenance'],
-        ['description'],
-    )
-    if not isinstance(data['provenance'], Mapping):
-        raise InputError(f'`provenance` must be a mapping; got {shown(data["provenance"])}')
-    given = {name: data[name] for name in own}
-    if 'model' in own:
-        names = [f.name for f in fields(Model)]
-        model = mapping('model', data['model'], names)
-        with within('model'):
-            given['model'] = Model(**model)
-    return kind(
-        name=data['name'],
-        max_force_n=data['max_force_n'],
-        description=data.get('description', ''),
-        provenance=dict(data['provenance']),
-        **given,
-    )
-
-
-def to_document(baseline: Baseline) -> dict[str, Any]:
-    """Return the fields of a baseline as `parse` reads them, without the schema."""
-    own = {name: getattr(baseline, name) for name in parameters(type(baseline))}
-    if 'model' in own:
-        own['model'] = {f.name: getattr(own['model'], f.name) for f in fields(Model)}
-    if 'gains' in own:
-        own['gains'] = [list(row) for row in own['gains']]
-    return {
-        'name': baseline.name,
-        'kind': baseline.kind,
-        'description': baseline.description,
-        'max_force_n': baseline.max_force_n,
-        **own,
-        'provenance': dict(baseline.provenance),
-    }

@@ -5,14 +5,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
-from rpo_core import baselines, files, kernels
+from rpo_core import baselines as _baselines  # noqa: F401  (registers their kinds)
+from rpo_core import codec, controller_file, files, kernels
+from rpo_core.controller_file import SCHEMA, ControllerFile, ControllerStage
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
+from rpo_core.jit import as_table
+from rpo_core.stage import Signal, Stage
 from rpo_core.validation import (
     InputError,
     choice,
@@ -22,10 +28,7 @@ from rpo_core.validation import (
     shown,
     store,
     text,
-    within,
 )
-
-SCHEMA = 'rpo/controller/1'
 
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""
@@ -48,11 +51,7 @@ _SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
 
 
 class Controller(Protocol):
-    """Whatever answers a relative state with a force.
-
-    The answer follows from the state and the tick alone: asked again, it is the same, and a
-    controller may be started in mid-flight.
-    """
+    """Whatever makes a stage that answers a relative state with a force."""
 
     @property
     def name(self) -> str:
@@ -62,10 +61,30 @@ class Controller(Protocol):
     def provenance(self) -> Mapping[str, Any]:
         """How it came to be."""
 
-    def force_n(
-        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
-    ) -> tuple[float, float, float]:
-        """Return the commanded force (3 floats, N), target LVLH, of a state [m, m/s] at a tick."""
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; with memory, one for each flight.
+
+        Raises InputError if it counts ticks of another length than `dt_s`.
+        """
+
+
+class FuzzyStage(ControllerStage):
+    """The fuzzy controller in the chain; its force follows from the state alone."""
+
+    def __init__(self, controller: FuzzyController) -> None:
+        self._scales, self._tables = controller.scales, controller.system.tables
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a state (6,)."""
+        return (kernels.fuzzy_force(inputs[0], self._scales, self._tables),)
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the commanded forces (n, 3) [N] of states (n, 6)."""
+        forces = np.empty((len(ticks), 3))
+        kernels.fuzzy_forces(as_table(inputs[0]), self._scales, self._tables, forces)
+        return (forces,)
 
 
 def _scale(name: str, value: Any, unit: str) -> float:
@@ -104,6 +123,10 @@ class FuzzyController:
         """Position [m], velocity [m/s] and force [N] scale."""
         return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
 
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; it fits ticks of any length."""
+        return FuzzyStage(self)
+
     def force_n(
         self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
     ) -> tuple[float, float, float]:
@@ -119,7 +142,7 @@ class FuzzyController:
         return x, y, z
 
 
-AnyController = FuzzyController | baselines.Baseline
+AnyController = FuzzyController | ControllerFile
 """What a controller file holds; its `kind` says which, a file without one is fuzzy."""
 
 
@@ -127,8 +150,8 @@ def parse(document: Any) -> AnyController:
     """Return the controller of a parsed YAML document; raises InputError."""
     schema(document, SCHEMA)
     if isinstance(document, Mapping) and document.get('kind', FUZZY) != FUZZY:
-        choice('kind', document['kind'], [FUZZY, *baselines.KINDS])
-        return baselines.parse(document)
+        choice('kind', document['kind'], [FUZZY, *controller_file.kinds()])
+        return controller_file.parse(document)
     return _parse_fuzzy(document)
 
 
@@ -162,10 +185,7 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
 
 
 def _functions(variable: str, value: Any) -> MembershipFunctions:
-    name = f'membership_functions.{variable}'
-    data = mapping(name, value, [f.name for f in fields(MembershipFunctions)])
-    with within(name):
-        return MembershipFunctions(**data)
+    return codec.from_mapping(MembershipFunctions, f'membership_functions.{variable}', value)
 
 
 def _rules(value: Any) -> RuleTable:
@@ -196,8 +216,8 @@ def _samples(value: Any) -> int:
 
 def to_document(controller: AnyController) -> dict[str, Any]:
     """Return the controller as the document that `parse` reads."""
-    if isinstance(controller, baselines.Baseline):
-        return {'schema': SCHEMA, **baselines.to_document(controller)}
+    if isinstance(controller, ControllerFile):
+        return {'schema': SCHEMA, **controller_file.to_document(controller)}
     system, rules = controller.system, controller.system.rules
     symmetry = 'free'
     if rules.is_transpose_symmetric:

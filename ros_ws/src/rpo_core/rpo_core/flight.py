@@ -1,20 +1,26 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The closed loop as one plain function: what the nodes fly, without ROS, with the same bits."""
+"""A flight without ROS: the whole chain, tick by tick, with the bits that the nodes fly."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import kernels
-from rpo_core.baselines import Baseline
-from rpo_core.controller import Controller, FuzzyController
-from rpo_core.hardware import Chaser
-from rpo_core.jit import as_table
+from rpo_core.chain import Chain, Signals
+from rpo_core.controller import Controller
+from rpo_core.controller_file import ControllerStage
+from rpo_core.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Signal, Stage
+from rpo_core.thrusters import ThrustersStage
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,84 +28,86 @@ class Flight:
     """One flight, sampled at ticks 0..N.
 
     states : (N+1, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
-    forces_n : (N+1, 3) commanded force; those of the last states are not flown
+    forces_n : (N+1, 3) commanded force; the thrusters never took that of the last state
     disturbances_n : (N+1, 3) disturbance force, held for the tick
+    signals : name -> (N+1, width) of the other signals of the chain, where they are known
     """
 
     scenario: Scenario
-    states: NDArray[np.float64]
-    forces_n: NDArray[np.float64]
-    disturbances_n: NDArray[np.float64]
+    states: Floats
+    forces_n: Floats
+    disturbances_n: Floats
+    signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
 
     @property
-    def positions_m(self) -> NDArray[np.float64]:
+    def positions_m(self) -> Floats:
         """Relative positions (N+1, 3)."""
         return self.states[:, :3]
 
     @property
-    def velocities_m_s(self) -> NDArray[np.float64]:
+    def velocities_m_s(self) -> Floats:
         """Relative velocities (N+1, 3)."""
         return self.states[:, 3:]
 
-    @property
-    def applied_forces_n(self) -> NDArray[np.float64]:
-        """Forces (N, 3) that the thrusters were told: commands, late where they are, saturated."""
-        limit, thrusters = self.scenario.max_force_n, self.scenario.thrusters
-        told = np.clip(self.forces_n[:-1], -limit, limit)
-        if thrusters is None or not thrusters.delay_ticks:
-            return told
-        late = np.zeros_like(told)
-        late[thrusters.delay_ticks :] = told[: -thrusters.delay_ticks]
-        return late
+    @cached_property
+    def saturated_forces_n(self) -> Floats:
+        """Commands (N, 3) that the thrusters took: late where they are, saturated."""
+        if SATURATED_FORCE in self.signals:
+            return self.signals[SATURATED_FORCE][:-1]
+        stage = ThrustersStage(self.scenario.thrusters, self.scenario.max_force_n)
+        made = stage.steps(np.arange(len(self.forces_n) - 1), self.forces_n[:-1])
+        return made[stage.outputs.index(SATURATED_FORCE)]
 
 
-def fly(scenario: Scenario, controller: Controller) -> Flight:
+class _GivenForces(ControllerStage):
+    """Commands that are known before the flight."""
+
+    def __init__(self, forces_n: Floats) -> None:
+        self._forces = forces_n.tolist()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a tick; zero after the last one given."""
+        return (tuple(self._forces[tick]) if tick < len(self._forces) else (0.0, 0.0, 0.0),)
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """A controller that commands forces (n, 3) [N], one a tick, whatever the state is."""
+
+    forces_n: Floats
+    name: str = 'open loop'
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; its forces are held for any tick."""
+        return _GivenForces(self.forces_n)
+
+
+def fly(
+    scenario: Scenario, controller: Controller, more: Iterable[tuple[Place, Stage]] = ()
+) -> Flight:
     """Return the flight of a controller through a scenario.
 
-    Raises InputError if the controller counts ticks of another length than the scenario's.
+    more : stages that no section of the scenario names, in their places
+
+    Raises InputError if the chain cannot be put together (`rpo_core.chain.Chain.of`).
     """
-    if isinstance(controller, Baseline):
-        controller.refuse_other_ticks(scenario.dt_s)
-    disturbances = scenario.disturbance.over(scenario.times_s)
-    states = np.empty((scenario.ticks + 1, 6))
-    forces = np.empty((scenario.ticks + 1, 3))
-    if scenario.is_ideal and isinstance(controller, FuzzyController):
-        kernels.closed_loop(
-            scenario.start,
-            controller.scales,
-            controller.system.tables,
-            as_table(disturbances),
-            scenario.max_force_n,
-            scenario.step,
-            states,
-            forces,
-        )
-    else:
-        fly_on(Chaser(scenario), scenario, controller, 0, disturbances, states, forces)
-    return Flight(scenario, states, forces, disturbances)
-
-
-def fly_on(
-    chaser: Chaser,
-    scenario: Scenario,
-    controller: Controller,
-    first: int,
-    disturbances: NDArray[np.float64],
-    states: NDArray[np.float64],
-    forces: NDArray[np.float64],
-) -> None:
-    """Fly any controller, thrusters and navigation from tick `first`, where the chaser is.
-
-    disturbances (n+1, 3) are given; states (n+1, 6) and commanded forces (n+1, 3) are filled. The
-    chaser is then at the last of the states, which was answered but not flown.
-    """
-    navigation = scenario.navigation
-    last = len(disturbances) - 1
-    for row, push in enumerate(disturbances.tolist()):
-        states[row] = seen = chaser.state
-        if navigation is not None:
-            seen = navigation.solution(first + row, chaser.state)
-        command = controller.force_n(seen[:3], seen[3:], first + row)
-        forces[row] = command
-        if row < last:
-            chaser.advance(command, (push[0], push[1], push[2]))
+    chain = Chain.of(scenario, controller, more)
+    chain.reset()
+    kept: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
+    signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    for tick in range(scenario.ticks + 1):
+        kept[RELATIVE_STATE].append(signals[RELATIVE_STATE])
+        chain.step(tick, signals)
+        for name, values in kept.items():
+            if name != RELATIVE_STATE:
+                values.append(signals[name])
+    arrays = {name: np.array(values) for name, values in kept.items()}
+    disturbances = arrays.pop(DISTURBANCE_FORCE, None)
+    return Flight(
+        scenario,
+        arrays.pop(RELATIVE_STATE),
+        arrays.pop(CONTROL_FORCE),
+        np.zeros((scenario.ticks + 1, 3)) if disturbances is None else disturbances,
+        arrays,
+    )

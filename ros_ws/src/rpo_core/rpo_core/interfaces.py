@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The table of interfaces: what flies between stages, and how a topic carries it.
 
-A signal is a tuple of floats with a name. A signal that is in this table is a topic of that name
-too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read this table;
-whoever adds a topic adds one row (`add`), and nothing else.
+A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
+that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
+this table; whoever adds a topic adds one row (`add`), and nothing else.
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ RELATIVE_STATE = 'relative_state'
 NAVIGATION_STATE = 'navigation_state'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
+DUE_FORCE = 'due_force'
+SATURATED_FORCE = 'saturated_force'
+THRUST_FORCE = 'thrust_force'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
@@ -40,9 +43,10 @@ NODE_MANIFEST = 'node_manifest'
 RECORDER_STATUS = 'recorder_status'
 DIAGNOSTICS = 'diagnostics'
 
-STATE, COMMAND, DISTURBANCE = 'state', 'command', 'disturbance'
-"""What a signal carries: a relative state; a force commanded on its way to the thrusters; a force
-from outside. A stage that reads one of these gets the last that was made before it."""
+STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
+"""What a signal carries: a relative state; a force commanded, on its way to the thrusters; the
+force that thrusters exert; a force from outside. A stage that reads one of these gets the last
+signal made before it."""
 
 TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
 """When a topic is owed: at each tick, by the plant itself; at each tick, in answer to a state (in
@@ -82,9 +86,9 @@ class Interface:
     """One row of the table.
 
     name : of the signal and of the topic, relative, so that two runs live in two namespaces
-    type : ROS type of the message
+    type : ROS type of the message; '' for a signal that is no topic
     meaning : in a few words, with unit and frame
-    carries : STATE, COMMAND, DISTURBANCE, or '' for a signal that is read by its name only
+    carries : STATE, COMMAND, THRUST, DISTURBANCE, or '' for a signal read by its name only
     owed : TRUTH, EACH_TICK or EVENT
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
@@ -152,8 +156,8 @@ def find(name: str) -> Interface | None:
 
 
 def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
-    """Return the rows in their order; those that are logged, those that are not, or all."""
-    return tuple(r for r in _TABLE.values() if logged is None or r.logged == logged)
+    """Return the rows of topics in their order; those logged, those that are not, or all."""
+    return tuple(r for r in _TABLE.values() if r.type and logged in (None, r.logged))
 
 
 # fmt: off
@@ -168,6 +172,10 @@ for _row in (
               COMMAND, owed=TRUTH),
     Interface(APPLIED_DISTURBANCE, FORCE_TYPE, 'disturbance that acted, in free running',
               DISTURBANCE, owed=TRUTH),
+    Interface(DUE_FORCE, '', 'command that is due at the thrusters, late where they are, N',
+              logged=False),
+    Interface(SATURATED_FORCE, '', 'the same, saturated, N', logged=False),
+    Interface(THRUST_FORCE, '', 'force that the thrusters exert, N', THRUST, logged=False),
     Interface(STAGE_STATUS, STATUS_TYPE, 'a stage was switched off or on', owed=EVENT,
               qos=LATCHED),
     Interface(RUN_STATUS, STATUS_TYPE, 'phase and metrics of the run', owed=EVENT, qos=LATCHED),

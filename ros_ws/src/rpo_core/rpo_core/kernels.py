@@ -264,37 +264,35 @@ def measured(truth: float, bias: float, sigma: float, normal: float) -> float:
 
 
 @kernel
-def closed_loop(
-    start: State,
-    scales: Vector,
-    fis: FisTables,
-    disturbance: Any,
-    limit: float,
-    c: CwStep,
-    states: NDArray[np.float64],
-    forces: NDArray[np.float64],
-) -> None:
-    """Fly N ticks: fill states (N+1, 6) and commanded forces (N+1, 3), given disturbances (N+1, 3).
+def fuzzy_force(state: State, scales: Vector, fis: FisTables) -> Vector:
+    """Commanded force [N] of all three axes."""
+    r, v, f = scales
+    return (
+        axis_force(state[0], state[3], r, v, f, fis),
+        axis_force(state[1], state[4], r, v, f, fis),
+        axis_force(state[2], state[5], r, v, f, fis),
+    )
 
-    The force of the last state is computed, as the nodes answer it, but not flown.
-    """
-    position_scale, velocity_scale, force_scale = scales
-    state = (start[0], start[1], start[2], start[3], start[4], start[5])
-    last = len(disturbance) - 1
-    for tick in range(last + 1):
-        x, y, z, vx, vy, vz = state
-        force = (
-            axis_force(x, vx, position_scale, velocity_scale, force_scale, fis),
-            axis_force(y, vy, position_scale, velocity_scale, force_scale, fis),
-            axis_force(z, vz, position_scale, velocity_scale, force_scale, fis),
-        )
-        for i in range(6):
-            states[tick, i] = state[i]
-        for i in range(3):
-            forces[tick, i] = force[i]
-        if tick < last:
-            d = disturbance[tick]
-            state = plant_step(state, force, (d[0], d[1], d[2]), limit, c)
+
+@kernel
+def fuzzy_forces(states: Any, scales: Vector, fis: FisTables, forces: NDArray[np.float64]) -> None:
+    """Fill the force (n, 3) [N] that answers each state (n, 6)."""
+    for i in range(len(states)):
+        s = states[i]
+        force = fuzzy_force((s[0], s[1], s[2], s[3], s[4], s[5]), scales, fis)
+        for axis in range(3):
+            forces[i, axis] = force[axis]
+
+
+@kernel
+def cw_steps(states: Any, forces: Any, c: CwStep, following: NDArray[np.float64]) -> None:
+    """Fill the state (n, 6) that follows each state (n, 6) under a force (n, 3) [N]."""
+    for i in range(len(states)):
+        s = states[i]
+        f = forces[i]
+        new = cw_step((s[0], s[1], s[2], s[3], s[4], s[5]), (f[0], f[1], f[2]), c)
+        for j in range(6):
+            following[i, j] = new[j]
 
 
 _HALF_PI_A = 1.5707963267341256  # pi/2 in three parts; the first two have 33 bits, so that

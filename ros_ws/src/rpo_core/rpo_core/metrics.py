@@ -61,15 +61,15 @@ class Metrics:
         return self.energy_n2s + PENALTY * self.conditions.count(False)
 
 
-def slew_n_s(applied_forces_n: NDArray[np.float64], dt_s: float) -> float:
+def slew_n_s(saturated_forces_n: NDArray[np.float64], dt_s: float) -> float:
     """Return the largest |df/dt| [N/s] between consecutive forces (N, 3); 0 for a single one."""
-    steps = np.abs(np.diff(applied_forces_n, axis=0))
+    steps = np.abs(np.diff(saturated_forces_n, axis=0))
     return float(steps.max() / dt_s) if steps.size else 0.0
 
 
 def of_flight(flight: Flight) -> Metrics:
     """Return the metrics of a flight."""
-    scenario, applied = flight.scenario, flight.applied_forces_n
+    scenario, applied = flight.scenario, flight.saturated_forces_n
     last = window_ticks(scenario, ARRIVAL_WINDOW_S)
     return Metrics(
         energy_n2s=float((applied**2).sum() * scenario.dt_s),
@@ -93,7 +93,7 @@ def window(flight: Flight, window_s: float) -> Window:
     return Window(
         float(np.abs(flight.positions_m[-last:]).max()),
         float(np.abs(flight.velocities_m_s[-last:]).max()),
-        float(np.abs(flight.applied_forces_n[-last:]).max()),
+        float(np.abs(flight.saturated_forces_n[-last:]).max()),
     )
 
 
@@ -124,7 +124,7 @@ def claims(flight: Flight) -> list[Claim]:
     if flight.scenario.disturbance.is_zero:
         last, statement = _claim_window(flight.scenario, TRAINING_CLAIM_WINDOW_S)
         speed = float(np.linalg.norm(flight.velocities_m_s[-last:], axis=1).mean())
-        slew = slew_n_s(flight.applied_forces_n, flight.scenario.dt_s)
+        slew = slew_n_s(flight.saturated_forces_n, flight.scenario.dt_s)
         return [
             Claim(f'mean speed, {statement}', 'm/s', 0.015, speed),
             Claim('largest |df/dt|', 'N/s', 0.0261, slew),

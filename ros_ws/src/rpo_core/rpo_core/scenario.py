@@ -6,19 +6,21 @@ from __future__ import annotations
 
 import datetime
 import itertools
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import cw, files
-from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, Harmonic, paper
-from rpo_core.hardware import Navigation, Thrusters, parse_navigation, parse_thrusters
+from rpo_core import codec, cw, files
+from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State
+from rpo_core.navigation import Navigation
+from rpo_core.stage import section_of, sections
+from rpo_core.thrusters import Thrusters
 from rpo_core.validation import (
     InputError,
     choice,
@@ -29,8 +31,9 @@ from rpo_core.validation import (
     store,
     text,
     vector3,
-    within,
 )
+
+Settings = TypeVar('Settings')
 
 SCHEMA = 'rpo/scenario/1'
 SET_SCHEMA = 'rpo/scenario_set/1'
@@ -57,7 +60,7 @@ class Scenario:
 
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
-    thrusters, navigation : None where they are perfect
+    sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
     """
 
     name: str
@@ -70,8 +73,7 @@ class Scenario:
     initial_velocity_m_s: tuple[float, float, float]
     epoch_ns: int
     disturbance: Disturbance = NONE
-    thrusters: Thrusters | None = None
-    navigation: Navigation | None = None
+    sections: tuple[Any, ...] = ()
     description: str = field(default='', compare=False)
 
     def __post_init__(self) -> None:
@@ -91,8 +93,16 @@ class Scenario:
                 'initial_velocity_m_s', self.initial_velocity_m_s, 'm/s', bound=MAX_VELOCITY_M_S
             ),
         )
+        self._check_sections()
         self._check_ticks()
         self._check_angles()
+
+    def _check_sections(self) -> None:
+        """Put the sections in the order of the chain."""
+        order = sorted(self.sections, key=lambda s: (section_of(s).place, section_of(s).name))
+        if len({type(settings) for settings in order}) < len(order):
+            raise InputError('`sections` must hold settings of each kind once')
+        store(self, sections=tuple(order))
 
     def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
@@ -127,10 +137,30 @@ class Scenario:
                     f'{MAX_ANGLE_RAD:g} rad in the flight; got {angle!r}'
                 )
 
+    def section(self, kind: type[Settings]) -> Settings | None:
+        """Return the settings of a stage, None where it is the identity."""
+        return next((found for found in self.sections if type(found) is kind), None)
+
+    @property
+    def thrusters(self) -> Thrusters | None:
+        """Thrusters with a delay or a matrix; None: saturation alone."""
+        return self.section(Thrusters)
+
+    @property
+    def navigation(self) -> Navigation | None:
+        """Errors of navigation; None: the controller sees the truth."""
+        return self.section(Navigation)
+
+    def equipped(self, *settings: Any) -> Scenario:
+        """Return the scenario with these settings of stages, in place of any of their kind."""
+        kinds = {type(new) for new in settings}
+        kept = [old for old in self.sections if type(old) not in kinds]
+        return replace(self, sections=(*kept, *settings))
+
     @property
     def is_ideal(self) -> bool:
-        """Whether thrusters and navigation are perfect."""
-        return self.thrusters is None and self.navigation is None
+        """Whether no stage has a section: thrusters and navigation are perfect."""
+        return not self.sections
 
     @property
     def dt_ns(self) -> int:
@@ -223,50 +253,45 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     """Return the scenario, or set, of a parsed YAML document; raises InputError."""
     is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
-    hardware = [] if is_set else ['thrusters', 'navigation']  # the batch simulator has none
+    known = {} if is_set else sections()  # a set is flown without stages of its own
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
-    data = mapping('', document, required, [*hardware, 'description'])
+    data = mapping('', document, required, [*known, 'description'])
     base = Scenario(
         name=data['name'],
         description=data.get('description', ''),
         initial_position_m=(0.0, 0.0, 0.0) if is_set else data[start],
         epoch_ns=_epoch_ns(data['epoch']),
-        thrusters=parse_thrusters(data['thrusters']) if 'thrusters' in data else None,
-        navigation=parse_navigation(data['navigation']) if 'navigation' in data else None,
+        sections=tuple(
+            codec.from_mapping(section.settings, name, data[name])
+            for name, section in known.items()
+            if name in data
+        ),
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
     return ScenarioSet(base, data[start]) if is_set else base
 
 
-def to_document(flown: Scenario) -> dict[str, Any]:
+def to_document(scenario: Scenario) -> dict[str, Any]:
     """Return one scenario as the document that `parse` reads, its disturbance spelt out."""
-    moment = datetime.datetime.fromtimestamp(flown.epoch_ns // NANOSECONDS, datetime.timezone.utc)
+    moment = datetime.datetime.fromtimestamp(
+        scenario.epoch_ns // NANOSECONDS, datetime.timezone.utc
+    )
     document: dict[str, Any] = {
         'schema': SCHEMA,
-        'name': flown.name,
-        'description': flown.description,
-        **{name: getattr(flown, name) for name in ('initial_position_m', *_FIELDS)},
-        'epoch': moment + datetime.timedelta(microseconds=flown.epoch_ns % NANOSECONDS // 1000),
-        'disturbance': asdict(flown.disturbance),
+        'name': scenario.name,
+        'description': scenario.description,
+        **{name: getattr(scenario, name) for name in ('initial_position_m', *_FIELDS)},
+        'epoch': moment + datetime.timedelta(microseconds=scenario.epoch_ns % NANOSECONDS // 1000),
+        'disturbance': scenario.disturbance,
+        **{section_of(settings).name: settings for settings in scenario.sections},
     }
-    if flown.thrusters is not None:
-        document['thrusters'] = asdict(flown.thrusters)
-    if flown.navigation is not None:
-        document['navigation'] = asdict(flown.navigation)
-    return _plain(document)
+    return {key: codec.to_mapping(value) for key, value in document.items()}
 
 
-def _plain(value: Any) -> Any:
-    """Return a document with lists for tuples, as YAML has them."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, tuple) else value
-
-
-def dumps(flown: Scenario) -> str:
+def dumps(scenario: Scenario) -> str:
     """Return the YAML text of one scenario; it is read back to the same bits."""
-    document = to_document(flown)
+    document = to_document(scenario)
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
@@ -284,22 +309,7 @@ def _disturbance(value: Any, mean_motion_rad_s: float) -> Disturbance:
     if isinstance(value, str):
         preset = choice('disturbance', value, DISTURBANCES)
         return NONE if preset == 'none' else paper(preset.split('_')[1], mean_motion_rad_s)
-    data = mapping('disturbance', value, ['constant_n', 'harmonics'])
-    if not isinstance(data['harmonics'], list):
-        raise InputError(f'`disturbance.harmonics` must be a list; got {shown(data["harmonics"])}')
-    harmonics = tuple(
-        _harmonic(f'disturbance.harmonics[{i}]', term) for i, term in enumerate(data['harmonics'])
-    )
-    with within('disturbance'):
-        return Disturbance(data['constant_n'], harmonics)
-
-
-def _harmonic(name: str, value: Any) -> Harmonic:
-    data = mapping(
-        name, value, ['axis', 'function', 'amplitude_n', 'angular_rate_rad_s'], ['phase_rad']
-    )
-    with within(name):
-        return Harmonic(**data)
+    return codec.from_mapping(Disturbance, 'disturbance', value, needed=('constant_n', 'harmonics'))
 
 
 def load(name: str | Path) -> Scenario | ScenarioSet:

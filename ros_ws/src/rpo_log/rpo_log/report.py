@@ -145,7 +145,7 @@ def time_histories(flight: Flight) -> Any:
     limits = [claim.paper for claim in metrics.claims(flight)] if disturbed else [None] * 3
     for (wide, close), values, label, limit in zip(
         panels,
-        (flight.positions_m, flight.velocities_m_s, flight.applied_forces_n),
+        (flight.positions_m, flight.velocities_m_s, flight.saturated_forces_n),
         ('relative position [m]', 'relative velocity [m/s]', 'control force [N]'),
         limits,
         strict=True,

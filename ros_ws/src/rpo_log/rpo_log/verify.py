@@ -19,18 +19,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cdr, kernels
-from rpo_core.controller import FuzzyController
-from rpo_core.flight import fly_on
-from rpo_core.hardware import Chaser
-from rpo_core.jit import as_table, kernel
+from rpo_core import cdr
+from rpo_core.chain import DynamicsStage
+from rpo_core.navigation import NavigationStage
+from rpo_core.thrusters import ThrustersStage
 from rpo_log import topics
 from rpo_log.aligned_ticks import AlignedTicks, DelayLine, HeldForces, held_ticks
 from rpo_log.completeness import Completeness
@@ -43,7 +41,6 @@ from rpo_log.difference import (
     NAVIGATION,
     REST,
     START,
-    WHOLE,
     Difference,
     odd_difference,
 )
@@ -96,38 +93,6 @@ class Verification:
         return said
 
 
-@kernel
-def _fuzzy_laws(seen, scales, fis, laws):  # type: ignore[no-untyped-def]
-    """Fill the force (n, 3) that answers each state (n, 6)."""
-    position_scale, velocity_scale, force_scale = scales
-    for i in range(len(seen)):
-        s = seen[i]
-        for axis in range(3):
-            laws[i, axis] = kernels.axis_force(
-                s[axis], s[axis + 3], position_scale, velocity_scale, force_scale, fis
-            )
-
-
-@kernel
-def _step_each(  # type: ignore[no-untyped-def]
-    states, forces, disturbances, limit, step, following
-):
-    """Fill the state (n, 6) that follows each tick."""
-    for i in range(len(states)):
-        s = states[i]
-        f = forces[i]
-        d = disturbances[i]
-        new = kernels.plant_step(
-            (s[0], s[1], s[2], s[3], s[4], s[5]),
-            (f[0], f[1], f[2]),
-            (d[0], d[1], d[2]),
-            limit,
-            step,
-        )
-        for j in range(6):
-            following[i, j] = new[j]
-
-
 class _Verifier:
     """Computes the blocks of a log anew; keeps what one hands to the next."""
 
@@ -149,11 +114,8 @@ class _Verifier:
         self.pushes = HeldForces(ticks, math.inf)
         thrusters = self.scenario.thrusters
         self.line = DelayLine(thrusters.delay_ticks if thrusters else 0)
-        self.chaser = Chaser(self.scenario)
         self.limit = float(self.scenario.max_force_n)
         self.rows: AlignedTicks | None = None
-        self.flown: Any = tuple(map(float, self.scenario.start))  # the next state, without the log
-        self.unbroken_to = 0  # the next tick, as long as no message lacks
         self.spent = np.zeros((1, 2))  # before each of the rows: energy [N^2 s], saturated ticks
 
     def first_difference(self, block: Block) -> Difference | None:
@@ -166,7 +128,7 @@ class _Verifier:
             flown = self.line.flown(rows.ticks, rows.flown)
             self._account(flown)
             found += self._compare(rows, flown)
-            found += self._held(rows) if self.free else self._fly(rows)
+            found += self._held(rows) if self.free else []
         found += [self._status(tick, status) for tick, status in block.statuses]
         order = {name: index for index, name in enumerate(topics.ORDER)}
         return min(
@@ -181,7 +143,7 @@ class _Verifier:
         """Compare each message with those that it follows from."""
         seen = rows.states
         if self.scenario.navigation is not None:
-            seen = self.scenario.navigation.solutions(rows.ticks, rows.states)
+            (seen,) = NavigationStage(self.scenario.navigation).steps(rows.ticks, rows.states)
         laws, following = self._laws(rows.ticks, seen), self._following(rows, flown)
         times = np.array([self.scenario.time_s(int(tick)) for tick in rows.ticks])
         disturbances = self.scenario.disturbance.over(times)
@@ -211,25 +173,19 @@ class _Verifier:
 
     def _laws(self, ticks: NDArray[np.int64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the command (n, 3) that answers each state (n, 6)."""
-        controller, laws = self.controller, np.full((len(seen), 3), np.nan)
-        if isinstance(controller, FuzzyController):
-            _fuzzy_laws(as_table(seen), controller.scales, controller.system.tables, laws)
-            return laws
-        for row in np.flatnonzero(np.isfinite(seen).all(axis=1)).tolist():
-            state = seen[row].tolist()
-            laws[row] = controller.force_n(state[:3], state[3:], int(ticks[row]))
+        laws = np.full((len(seen), 3), np.nan)
+        there = np.isfinite(seen).all(axis=1)
+        stage = self.controller.stage(self.scenario.dt_s)
+        (laws[there],) = stage.steps(ticks[there], seen[there])
         return laws
 
     def _following(self, rows: AlignedTicks, flown: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the state (n, 6) after each tick, by its state and the command flown (n, 3)."""
-        given, limit, following = flown, self.limit, np.empty_like(rows.states)
-        thrusters = self.scenario.thrusters
-        if thrusters is not None:
-            told, limit = np.clip(flown, -limit, limit), math.inf
-            given = np.array([thrusters.given_n(tuple(f)) for f in told.tolist()])
-        tables = (as_table(rows.states), as_table(given), as_table(rows.pushes))
-        _step_each(*tables, limit, self.scenario.step, following)
-        return following
+        settings = self.scenario.thrusters
+        instant = None if settings is None else replace(settings, delay_ticks=0)
+        *_, thrust = ThrustersStage(instant, self.limit).steps(rows.ticks, flown)
+        dynamics = DynamicsStage(self.scenario)
+        return dynamics.steps(rows.ticks, rows.states, thrust, rows.pushes)[0]
 
     def _held(self, rows: AlignedTicks) -> Iterator[Difference | None]:
         """Compare the forces flown with those commanded not long before, as far as they are known.
@@ -244,42 +200,6 @@ class _Verifier:
             where = known & rows.has_push
             role = topics.APPLIED_DISTURBANCE
             yield self._first(FLOWN, role, rows.ticks, rows.pushes, computed, where)
-
-    def _fly(self, rows: AlignedTicks) -> Iterator[Difference | None]:
-        """Fly from the start, without the log, as far as no message lacks."""
-        new = rows.ticks >= self.unbroken_to
-        ticks, whole = rows.ticks[new], rows.whole[new]
-        count = int(np.cumprod(whole & (ticks == self.unbroken_to + np.arange(len(ticks)))).sum())
-        if not count:
-            return
-        times = [self.scenario.time_s(self.unbroken_to + k) for k in range(count + 1)]
-        disturbances = self.scenario.disturbance.over(np.array(times))
-        states, forces = np.empty((count + 1, 6)), np.empty((count + 1, 3))
-        controller = self.controller
-        if self.scenario.is_ideal and isinstance(controller, FuzzyController):
-            kernels.closed_loop(
-                self.flown,
-                controller.scales,
-                controller.system.tables,
-                as_table(disturbances),
-                self.limit,
-                self.scenario.step,
-                states,
-                forces,
-            )
-        else:
-            tables = (disturbances, states, forces)
-            fly_on(self.chaser, self.scenario, controller, self.unbroken_to, *tables)
-        everywhere = np.ones(count, dtype=bool)
-        for role, logged, flown in (
-            (topics.STATE, rows.states, states),
-            (topics.FORCE, rows.forces, forces),
-        ):
-            yield self._first(
-                WHOLE, role, ticks[:count], logged[new][:count], flown[:-1], everywhere
-            )
-        self.flown = tuple(states[-1].tolist())
-        self.unbroken_to += count
 
     def _account(self, flown: NDArray[np.float64]) -> None:
         """Sum up what the thrusters were told before each row; NaN from where a force lacks."""

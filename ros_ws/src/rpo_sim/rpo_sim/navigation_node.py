@@ -16,7 +16,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 
 from rpo_core import files, scenario
-from rpo_core.hardware import Navigation
+from rpo_core.navigation import Navigation
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import Row, declare
 from rpo_ros.running import FlightNode, run_node

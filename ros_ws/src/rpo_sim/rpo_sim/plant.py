@@ -9,8 +9,16 @@ from collections import Counter
 from collections.abc import Sequence
 
 from rpo_core import kernels
-from rpo_core.hardware import Chaser
+from rpo_core.chain import Chain, Signals
+from rpo_core.interfaces import (
+    CONTROL_FORCE,
+    DISTURBANCE_FORCE,
+    DUE_FORCE,
+    RELATIVE_STATE,
+    SATURATED_FORCE,
+)
 from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Signal
 
 Force = tuple[float, float, float]
 """Force [N], target LVLH."""
@@ -38,14 +46,16 @@ class Plant:
         self.energy_n2s = 0.0
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
-        self._chaser = Chaser(scenario)
+        chain = Chain.of(scenario)
+        self._chain = chain.part(Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
+        self._signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
 
     @property
-    def state(self) -> kernels.State:
+    def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
-        return self._chaser.state
+        return self._signals[RELATIVE_STATE]
 
     @property
     def stamp_ns(self) -> int:
@@ -64,9 +74,11 @@ class Plant:
 
     def fly(self, command: Force, disturbance: Force) -> None:
         """Step to the next tick under a command to the thrusters and a disturbance."""
-        told = self._chaser.advance(command, disturbance)
-        x, y, z = flown = self.saturated(told)
-        self.saturated_ticks += flown != told
+        signals = self._signals
+        signals[CONTROL_FORCE], signals[DISTURBANCE_FORCE] = command, disturbance
+        self._chain.step(self.tick, signals)
+        x, y, z = signals[SATURATED_FORCE]
+        self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
         # Neither sum() nor hypot(): they round differently from one Python to another.
         self.energy_n2s += (x * x + y * y + z * z) * self.scenario.dt_s
         self.tick += 1

@@ -1,0 +1,204 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of stages: the tick of a flight, written once.
+
+    dynamics -truth-> sensor -> estimator -> guidance -> controller -> assurance -> thrusters
+       ^------------------------------ force, disturbance <-----------------------------'
+
+At tick k each stage reads signals made before it, in the order of their places; the dynamics make
+the true state of tick k + 1. Each place may be empty. `rpo_core.flight.fly` flies a whole chain, a
+node a part of it, `rpo verify` each stage on its logged inputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import interfaces, kernels
+from rpo_core.controller import Controller
+from rpo_core.disturbance import Disturbance
+from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE, THRUST
+from rpo_core.jit import as_table
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Signal, Stage, section_of
+from rpo_core.thrusters import ThrustersStage
+from rpo_core.validation import InputError
+
+Signals = dict[str, Signal]
+
+NO_FORCE = ''
+"""The signal that is read where nothing carries a force: zero."""
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+class DisturbanceStage(Stage):
+    """The disturbance at the time of a tick."""
+
+    name = 'disturbance'
+    outputs = (interfaces.DISTURBANCE_FORCE,)
+
+    def __init__(self, disturbance: Disturbance, scenario: Scenario) -> None:
+        self._disturbance, self._time_s = disturbance, scenario.time_s
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the force (3,) [N], target LVLH."""
+        return (self._disturbance.force_n(self._time_s(tick)),)
+
+
+class DynamicsStage(Stage):
+    """Clohessy-Wiltshire motion: from a true state and forces to the next true state."""
+
+    name = 'dynamics'
+    inputs = (RELATIVE_STATE, THRUST, DISTURBANCE)
+    outputs = (RELATIVE_STATE,)
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._step = scenario.step
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the state (6,) [m, m/s] one tick later."""
+        state, (tx, ty, tz), (dx, dy, dz) = inputs
+        return (kernels.cw_step(state, (tx + dx, ty + dy, tz + dz), self._step),)
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the state (n, 6) that follows each tick."""
+        states, thrust, disturbance = inputs
+        following = np.empty_like(states)
+        kernels.cw_steps(as_table(states), as_table(thrust + disturbance), self._step, following)
+        return (following,)
+
+
+class Link(NamedTuple):
+    """A stage in its place, and the names of the signals that it reads."""
+
+    place: Place
+    stage: Stage
+    reads: tuple[str, ...]
+
+
+class Chain:
+    """Stages in a row.
+
+    links : stages, in the order in which a tick passes them
+    """
+
+    def __init__(self, links: Sequence[Link]) -> None:
+        self.links = tuple(links)
+
+    @classmethod
+    def of(
+        cls,
+        scenario: Scenario,
+        controller: Controller | None = None,
+        more: Iterable[tuple[Place, Stage]] = (),
+    ) -> Chain:
+        """Return the chain of a scenario and a controller.
+
+        more : stages that no section of the scenario names, in their places
+
+        Raises InputError if the controller counts ticks of another length, or a stage reads a
+        signal that nothing before it makes.
+        """
+        placed = [*more]
+        for settings in scenario.sections:
+            section = section_of(settings)
+            placed.append((section.place, section.make(settings, scenario)))
+        if scenario.thrusters is None:
+            placed.insert(0, (Place.THRUSTERS, ThrustersStage(None, scenario.max_force_n)))
+        if controller is not None:
+            placed.append((Place.CONTROLLER, controller.stage(scenario.dt_s)))
+        if not scenario.disturbance.is_zero:
+            stage = DisturbanceStage(scenario.disturbance, scenario)
+            placed.append((Place.DISTURBANCE, stage))
+        placed.append((Place.DYNAMICS, DynamicsStage(scenario)))
+        placed.sort(key=lambda pair: pair[0])
+        return cls(_wired(placed, open_loop=controller is None))
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Signals that it reads and does not make, each once; RELATIVE_STATE where it is read."""
+        made: set[str] = {NO_FORCE}
+        found: dict[str, None] = {}
+        for link in self.links:
+            found.update((name, None) for name in link.reads if name not in made)
+            made |= {name for name in link.stage.outputs if name != RELATIVE_STATE}
+        return tuple(found)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Signals that it makes."""
+        return tuple(name for link in self.links for name in link.stage.outputs)
+
+    @property
+    def memory_ticks(self) -> int | None:
+        """How many earlier ticks the outputs depend on; None: all."""
+        depths = [link.stage.memory_ticks for link in self.links]
+        return None if None in depths else sum(depth or 0 for depth in depths)
+
+    def part(self, *places: Place) -> Chain:
+        """Return the stages of some places, reading what they read in the whole chain."""
+        return Chain([link for link in self.links if link.place in places])
+
+    def before(self, place: Place) -> Chain:
+        """Return the stages before a place."""
+        return Chain([link for link in self.links if link.place < place])
+
+    def after(self, place: Place) -> Chain:
+        """Return the stages after a place."""
+        return Chain([link for link in self.links if link.place > place])
+
+    def reset(self) -> None:
+        """Let every stage forget: a flight begins."""
+        for link in self.links:
+            link.stage.reset()
+
+    def step(self, tick: int, signals: Signals) -> None:
+        """Pass a tick: add to `signals`, which hold the inputs, what the stages make of them.
+
+        RELATIVE_STATE is afterwards that of the next tick, if the dynamics are in the chain.
+        """
+        signals[NO_FORCE] = ZERO
+        for _, stage, reads in self.links:
+            made = stage.step(tick, *[signals[name] for name in reads])
+            for name, values in zip(stage.outputs, made, strict=True):
+                signals[name] = values
+
+
+def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]:
+    """Return stages with the names of the signals that they read.
+
+    open_loop : commands come from outside, under the name of the controller's
+    """
+    last = {STATE: RELATIVE_STATE, DISTURBANCE: NO_FORCE}
+    if open_loop:
+        last[COMMAND] = interfaces.CONTROL_FORCE
+    made, links = {RELATIVE_STATE, *last.values()}, []
+    for place, stage in placed:
+        reads = tuple(last.get(name, name) for name in stage.inputs)
+        for name in reads:
+            if name not in made:
+                raise InputError(
+                    f'stage `{stage.name}` must read a signal made before it, '
+                    f'{", ".join(sorted(made - {NO_FORCE}))}; got {name!r}'
+                )
+        links.append(Link(place, stage, reads))
+        for name in stage.outputs:
+            made.add(name)
+            carried = interfaces.row_of(name).carries
+            if carried and place is not Place.DYNAMICS:
+                last[carried] = name
+    return links
+
+
+def signals_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the signals of a scenario's flights, whatever the controller; the truth first."""
+    chain = Chain.of(scenario)
+    made = (RELATIVE_STATE, interfaces.CONTROL_FORCE, *chain.outputs)
+    return tuple(dict.fromkeys(made))

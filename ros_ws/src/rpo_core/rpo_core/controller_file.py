@@ -1,0 +1,113 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every controller file holds, and the kinds of controller that a file may name.
+
+Whoever adds a kind writes a frozen dataclass and one line (`register`) in a module of their own,
+and names that module in the environment variable `RPO_PLUGINS`. Its fields are those of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, TypeVar
+
+from rpo_core import codec, interfaces
+from rpo_core.stage import Stage, load_plugins
+from rpo_core.validation import InputError, choice, real, shown, store, text
+
+SCHEMA = 'rpo/controller/1'
+
+
+class ControllerStage(Stage):
+    """A controller in the chain: from the state that it sees to the commanded force."""
+
+    name = 'controller'
+    inputs = (interfaces.STATE,)
+    outputs = (interfaces.CONTROL_FORCE,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerFile:
+    """A controller of a kind that names itself.
+
+    max_force_n : largest |f| of an axis that is commanded
+    provenance : how its parameters came to be; free text and numbers, not read by the control
+    """
+
+    kind: ClassVar[str]
+
+    name: str
+    description: str = field(default='', compare=False)
+    max_force_n: float = 0.5
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.provenance, Mapping):
+            raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
+        store(
+            self,
+            name=text('name', self.name),
+            description=text('description', self.description, empty=True),
+            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=1e6),
+            provenance=dict(self.provenance),
+        )
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts; None if it counts none."""
+        return None
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; with memory, one for each flight.
+
+        Raises InputError if it counts ticks of another length than `dt_s`.
+        """
+        raise NotImplementedError
+
+    def refuse_other_ticks(self, dt_s: float) -> None:
+        """Raise InputError if it counts ticks of another length than `dt_s`."""
+        if self.clock_s is not None and self.clock_s != dt_s:
+            raise InputError(
+                f'controller {self.name} counts ticks of {self.clock_s:g} s (`model.dt_s`); '
+                f'the scenario has {dt_s:g} s'
+            )
+
+
+Kind = TypeVar('Kind', bound=type[ControllerFile])
+
+_KINDS: dict[str, type[ControllerFile]] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Let controller files be of a kind; raises InputError if there is one of that name."""
+    if kind.kind in _KINDS:
+        raise InputError(f'controller kind `{kind.kind}` must be registered once; it is already')
+    _KINDS[kind.kind] = kind
+    return kind
+
+
+def kinds() -> Mapping[str, type[ControllerFile]]:
+    """Return name -> class of all kinds that a file may name; loads the plug-ins first."""
+    load_plugins()
+    return _KINDS
+
+
+def parse(document: Mapping[str, Any]) -> ControllerFile:
+    """Return the controller of a document that names its kind; raises InputError."""
+    kind = kinds()[choice('kind', document['kind'], kinds())]
+    needed = {f.name for f in fields(kind)} - {'description'}
+    body = {key: value for key, value in document.items() if key not in ('schema', 'kind')}
+    return codec.from_mapping(kind, '', body, needed=needed)
+
+
+def to_document(controller: ControllerFile) -> dict[str, Any]:
+    """Return the fields of a controller as `parse` reads them, without the schema."""
+    found = codec.to_mapping(controller)
+    return {
+        **{key: found.pop(key) for key in ('name',)},
+        'kind': controller.kind,
+        **{key: found.pop(key) for key in ('description', 'max_force_n')},
+        **{key: value for key, value in found.items() if key != 'provenance'},
+        'provenance': found['provenance'],
+    }

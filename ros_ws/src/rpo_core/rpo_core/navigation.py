@@ -1,0 +1,93 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Navigation with errors: the truth plus a bias and white noise. Section `navigation`.
+
+Noise is a function of tick and key (`rpo_core.noise`), so all of it can be repeated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rpo_core import interfaces, kernels
+from rpo_core.kernels import State, Vector
+from rpo_core.noise import six_normals
+from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.validation import InputError, real, shown, store, vector3, whole
+
+MAX_POSITION_ERROR_M = 1e5
+MAX_VELOCITY_ERROR_M_S = 1e3
+
+
+@dataclass(frozen=True)
+class Navigation:
+    """Error of the navigation solution, which is what the controller sees.
+
+    position_bias_m, velocity_bias_m_s : (3,) added to the truth, target LVLH
+    position_noise_m, velocity_noise_m_s : 1 sigma, white, each axis by itself, new at each tick
+    noise_key : two words of 32 bits, the key of Philox4x32-10
+    """
+
+    position_bias_m: Vector = (0.0, 0.0, 0.0)
+    velocity_bias_m_s: Vector = (0.0, 0.0, 0.0)
+    position_noise_m: float = 0.0
+    velocity_noise_m_s: float = 0.0
+    noise_key: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        key = self.noise_key
+        if not isinstance(key, (list, tuple)) or len(key) != 2:
+            raise InputError(f'`noise_key` must be a list of 2 words of 32 bits; got {shown(key)}')
+        r, v = MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
+        noise_m, noise_m_s = self.position_noise_m, self.velocity_noise_m_s
+        store(
+            self,
+            position_bias_m=vector3('position_bias_m', self.position_bias_m, 'm', bound=r),
+            velocity_bias_m_s=vector3('velocity_bias_m_s', self.velocity_bias_m_s, 'm/s', bound=v),
+            position_noise_m=real('position_noise_m', noise_m, 'm', least=0.0, most=r),
+            velocity_noise_m_s=real('velocity_noise_m_s', noise_m_s, 'm/s', least=0.0, most=v),
+            noise_key=tuple(
+                whole(f'noise_key[{i}]', word, least=0, most=2**32 - 1)
+                for i, word in enumerate(key)
+            ),
+        )
+
+    def solution(self, tick: int, state: Signal) -> State:
+        """Return the state (x, y, z, vx, vy, vz) [m, m/s] that navigation finds at a tick."""
+        noisy = self.position_noise_m > 0.0 or self.velocity_noise_m_s > 0.0
+        n = six_normals(tick, *self.noise_key) if noisy else (0.0,) * 6
+        r, v = self.position_noise_m, self.velocity_noise_m_s
+        x, y, z, vx, vy, vz = (
+            kernels.measured(truth, bias, sigma, normal)
+            for truth, bias, sigma, normal in zip(
+                state,
+                (*self.position_bias_m, *self.velocity_bias_m_s),
+                (r, r, r, v, v, v),
+                n,
+                strict=True,
+            )
+        )
+        return x, y, z, vx, vy, vz
+
+
+class NavigationStage(Stage):
+    """From the true state to the navigation solution."""
+
+    name = 'navigation'
+    inputs = (interfaces.RELATIVE_STATE,)
+    outputs = (interfaces.NAVIGATION_STATE,)
+
+    def __init__(self, settings: Navigation) -> None:
+        self.settings = settings
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the navigation solution (6,) [m, m/s]."""
+        return (self.settings.solution(tick, inputs[0]),)
+
+
+def _make(settings: Navigation, _scenario: Any) -> Stage:
+    return NavigationStage(settings)
+
+
+register(Section('navigation', Navigation, Place.SENSOR, _make))

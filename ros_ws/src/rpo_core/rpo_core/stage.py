@@ -1,0 +1,137 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stage of a flight, the places of the chain, and the stages that a scenario file may name.
+
+A stage is a function of its inputs so far: deterministic, with memory if it needs any, without ROS.
+Randomness is a function of (tick, key). `rpo_core.chain` puts stages in a row and flies them.
+
+A section of a scenario file adds a stage. Whoever adds one writes a class and one line (`register`)
+in a module of their own, and names that module in the environment variable `RPO_PLUGINS`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.validation import InputError
+
+Signal = tuple[float, ...]
+"""The numbers of a signal at one tick; `rpo_core.interfaces` says which."""
+
+PLUGINS = 'RPO_PLUGINS'
+"""Environment variable: names of modules to import first, separated by commas."""
+
+
+class Place(IntEnum):
+    """Where in the chain a stage stands; stages of one place follow in the order of the file."""
+
+    SENSOR = 10
+    ESTIMATOR = 20
+    GUIDANCE = 30
+    CONTROLLER = 40
+    ASSURANCE = 50
+    DISTURBANCE = 60
+    LINK = 70
+    THRUSTERS = 80
+    DYNAMICS = 90
+
+
+class Stage:
+    """One stage of a flight.
+
+    name : as verify, nodes and pages name it
+    inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE of
+        `rpo_core.interfaces`): then the last signal before this stage that carries it
+    outputs : names of signals, each a row of `rpo_core.interfaces`
+    memory_ticks : how many earlier ticks the outputs depend on; None: all
+    """
+
+    name: str = ''
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    memory_ticks: int | None = 0
+
+    def reset(self) -> None:
+        """Forget all earlier ticks: a flight begins."""
+
+    def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
+        """Return the outputs of a tick; ticks come in order, but some may be missing."""
+        raise NotImplementedError
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the outputs (n, width) of ticks (n,) one after the other; the same bits.
+
+        A stage without memory may do it faster than tick by tick.
+        """
+        rows = zip(*(values.tolist() for values in inputs), strict=True) if inputs else ()
+        every = rows if inputs else ((),) * len(ticks)
+        found = [self.step(t, *map(tuple, r)) for t, r in zip(ticks.tolist(), every, strict=True)]
+        return tuple(
+            np.array([outputs[i] for outputs in found], dtype=np.float64).reshape(len(ticks), -1)
+            for i in range(len(self.outputs))
+        )
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a scenario file that adds a stage.
+
+    name : of the section
+    settings : frozen dataclass that holds and checks the section's fields
+    place : of the stage
+    make : from the settings and the scenario to the stage
+    """
+
+    name: str
+    settings: type[Any]
+    place: Place
+    make: Callable[[Any, Any], Stage]
+
+
+_SECTIONS: dict[str, Section] = {}
+_loaded = False
+
+
+def register(section: Section) -> Section:
+    """Let scenario files have a section; raises InputError if there is one of that name."""
+    if section.name in _SECTIONS:
+        raise InputError(f'section `{section.name}` must be registered once; it is there already')
+    _SECTIONS[section.name] = section
+    return section
+
+
+def sections() -> dict[str, Section]:
+    """Return name -> section of all that scenario files may have; loads the plug-ins first."""
+    load_plugins()
+    return _SECTIONS
+
+
+def section_of(settings: Any) -> Section:
+    """Return the section that some settings belong to; raises InputError."""
+    for section in sections().values():
+        if type(settings) is section.settings:
+            return section
+    raise InputError(f'section must be registered; got settings of {type(settings).__name__}')
+
+
+def load_plugins() -> None:
+    """Import the modules that `RPO_PLUGINS` names, once; raises InputError if one is missing."""
+    global _loaded
+    if _loaded:
+        return
+    _loaded = True
+    for name in filter(None, os.environ.get(PLUGINS, '').split(',')):
+        try:
+            importlib.import_module(name.strip())
+        except ModuleNotFoundError as error:
+            raise InputError(f'environment variable `{PLUGINS}`: {error}') from None
