@@ -64,8 +64,6 @@ def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
 @pytest.mark.parametrize(
     ('node', 'parameters', 'said'),
     [
-        ('rival_controller', {'controller': 'trained'}, 'trained is fuzzy: fly it with'),
-        ('fuzzy_controller', {'controller': 'lqr'}, 'must be a fuzzy one here; lqr is of kind lqr'),
         (
             'rival_controller',
             {'controller': 'mpc', 'scenario': 'none'},
@@ -73,9 +71,7 @@ def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
         ),
     ],
 )
-def test_the_wrong_node_or_scenario_is_refused_in_a_sentence(
-    node, parameters, said, ros_env, tmp_path
-):
+def test_the_wrong_scenario_is_refused_in_a_sentence(node, parameters, said, ros_env, tmp_path):
     with flight(ros_env, tmp_path) as ros:
         started = ros.node('rpo_ctrl', node, **parameters)
         assert started.wait() == 2

@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Topic `decision`: what the controller says is what it does, when it is due, and recorded."""
 
+import math
+
 from diagnostic_msgs.msg import DiagnosticArray
 from inside import inside
 from nav_msgs.msg import Odometry
 from processes import flight
 
 from rpo_core.explain import decisions
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.decisions import read_decisions
 from rpo_log.reader import controller_of, read_run
 from rpo_ros import conversions, qos
@@ -19,7 +21,7 @@ STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
 
 def heard(bench, rate_hz, ticks, deactivate_at=None):
     """Return the decisions on so many states, 0.1 s apart."""
-    node = bench.start(FuzzyControllerNode({'decision_rate_hz': rate_hz}))
+    node = bench.start(ControllerNode({'decision_rate_hz': rate_hz, 'scenario': 'approach'}))
     said = []
     states = bench.user.create_publisher(Odometry, 'relative_state', qos.LOCKSTEP)
     bench.user.create_subscription(DiagnosticArray, 'decision', said.append, qos.LOCKSTEP)
@@ -32,7 +34,8 @@ def heard(bench, rate_hz, ticks, deactivate_at=None):
             states.publish(conversions.to_odometry(EPOCH_NS + tick * 100_000_000, STATE))
             count = node.answered + 1
             bench.until(lambda: node.answered >= count)  # noqa: B023
-    bench.until(lambda: len(said) >= (2 if rate_hz else 0))
+    due = math.ceil(ticks * rate_hz / 10.0)  # states are 0.1 s apart, each is sent twice
+    bench.until(lambda: len(said) >= 2 * due)
     return said
 
 

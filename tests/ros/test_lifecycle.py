@@ -11,12 +11,13 @@ from processes import flight
 from rpo_core import files
 from rpo_core.controller import load_controller
 from rpo_core.validation import InputError
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.reader import read_run
 from rpo_ros import conversions, qos
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
 NODE = '/fuzzy_controller'
+NAMED = {'scenario': 'approach'}  # there is no plant to say it
 
 
 class Asker:
@@ -47,7 +48,7 @@ def force_of(name):
 
 def test_each_transition_does_what_it_says(ros_env, capfd):
     with inside() as bench:
-        node = bench.start(FuzzyControllerNode({'autostart': False, 'controller': 'handmade'}))
+        node = bench.start(ControllerNode({**NAMED, 'autostart': False, 'controller': 'handmade'}))
         asker = Asker(bench)
         bench.until(lambda: asker.states.get_subscription_count())
         asker.states.publish(conversions.to_odometry(1, STATE))
@@ -75,14 +76,14 @@ def test_each_transition_does_what_it_says(ros_env, capfd):
 
 def test_another_controller_is_refused_in_flight_and_loaded_when_inactive(ros_env):
     with inside() as bench:
-        node = bench.start(FuzzyControllerNode({'controller': 'handmade'}))
+        node = bench.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
         asker = Asker(bench)
         successful, reason = bench.set(NODE, controller='trained')
         assert not successful and 'deactivate` first' in reason
         assert bench.transition(NODE, 'deactivate')
         successful, reason = bench.set(NODE, controller='nope')
         assert not successful and "'nope'" in reason
-        assert node.law.name == 'handmade' == node.values['controller']
+        assert node.controller.name == 'handmade' == node.values['controller']
         assert bench.set(NODE, controller='trained')[0]
         assert bench.transition(NODE, 'activate')
         assert asker.ask(1) == force_of('trained')
@@ -93,7 +94,7 @@ def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(ros_env, tmp_path,
     path = tmp_path / 'mine.yaml'
     path.write_text(good.replace('position_m:', 'position_km:'))
     with inside() as bench:
-        bench.start(FuzzyControllerNode({'autostart': False, 'controller': str(path)}))
+        bench.start(ControllerNode({'autostart': False, 'controller': str(path)}))
         assert not bench.transition(NODE, 'configure')
         assert bench.state(NODE) == 'unconfigured'
         assert not bench.transition(NODE, 'activate'), 'there is no such transition from here'
@@ -104,7 +105,7 @@ def test_a_bad_file_leaves_the_node_unconfigured_and_says_why(ros_env, tmp_path,
 
 
 def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
-    class Broken(FuzzyControllerNode):
+    class Broken(ControllerNode):
         fault = ''
 
         def parse(self, document):
@@ -112,11 +113,19 @@ def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
                 raise ZeroDivisionError('in the parser')
             return super().parse(document)
 
-        def command_n(self, stamp_ns, state):
-            raise ZeroDivisionError('in the law')
+        def part(self, scenario):
+            chain = super().part(scenario)
+            chain.links[0].stage.step = self.broken
+            return chain
+
+        @staticmethod
+        def broken(tick, *inputs):
+            if inputs != ((0.0,) * 6,):  # not while it warms up
+                raise ZeroDivisionError('in the law')
+            return ((0.0, 0.0, 0.0),)
 
     with inside() as bench:
-        node = bench.start(Broken())
+        node = bench.start(Broken(NAMED))
         asker = Asker(bench)
         assert asker.ask(1) == (0.0, 0.0, 0.0), 'a broken law commands zero'
         assert bench.state(NODE) == 'inactive'
@@ -131,7 +140,7 @@ def test_what_breaks_inside_is_logged_with_its_cause(ros_env, capfd):
 
 def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
     with inside() as bench, pytest.raises(InputError, match='no file'):
-        bench.start(FuzzyControllerNode({'controller': str(tmp_path / 'no.yaml')}))
+        bench.start(ControllerNode({'controller': str(tmp_path / 'no.yaml')}))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Clock
 from scenarios import lasting
 
 import rpo_log.recorder_node
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.reader import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros import names, qos
@@ -29,7 +29,7 @@ def two_seconds(tmp_path):
 
 def start(inner, scenario, folder):
     """Start controller, plant and recorder; return the last."""
-    inner.start(FuzzyControllerNode({'controller': 'handmade'}))
+    inner.start(ControllerNode({'controller': 'handmade'}))
     recorder = inner.start(RecorderNode({'output': str(folder)}))
     inner.start(PlantNode({'scenario': scenario, 'wait_for_recorder': True}))
     return recorder

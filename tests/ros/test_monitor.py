@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 
 from rpo_bringup.monitor_node import MonitorNode
 from rpo_core import files
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, qos
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
 
@@ -51,7 +51,7 @@ class Liar:
 def flying(bench, path, **monitor):
     """Start plant, controller and monitor; return them in flight."""
     plant = bench.start(PlantNode(FAST))
-    controller = bench.start(FuzzyControllerNode())
+    controller = bench.start(ControllerNode())
     watcher = bench.start(MonitorNode({'table': path, **monitor}))
     bench.until(lambda: watcher.phase == 'running')
     return plant, controller, watcher

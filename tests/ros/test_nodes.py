@@ -60,7 +60,10 @@ def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
 )
 def test_a_signal_ends_every_node_cleanly(ros, number):
     started = [
-        (ros.node('rpo_sim', 'plant', wait_for_recorder='true'), 'waiting for'),
+        (
+            ros.node('rpo_sim', 'plant', scenario='paper_test', wait_for_recorder='true'),
+            'waiting for',
+        ),
         (ros.node('rpo_sim', 'disturbance_injector'), 'disturbing as'),
         (ros.node('rpo_ctrl', 'fuzzy_controller'), 'controlling with'),
         (ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run')), 'recording'),

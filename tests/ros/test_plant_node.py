@@ -8,7 +8,7 @@ from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_ros import names, qos
@@ -28,7 +28,7 @@ class Bench:
 
     def start(self, output='', **parameters):
         """Start controller, plant and perhaps a recorder."""
-        self.controller = self.inner.start(FuzzyControllerNode({'controller': 'handmade'}))
+        self.controller = self.inner.start(ControllerNode({'controller': 'handmade'}))
         parameters |= {'scenario': self.scenario, 'wait_for_recorder': bool(output)}
         self.plant = self.inner.start(PlantNode(parameters))
         if output:
@@ -103,16 +103,16 @@ def test_abort_says_so_in_the_exit_code(bench, mode):
     bench.start(real_time_factor=10.0, mode=mode)
     bench.says('flying')
     assert bench.trigger('abort').success
-    assert bench.says('abort asked for').level == DiagnosticStatus.ERROR
+    assert bench.says('abort requested').level == DiagnosticStatus.ERROR
     bench.until(lambda: bench.plant.done)
     assert bench.plant.exit_code == EXIT_ABORTED
-    assert bench.trigger('step').message == 'nothing flies: aborted'
+    assert bench.trigger('step').message == 'no run in progress: aborted'
 
 
 def test_before_the_flight_there_is_nothing_to_steer(bench):
     bench.plant = bench.inner.start(PlantNode({'scenario': bench.scenario}))
     for answer in (bench.pause(), bench.trigger('step'), bench.trigger('reset')):
-        assert (answer.success, answer.message) == (False, 'nothing flies: waiting')
+        assert (answer.success, answer.message) == (False, 'no run in progress: waiting')
 
 
 def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
@@ -121,7 +121,7 @@ def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
     bench.gone(bench.controller)
     lost = bench.says('from control_force: zero')
     assert lost.level == DiagnosticStatus.WARN
-    bench.inner.start(FuzzyControllerNode({'controller': 'handmade'}))
+    bench.inner.start(ControllerNode({'controller': 'handmade'}))
     bench.says('forces are back')
     bench.until(lambda: bench.plant.done and bench.recorder.done)
     assert (bench.plant.exit_code, bench.recorder.exit_code) == (0, 0)

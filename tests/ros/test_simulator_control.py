@@ -98,7 +98,7 @@ def test_abort_ends_the_run_and_says_so(ros, hand, scenario, mode):
     assert hand.trigger('abort').success
     assert plant.wait() == 3
     assert recorder.wait() == 0, recorder.output
-    hand.says('abort asked for')
+    hand.says('abort requested')
     assert dict(read_run(ros.folder / 'run').statuses[-1][1].values)['phase'] == 'aborted'
 
 

@@ -14,15 +14,13 @@ from pathlib import Path
 from rclpy.utilities import remove_ros_args
 
 from rpo_core import scenario
-from rpo_core.baselines import Baseline
-from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
+from rpo_core.chain import Chain
+from rpo_core.controller import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
-from rpo_ctrl.fuzzy_controller_node import FuzzyControllerNode
-from rpo_ctrl.rival_controller_node import RivalControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import report
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
-from rpo_ros import names
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.navigation_node import NavigationNode
@@ -63,45 +61,26 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _controller(options: argparse.Namespace) -> FlightNode:
-    """Return the node that flies a controller file of any kind."""
-    if isinstance(load_controller(options.controller), Baseline):
-        return RivalControllerNode({'controller': options.controller, 'scenario': options.scenario})
-    return FuzzyControllerNode({'controller': options.controller})
-
-
 def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
     flown = scenario.load_scenario(options.scenario)
+    named = {'scenario': options.scenario}
     plant = {
-        'scenario': options.scenario,
+        **named,
         'real_time_factor': real('real_time_factor', options.real_time_factor, least=0.0),
         'wait_for_recorder': True,
         'start_timeout_s': _START_TIMEOUT_S,
     }
     nodes: list[FlightNode] = [
         PlantNode(plant),
-        _controller(options),
+        ControllerNode({**named, 'controller': options.controller}),
     ]
-    if not flown.disturbance.is_zero:
-        nodes.append(DisturbanceInjectorNode({'scenario': options.scenario}))
-    if flown.navigation is not None:
-        nodes.append(NavigationNode({'scenario': options.scenario}))
+    places = {link.place for link in Chain.of(flown).links}
+    for kind in (NavigationNode, DisturbanceInjectorNode):
+        if places & set(kind.places):
+            nodes.append(kind(named))
     # Last, because it makes the run folder: nothing is left behind when another node refuses.
     nodes.append(RecorderNode({'output': str(folder), 'overwrite': options.overwrite}))
     return nodes
-
-
-def _ros_arguments(options: argparse.Namespace) -> list[str]:
-    """Return ours, and where the controller gets its state from if navigation has errors."""
-    try:
-        navigated = scenario.load_scenario(options.scenario).navigation is not None
-    except InputError:
-        navigated = False  # it is said when the nodes are made
-    if not navigated:
-        return sys.argv
-    rule = f'{names.RELATIVE_STATE}:={names.NAVIGATION_STATE}'
-    both = (f'{node}:{rule}' for node in ('fuzzy_controller', 'rival_controller'))
-    return [*sys.argv, '--ros-args', *(part for r in both for part in ('-r', r))]
 
 
 def _both_done(nodes: Sequence[FlightNode]) -> bool:
@@ -128,7 +107,7 @@ def main() -> int:
         nodes.extend(_nodes(options, folder))
         return nodes
 
-    code = run(make, _ros_arguments(options), _both_done)
+    code = run(make, sys.argv, _both_done)
     flown = code == 0 and nodes[0].phase == 'finished'
     if flown and not options.no_report:
         try:

@@ -10,24 +10,14 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
+from rpo_core import interfaces
 from rpo_ros import names
 
 Outcomes = tuple[tuple[str, str], ...]
 """What happens -> what then."""
 
 MEANINGS = {
-    names.RELATIVE_STATE: 'true state of the chaser, target LVLH, stamp of its tick',
-    names.NAVIGATION_STATE: 'what navigation makes of it, where the scenario has errors of it',
-    names.CONTROL_FORCE: 'commanded force, target LVLH, stamp of the state it answers',
-    names.DISTURBANCE_FORCE: 'disturbance, target LVLH, stamp of the state it answers',
-    names.APPLIED_FORCE: 'force that was flown (free running)',
-    names.APPLIED_DISTURBANCE: 'disturbance that was flown (free running)',
-    names.RUN_STATUS: 'waiting, running, paused, finished or aborted; reason and figures',
-    names.DECISION: 'why the controller commands: per axis a sentence, grades and strengths',
-    names.NODE_MANIFEST: 'files and parameters that shape the flight, for the log',
-    names.RECORDER_STATUS: 'waiting, ready or closed',
-    names.CLOCK: 'simulated time, for others; no control depends on it',
-    names.DIAGNOSTICS: 'health, once a second of wall time',
+    **{row.topic: row.meaning for row in interfaces.rows()},
     names.MARKERS: 'target, chaser, thrust, trail, corridor',
     names.CHASER_POSE: 'pose of the chaser in target LVLH',
     f'{names.CONTROL_FORCE}_raw': 'what the sender said, to be spoilt (`from_topic`)',
@@ -128,8 +118,8 @@ CARDS = (
     Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
         _BAD_OUTCOME, ('both topics the same', 'refused'),
         ('SIGINT or SIGTERM', 'says what it did; exit code 0'))),
-    Card('rpo_ctrl', 'fuzzy_controller', 'FuzzyControllerNode', _CONTROLLER),
-    Card('rpo_ctrl', 'rival_controller', 'RivalControllerNode', _CONTROLLER),
+    Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
+    Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (
         _BAD_OUTCOME,
         ('a run in the folder already', 'refused, unless `overwrite`'),

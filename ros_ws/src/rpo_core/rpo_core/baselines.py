@@ -64,8 +64,8 @@ class Model:
 class BaselineStage(ControllerStage):
     """A baseline in the chain; its force follows from the state and the tick."""
 
-    def __init__(self, law: BaselineLaw) -> None:
-        self._law = law
+    def __init__(self, law: BaselineLaw, counts_ticks: bool) -> None:
+        self._law, self.counts_ticks = law, counts_ticks
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the commanded force (3,) [N] of a state (6,)."""
@@ -84,7 +84,7 @@ class Baseline(ControllerFile):
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage; raises InputError, see `refuse_other_ticks`."""
         self.refuse_other_ticks(dt_s)
-        return BaselineStage(self.law)
+        return BaselineStage(self.law, self.clock_s is not None)
 
     def force_n(
         self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0

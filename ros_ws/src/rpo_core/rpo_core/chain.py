@@ -142,6 +142,11 @@ class Chain:
         depths = [link.stage.memory_ticks for link in self.links]
         return None if None in depths else sum(depth or 0 for depth in depths)
 
+    @property
+    def counts_ticks(self) -> bool:
+        """Whether the outputs depend on the number of the tick."""
+        return any(link.stage.counts_ticks for link in self.links)
+
     def part(self, *places: Place) -> Chain:
         """Return the stages of some places, reading what they read in the whole chain."""
         return Chain([link for link in self.links if link.place in places])

@@ -71,6 +71,8 @@ class Controller(Protocol):
 class FuzzyStage(ControllerStage):
     """The fuzzy controller in the chain; its force follows from the state alone."""
 
+    counts_ticks = False
+
     def __init__(self, controller: FuzzyController) -> None:
         self._scales, self._tables = controller.scales, controller.system.tables
 

@@ -52,12 +52,14 @@ class Stage:
         `rpo_core.interfaces`): then the last signal before this stage that carries it
     outputs : names of signals, each a row of `rpo_core.interfaces`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
+    counts_ticks : whether the outputs depend on the number of the tick
     """
 
     name: str = ''
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     memory_ticks: int | None = 0
+    counts_ticks: bool = True
 
     def reset(self) -> None:
         """Forget all earlier ticks: a flight begins."""

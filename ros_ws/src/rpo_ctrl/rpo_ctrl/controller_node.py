@@ -1,29 +1,31 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The managed (lifecycle) node that every controller is.
+"""The node of every controller: a managed (lifecycle) node that loads any controller file.
 
 configure loads and checks the file, activate allows to command, deactivate commands zero, cleanup
-makes room for another file, shutdown ends the process.
+makes room for another file, shutdown ends the process. `fuzzy_controller` and `rival_controller`
+are two names of it, which differ in the file that they load if none is named.
 """
 
 from __future__ import annotations
 
 import hashlib
 import traceback
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
-from rpo_core import files
-from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core import controller, explain, files, interfaces
+from rpo_core.chain import Chain, Link, Signals
+from rpo_core.controller import DEFAULT_CONTROLLER, AnyController, FuzzyController
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Place
 from rpo_core.validation import InputError
 from rpo_ctrl.decision import DecisionPublisher, Reason
-from rpo_ros import health, names
-from rpo_ros.answering import AnsweringNode, Force
-from rpo_ros.parameters import Row, declare
+from rpo_ros import health, plant_scenario
+from rpo_ros.parameters import Row
+from rpo_ros.stage_node import StageNode
 
 PARAMETERS = (
     Row('controller', DEFAULT_CONTROLLER, 'shipped controller, or path of a controller file; may '
@@ -33,62 +35,102 @@ PARAMETERS = (
         'set`', wall=True),
     Row('decision_rate_hz', 1.0, 'decisions published per simulated second; 0: none', 'Hz',
         most=1e4),
+    plant_scenario.PARAMETER,
 )  # fmt: skip
 
-ZERO: Force = (0.0, 0.0, 0.0)
+ZERO = (0.0, 0.0, 0.0)
 SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
     TransitionCallbackReturn.ERROR,
 )
+_ANY_TICK_S = 1.0
+_AXES = tuple(enumerate(explain.AXES))
 
 
-class ControllerNode(LifecycleNodeMixin, AnsweringNode):
-    """Answers states with the force of a law; the subclass says which laws it reads.
+class ControllerNode(LifecycleNodeMixin, StageNode):
+    """Answers states with the force of a controller.
 
     Before its first activation it is silent, and a plant waits. From then on every state is
-    answered: by the law while active, with zero force otherwise. A state that comes again gets the
-    answer that it got, whatever changed in between.
+    answered: by the controller while active, with zero force otherwise. Each change in flight is
+    an event on `stage_status`.
+
+    node_name : of the node; rows : its parameters
     """
 
-    def __init__(
-        self,
-        name: str,
-        overrides: Mapping[str, Any] | None = None,
-        rows: Sequence[Row] = PARAMETERS,
-    ) -> None:
-        AnsweringNode.__init__(self, name, overrides)
-        self.values = declare(self, rows)
-        self._rows = rows
-        self.law: Any = None
+    node_name = 'fuzzy_controller'
+    rows = PARAMETERS
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        StageNode.__init__(self, self.node_name, overrides, self.rows)
+        self.controller: AnyController | None = None
         self.active = False
         self._began = False
         self._sha256 = ''
-        self._flown = 'none'
+        self._label = 'none'
         self._cause: Exception | None = None
-        self._asked: tuple[Any, ...] = ()
-        self._given: Force = ZERO
         self.answered_zero = 0
         LifecycleNodeMixin.__init__(self)
         self._starting = self.values['autostart']
         if self._starting:
             self._autostart()
         self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])
-        self.answer_on(names.CONTROL_FORCE)
+        self.begin()
         if not self.active:
             self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
 
-    @abstractmethod
-    def parse(self, document: Any) -> Any:
-        """Return the law of a parsed controller file; raises InputError. It has a `name`."""
+    def outlets(self) -> Sequence[str]:
+        """Return the commanded force: a plant must see at once that there is a controller."""
+        return (interfaces.CONTROL_FORCE,)
 
-    @abstractmethod
-    def command_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force:
-        """Return the force [N] that `self.law` commands in a finite state, target LVLH."""
+    def parse(self, document: Any) -> AnyController:
+        """Return the controller of a parsed file; raises InputError."""
+        return controller.parse(document)
 
-    def reasons(self, state: tuple[float, ...], force: Force) -> Sequence[Reason]:
-        """Return for each axis why the law commands this force."""
-        return [(f'commands {f:.3g} N', [('force_n', f)]) for f in force]
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the controller as a stage; raises InputError if it counts other ticks."""
+        if self.controller is None:
+            return None
+        return Chain.of(scenario, self.controller).part(Place.CONTROLLER)
+
+    def without_scenario(self) -> Chain | None:
+        """Return the controller as a stage that reads the relative state."""
+        if self.controller is None or getattr(self.controller, 'clock_s', None) is not None:
+            return None
+        stage = self.controller.stage(_ANY_TICK_S)
+        return Chain([Link(Place.CONTROLLER, stage, (interfaces.RELATIVE_STATE,))])
+
+    def refusal(self) -> str:
+        """Return why no state is answered now."""
+        return '' if self._began else 'not_activated'
+
+    def step(self, tick: int, signals: Signals) -> None:
+        """Add the controller's force, zero when not active."""
+        if self.active:
+            try:
+                super().step(tick, signals)
+                return
+            except Exception:  # a law that breaks must not take the answer with it
+                self.get_logger().error(f'no command in {signals}: {traceback.format_exc()}')
+                self.last_tick = tick - 1
+                self.trigger_deactivate()
+        self.answered_zero += 1
+        signals[interfaces.CONTROL_FORCE] = ZERO
+
+    def after_answer(self, stamp_ns: int, signals: Signals) -> None:
+        """Publish why, when it is time: the force is on its way already."""
+        self._decision.offer(stamp_ns, self._label, lambda: self._explain(signals))
+
+    def _explain(self, signals: Signals) -> tuple[bytes, Sequence[Reason]]:
+        if not self.active:
+            return health.WARN, [('inactive: commands zero', [('force_n', 0.0)])] * 3
+        if isinstance(self.controller, FuzzyController):
+            state = signals[self._reads[0]]
+            fuzzy = self.controller
+            found = [explain.decide(fuzzy, state[i], state[3 + i], axis) for i, axis in _AXES]
+            return health.OK, [(decision.sentence, decision.pairs()) for decision in found]
+        force = signals[interfaces.CONTROL_FORCE]
+        return health.OK, [(f'commands {f:.3g} N', [('force_n', f)]) for f in force]
 
     @property
     def _full(self) -> str:
@@ -99,35 +141,6 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         """State of the lifecycle: unconfigured, inactive, active or finalized."""
         return str(self._state_machine.current_state[1])
 
-    def force_n(self, stamp_ns: int, state: tuple[float, ...]) -> Force | str:
-        """Return the law's force, zero when not active, or why the state is not answered."""
-        if not self._began:
-            return 'not_activated'
-        asked = (stamp_ns, *state)
-        if asked != self._asked:
-            self._given = self._decided(stamp_ns, state)
-            self._asked = asked
-        return self._given
-
-    def _decided(self, stamp_ns: int, state: tuple[float, ...]) -> Force:
-        if self.active:
-            try:
-                return self.command_n(stamp_ns, state)
-            except Exception:  # a law that breaks must not take the answer with it
-                self.get_logger().error(f'no command in {state}: {traceback.format_exc()}')
-                self.trigger_deactivate()
-        self.answered_zero += 1
-        return ZERO
-
-    def after_answer(self, stamp: Time, state: tuple[float, ...], force: Force) -> None:
-        """Publish why, when it is time: the force is on its way already."""
-        self._decision.offer(stamp, self._flown, lambda: self._explain(state, force))
-
-    def _explain(self, state: tuple[float, ...], force: Force) -> tuple[bytes, Sequence[Reason]]:
-        if self.active:
-            return health.OK, self.reasons(state, force)
-        return health.WARN, [('inactive: commands zero', [('force_n', 0.0)])] * 3
-
     def _autostart(self) -> None:
         """Configure and activate; raises what kept it from that."""
         for trigger in (self.trigger_configure, self.trigger_activate):
@@ -135,22 +148,23 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
                 raise self._cause or RuntimeError('a lifecycle transition failed')
         self._starting = False
 
-    def _loaded(self, name: str) -> tuple[Any, str]:
-        """Return the law of a controller file and the file's text; raises InputError."""
+    def _loaded(self, name: str) -> tuple[AnyController, str]:
+        """Return the controller of a file and the file's text; raises InputError."""
         path = files.find('controller', name)
         content = files.read_text(path)
         return files.loads(content, self.parse, str(path)), content
 
-    def _take(self, law: Any, content: str) -> None:
-        """Make a law the one that flies, and say so."""
-        self.law = law
+    def _take(self, loaded: AnyController, content: str) -> None:
+        """Make a controller the one of the run, and say so; raises InputError."""
+        self.controller = loaded
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
-        self._flown = f'{law.name} {self._sha256[:12]}'
-        shaping = {row.name: self.values[row.name] for row in self._rows if not row.wall}
-        shaping['controller'] = law.name
+        self._label = f'{loaded.name} {self._sha256[:12]}'
+        shaping = {row.name: self.values[row.name] for row in self.rows if not row.wall}
+        shaping['controller'] = loaded.name
         if not hasattr(self, '_manifest'):
             self._manifest = health.Manifest(self, 'controller')
         self._manifest.say(shaping, {'controller.yaml': content})
+        self.rebuild()
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Load and check the file; a bad one leaves the node unconfigured."""
@@ -178,16 +192,33 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         return SUCCESS
 
     def _activate(self) -> None:
-        self.active = self._began = True
-        self.get_logger().info(f'controlling with {self.law.name}')
+        again, self.active, self._began = self._began, True, True
+        if again:
+            if self.chain is not None:
+                self.chain.reset()
+            self._say_state('activated')
+        if self.controller is not None:
+            self.get_logger().info(f'controlling with {self.controller.name}')
 
     def _deactivate(self) -> None:
         self.active = False
+        self._say_state('deactivated')
         self.get_logger().warning('inactive: commanding zero')
+
+    def _say_state(self, reason: str) -> None:
+        """Say on `stage_status` from which tick on the controller is what it is now."""
+        state = 'active' if self.active else 'inactive'
+        self.say_stage_status('controller', state, self.last_tick + 1, reason)
+
+    def new_run(self) -> None:
+        """Forget the run before; a new one may begin with the controller switched off."""
+        super().new_run()
+        if self._began and not self.active:
+            self._say_state('switched off before the run')
 
     def _forget(self) -> None:
         self.active = False
-        self.law, self._sha256, self._flown = None, '', 'none'
+        self.controller, self._sha256, self._label = None, '', 'none'
 
     def _end(self) -> None:
         self._forget()
@@ -222,7 +253,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
 
     def changed(self, applied: Mapping[str, Any]) -> None:
         """Fly the new controller file from the next activation on."""
-        if 'controller' in applied and self.law is not None:
+        if 'controller' in applied and self.controller is not None:
             self._take(*self._checked)
 
     def health(self) -> health.Health:
@@ -232,7 +263,7 @@ class ControllerNode(LifecycleNodeMixin, AnsweringNode):
         doing = 'no states: the plant is gone' if self.plant_gone else doing
         values = {
             'state': self.label,
-            'controller': self.law.name if self.law is not None else '',
+            'controller': self.controller.name if self.controller is not None else '',
             'controller_file': self.values['controller'],
             'controller_sha256': self._sha256,
             'answered_zero': self.answered_zero,

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
@@ -30,14 +29,13 @@ class DecisionPublisher:
         self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
 
     def offer(
-        self, stamp: Time, flown: str, explain: Callable[[], tuple[bytes, Sequence[Reason]]]
+        self, stamp_ns: int, label: str, explain: Callable[[], tuple[bytes, Sequence[Reason]]]
     ) -> None:
         """Publish the decision on a state if it is due; a state that comes again gets it again.
 
-        flown : controller and hash of its file
+        label : controller and hash of its file
         explain : returns level and the reasons of x, y, z
         """
-        stamp_ns = conversions.from_stamp(stamp)
         if self._decimation.due(stamp_ns, self._before_ns):
             self._explained_ns = stamp_ns
         self._before_ns = stamp_ns
@@ -45,10 +43,10 @@ class DecisionPublisher:
             return
         level, reasons = explain()
         array = DiagnosticArray()
-        array.header.stamp = stamp
+        array.header.stamp = conversions.to_stamp(stamp_ns)
         array.header.frame_id = names.LVLH_FRAME
         for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
             status = conversions.to_status(level, f'decision: {axis}', sentence, pairs)
-            status.hardware_id = flown
+            status.hardware_id = label
             array.status.append(status)
         self._out.publish(array)

@@ -82,6 +82,11 @@ def fault_of(message: Odometry | WrenchStamped, values: Iterable[float]) -> str:
     return '' if all(math.isfinite(value) for value in values) else 'not_finite'
 
 
+def values_of(status: DiagnosticStatus) -> dict[str, str]:
+    """Return the values of a DiagnosticStatus by key."""
+    return {pair.key: pair.value for pair in status.values}
+
+
 def to_status(
     level: bytes, name: str, message: str, values: Iterable[tuple[str, object]]
 ) -> DiagnosticStatus:

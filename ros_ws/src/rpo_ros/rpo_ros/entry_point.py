@@ -19,7 +19,7 @@ def _leave(_number: int, _frame: FrameType | None) -> None:
 
 
 def start(module: str) -> int:
-    """Return the exit code of a module's `main`; `rpo_ros.running` then takes the signals over."""
+    """Return the exit code of a module's `main`; `rpo_ros.running` then takes over the signals."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
     code: int = import_module(module).main()

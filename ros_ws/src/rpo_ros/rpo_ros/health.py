@@ -73,7 +73,7 @@ class Manifest:
         self._role, self._name = role, node.get_name()
         self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
         self._said: DiagnosticStatus | None = None
-        node.every(PERIOD_S, self._repeat)
+        node.every(PERIOD_S, self.repeat)
 
     def say(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
         """Publish what the node runs with from now on.
@@ -87,15 +87,9 @@ class Manifest:
             *((f'file.{name}', text) for name, text in sorted(files.items())),
         ]
         self._said = to_status(OK, self._name, 'manifest', values)
-        self._repeat()
+        self.repeat()
 
-    def _repeat(self) -> None:
+    def repeat(self) -> None:
+        """Publish it again."""
         if self._said is not None:
             self._publisher.publish(self._said)
-
-
-def publish_manifest(
-    node: FlightNode, role: str, parameters: Mapping[str, Any], files: Mapping[str, str]
-) -> None:
-    """Publish a manifest that stays as it is; see `Manifest`."""
-    Manifest(node, role).say(parameters, files)

@@ -1,25 +1,47 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics (relative, so that two runs live in two namespaces) and frames."""
+"""Names of topics as nodes ask for them; those of the table of interfaces, and those of viewers."""
 
-RELATIVE_STATE = 'relative_state'
-NAVIGATION_STATE = 'navigation_state'
-CONTROL_FORCE = 'control_force'
-DISTURBANCE_FORCE = 'disturbance_force'
-APPLIED_FORCE = 'applied_force'
-APPLIED_DISTURBANCE = 'applied_disturbance'
-RUN_STATUS = 'run_status'
-DECISION = 'decision'
-NODE_MANIFEST = 'node_manifest'
-RECORDER_STATUS = 'recorder_status'
-CLOCK = '/clock'
-DIAGNOSTICS = '/diagnostics'
+from rpo_core import interfaces
+from rpo_core.interfaces import (
+    APPLIED_DISTURBANCE,
+    APPLIED_FORCE,
+    CHASER_FRAME,
+    CONTROL_FORCE,
+    DECISION,
+    DISTURBANCE_FORCE,
+    LVLH_FRAME,
+    NAVIGATION_STATE,
+    NODE_MANIFEST,
+    RECORDER_STATUS,
+    RELATIVE_STATE,
+    RUN_STATUS,
+    STAGE_STATUS,
+)
+
+CLOCK = interfaces.row_of(interfaces.CLOCK).topic
+DIAGNOSTICS = interfaces.row_of(interfaces.DIAGNOSTICS).topic
 MARKERS = 'markers'
 CHASER_POSE = 'chaser_pose'
 TF = '/tf'
 
-LVLH_FRAME = 'target_lvlh'
-"""Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""
-
-CHASER_FRAME = 'chaser'
-"""Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
+__all__ = [
+    'APPLIED_DISTURBANCE',
+    'APPLIED_FORCE',
+    'CHASER_FRAME',
+    'CHASER_POSE',
+    'CLOCK',
+    'CONTROL_FORCE',
+    'DECISION',
+    'DIAGNOSTICS',
+    'DISTURBANCE_FORCE',
+    'LVLH_FRAME',
+    'MARKERS',
+    'NAVIGATION_STATE',
+    'NODE_MANIFEST',
+    'RECORDER_STATUS',
+    'RELATIVE_STATE',
+    'RUN_STATUS',
+    'STAGE_STATUS',
+    'TF',
+]

@@ -9,6 +9,8 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
 )
 
+from rpo_core import interfaces
+
 
 def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
     return QoSProfile(
@@ -19,16 +21,19 @@ def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
     )
 
 
-LOCKSTEP = _reliable(64, QoSDurabilityPolicy.VOLATILE)
-"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a
-recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to 3 s later, and all
-that follows would be held back until then. Not transient local: a late joiner must not get another
-run's forces."""
+def of(offered: interfaces.Qos) -> QoSProfile:
+    """Return the profile of a row of the table of interfaces."""
+    durability = QoSDurabilityPolicy.get_from_short_key(offered.durability)
+    return _reliable(offered.depth, durability)
+
+
+LOCKSTEP = of(interfaces.LOCKSTEP)
+"""States and forces."""
 
 RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
 """The recorder's queue for states and forces: some seconds at full speed."""
 
-LATCHED = _reliable(1, QoSDurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = of(interfaces.LATCHED)
 """Statuses and manifests: who comes late still learns the last one."""
 
 LATCHED_QUEUE = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)

@@ -18,11 +18,12 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core import files, scenario
+from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_ros import conversions, health, names, qos
+from rpo_ros import conversions, health, names, plant_scenario, qos
 from rpo_ros.parameters import Row, declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run_node
 from rpo_sim.faults import (
     CORRUPTIONS,
     INFINITY,
@@ -58,7 +59,7 @@ PARAMETERS = (
         most=60.0),
     Row('from_tick', 0, 'first tick with faults', most=_LAST_TICK),
     Row('to_tick', _LAST_TICK, 'last tick with faults', most=_LAST_TICK),
-    Row('scenario', 'approach', 'what flies, to tell a tick from a stamp'),
+    plant_scenario.PARAMETER,
 )  # fmt: skip
 
 _WRONG_STAMP_NS = 1_000_000_000
@@ -121,7 +122,8 @@ class FaultInjectorNode(FlightNode):
         )
         last = math.inf if values['to_tick'] == _LAST_TICK else values['to_tick']
         self._schedule = Schedule(values['from_tick'], last)
-        self._scenario = scenario.load_scenario(files.find('scenario', values['scenario']))
+        self._scenario: Scenario | None = None
+        PlantScenario(self, values['scenario'], self._take, self._refuse).begin()
         self._out = self.create_publisher(kind, sink, qos.LOCKSTEP)
         self.create_subscription(kind, source, self._on_message, qos.LOCKSTEP)
         if values['delay_s'] > 0.0:
@@ -129,8 +131,16 @@ class FaultInjectorNode(FlightNode):
         health.publish_health(self, self._health)
         self.get_logger().info(f'faults between {source} and {sink}')
 
+    def _take(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+
+    def _refuse(self, reason: str) -> None:
+        self.get_logger().error(reason)
+        self.exit_code, self.done = EXIT_BAD_INPUT, True
+
     def _on_message(self, message: Odometry | WrenchStamped) -> None:
-        tick = self._scenario.tick_of(conversions.from_stamp(message.header.stamp))
+        stamp_ns = conversions.from_stamp(message.header.stamp)
+        tick = self._scenario.tick_of(stamp_ns) if self._scenario is not None else None
         faulty = self._schedule.covers(tick)
         self._pass_on(self.channel.take(message, faulty, time.monotonic()))
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rpo_core import interfaces
 from rpo_core.scenario import Scenario
-from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.plant import ACCEPTED, EARLY, FOREIGN, LATE, REPEATED, ZERO, Force, Plant
 
 
@@ -73,11 +73,16 @@ class FreeRunningPlant(Plant):
         if name not in self.expected or self._is_stale(name):
             return ZERO
         force = self._held[name][1]
-        return self.saturated(force) if name == CONTROL_FORCE else force
+        commanded = interfaces.row_of(name).carries == interfaces.COMMAND
+        return self.saturated(force) if commanded else force
 
     def advance(self) -> None:
         """Step to the next tick with what is held; the run must not be finished."""
-        command = ZERO if self._is_stale(CONTROL_FORCE) else self._held[CONTROL_FORCE][1]
         self.stale_ticks += bool(self.stale)
         self.held_ticks += any(self.age_ticks(name) for name in self.expected)
-        self.fly(command, self.applied(DISTURBANCE_FORCE))
+        self.fly(self.answers)
+
+    @property
+    def answers(self) -> dict[str, Force]:
+        """The forces held, by topic; without those that are stale."""
+        return {name: self._held[name][1] for name in self.expected if not self._is_stale(name)}

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rpo_core.scenario import Scenario
-from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.plant import (
     ACCEPTED,
     DROPPED,
@@ -15,7 +14,6 @@ from rpo_sim.plant import (
     FOREIGN,
     LATE,
     REPEATED,
-    ZERO,
     Force,
     Plant,
 )
@@ -26,12 +24,12 @@ class LockstepPlant(Plant):
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
         super().__init__(scenario, expected)
-        self._answers: dict[str, Force] = {}
+        self.answers: dict[str, Force] = {}
 
     @property
     def missing(self) -> list[str]:
         """The answers still awaited for the present state."""
-        return [name for name in self.expected if name not in self._answers]
+        return [name for name in self.expected if name not in self.answers]
 
     @property
     def finished(self) -> bool:
@@ -43,9 +41,9 @@ class LockstepPlant(Plant):
 
         The force must be finite; the edge checks it.
         """
-        awaited = name in self.expected and name not in self._answers
+        awaited = name in self.expected and name not in self.answers
         if awaited and stamp_ns == self._stamp_ns:
-            self._answers[name] = force_n
+            self.answers[name] = force_n
             return ACCEPTED
         return self.ignore(DROPPED if name not in self.expected else self._why_ignored(stamp_ns))
 
@@ -65,5 +63,5 @@ class LockstepPlant(Plant):
 
     def advance(self) -> None:
         """Step to the next tick; all answers must be in and the run not finished."""
-        self.fly(self._answers.get(CONTROL_FORCE, ZERO), self._answers.get(DISTURBANCE_FORCE, ZERO))
-        self._answers.clear()
+        self.fly(self.answers)
+        self.answers.clear()

@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rpo_ros import health
-from rpo_sim.pacing import Pacing
+from rpo_sim.plant import Plant
 from rpo_sim.timing import Latency
 
 _FAULTS = ('resends', 'overruns', 'stalls', 'stale_ticks')
@@ -16,10 +17,14 @@ _FAULTS = ('resends', 'overruns', 'stalls', 'stale_ticks')
 
 
 class LoopHealth:
-    """Health of one run."""
+    """Health of one run.
 
-    def __init__(self, pacing: Pacing) -> None:
-        self._pacing = pacing
+    plant : of the run
+    figures : returns counts of the loop that depend on the wall clock
+    """
+
+    def __init__(self, plant: Plant, figures: Callable[[], dict[str, Any]]) -> None:
+        self._plant, self._figures = plant, figures
         self._latency = Latency()
         self._rate = health.Rate()
         self._commanded_s: float | None = None
@@ -36,11 +41,11 @@ class LoopHealth:
 
     def wall_figures(self) -> dict[str, Any]:
         """Return what depends on the wall clock: counts, latency and lateness."""
-        return {**self._pacing.figures(), **self._latency.histogram.figures('latency')}
+        return {**self._figures(), **self._latency.histogram.figures('latency')}
 
     def status(self, phase: str, unrecorded: bool) -> health.Health:
         """Return level, message and values; a warning while faults happen."""
-        plant = self._pacing.plant
+        plant = self._plant
         figures = self.wall_figures()
         values: dict[str, Any] = {
             'tick': plant.tick,

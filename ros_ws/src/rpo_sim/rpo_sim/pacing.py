@@ -6,46 +6,51 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rpo_core import interfaces
 from rpo_core.scenario import Scenario
-from rpo_ros import health, names
+from rpo_ros import health
 from rpo_ros.timeout import Timeout
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.loop import Loop
 from rpo_sim.plant import Force
 from rpo_sim.timing import Pace
 
-if TYPE_CHECKING:
-    from rclpy.timer import Timer
-
-    from rpo_sim.plant_node import PlantNode
-
 DEFAULT_FREE_RUNNING_FACTOR = 1.0
+
+
+def applied_topic(name: str) -> str:
+    """Return the topic that says, in free running, which answer of a topic acts in a tick."""
+    commanded = interfaces.row_of(name).carries == interfaces.COMMAND
+    return interfaces.APPLIED_FORCE if commanded else interfaces.APPLIED_DISTURBANCE
 
 
 class Pacing(ABC):
     """One way to pass the ticks of a run.
 
-    The node calls `begin` at the start of the flight, after a pause and when the speed has changed.
+    The plant node calls `begin` at the start of the flight, after a pause and when the speed has
+    changed.
     """
 
     plant: LockstepPlant | FreeRunningPlant
 
-    def __init__(self, node: PlantNode) -> None:
-        self.node = node
-        self._timer: Timer | None = None
+    def __init__(self, loop: Loop, scenario: Scenario) -> None:
+        self.loop = loop
+        self._dt_s = scenario.dt_s
+        self._timer: Any = None
 
     def _time(self, factor: float) -> None:
         """Call `on_pace` once a tick of wall time; never if the factor is 0."""
         self.stop()
         if factor > 0.0:
-            self._timer = self.node.every(self.node.scenario.dt_s / factor, self.on_pace)
+            self._timer = self.loop.every(self._dt_s / factor, self.on_pace)
 
     def stop(self) -> None:
         """Release the timer."""
         if self._timer is not None:
-            self.node.destroy_timer(self._timer)
+            self.loop.destroy_timer(self._timer)
             self._timer = None
 
     @abstractmethod
@@ -76,29 +81,29 @@ class Pacing(ABC):
 class LockstepPacing(Pacing):
     """A tick passes when every peer has answered, and not before the pace allows."""
 
-    def __init__(self, node: PlantNode, flown: Scenario, expected: list[str]) -> None:
-        super().__init__(node)
-        self.plant = LockstepPlant(flown, expected)
+    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
+        super().__init__(loop, scenario)
+        self.plant = LockstepPlant(scenario, expected)
         self.resends = 0
         self._timeout = Timeout()
         self._overdue = False
 
     def begin(self) -> None:
         """Set the pace, and go on."""
-        self._time(self.node.values['real_time_factor'])
+        self._time(self.loop.values['real_time_factor'])
         self._timeout.broken()
         self.on_answer()
 
     def on_answer(self) -> None:
         """Pass the tick if all answers are in and it is time."""
-        if self.plant.missing or not self.node.moving:
+        if self.plant.missing or not self.loop.moving:
             return
-        if self._overdue or self._timer is None or self.node.stepping:
+        if self._overdue or self._timer is None or self.loop.stepping:
             self._pass()
 
     def on_pace(self) -> None:
         """Pass the tick, or note that it is overdue."""
-        if self.node.moving:
+        if self.loop.moving:
             self._overdue = bool(self.plant.missing)
             if not self._overdue:
                 self._pass()
@@ -106,29 +111,29 @@ class LockstepPacing(Pacing):
     def _pass(self) -> None:
         self._overdue = False
         self._timeout.broken()
-        self.node.advance()
+        self.loop.advance()
 
     def watch(self, now_s: float) -> None:
         """Send the state again; notice a lost peer."""
         silent_s = self._timeout.look()
         if not self.plant.missing:
             return
-        values = self.node.values
-        if min(silent_s, now_s - self.node.progress_s) > values['peer_timeout_s']:
+        values = self.loop.values
+        if min(silent_s, now_s - self.loop.progress_s) > values['peer_timeout_s']:
             self._lose_peers()
-        elif now_s - self.node.sent_s > values['resend_after_s']:
+        elif now_s - self.loop.sent_s > values['resend_after_s']:
             self.resends += 1
-            self.node.send()
+            self.loop.send()
 
     def _lose_peers(self) -> None:
         lost = ', '.join(self.plant.missing)
         said = f'no answer to tick {self.plant.tick} from {lost}'
-        if self.node.values['on_peer_timeout'] == 'abort':
-            self.node.abort(said)
+        if self.loop.values['on_peer_timeout'] == 'abort':
+            self.loop.abort(said)
             return
-        self.plant.drop_missing()
-        self.node.get_logger().warning(f'{said}: coasting')
-        self.node.report(health.WARN, 'running', f'coasting without {lost}')
+        dropped = ' '.join(self.plant.drop_missing())
+        self.loop.warn(f'{said}: coasting')
+        self.loop.report(health.WARN, 'running', f'coasting without {lost}', dropped=dropped)
         self._pass()
 
     def applied(self) -> dict[str, Force]:
@@ -143,16 +148,16 @@ class LockstepPacing(Pacing):
 class FreeRunningPacing(Pacing):
     """A tick passes when the wall clock says so, with the forces that are there."""
 
-    def __init__(self, node: PlantNode, flown: Scenario, expected: list[str]) -> None:
-        super().__init__(node)
-        self.plant = FreeRunningPlant(flown, expected, node.values['stale_after_ticks'])
+    def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
+        super().__init__(loop, scenario)
+        self.plant = FreeRunningPlant(scenario, expected, loop.values['stale_after_ticks'])
         self.pace = Pace()
         self._stale: tuple[str, ...] = ()
 
     def begin(self) -> None:
         """Set the pace from now."""
-        factor = self.node.values['real_time_factor'] or DEFAULT_FREE_RUNNING_FACTOR
-        self.pace.restart(time.monotonic_ns(), self.node.scenario.dt_s / factor)
+        factor = self.loop.values['real_time_factor'] or DEFAULT_FREE_RUNNING_FACTOR
+        self.pace.restart(time.monotonic_ns(), self._dt_s / factor)
         self._time(factor)
 
     def on_answer(self) -> None:
@@ -160,12 +165,12 @@ class FreeRunningPacing(Pacing):
 
     def on_pace(self) -> None:
         """Pass the ticks that are due."""
-        if not self.node.moving:
+        if not self.loop.moving:
             return
         for _ in range(self.pace.due(time.monotonic_ns())):
             self._say_stale()
-            self.node.advance()
-            if not self.node.moving:
+            self.loop.advance()
+            if not self.loop.moving:
                 return
 
     def _say_stale(self) -> None:
@@ -176,22 +181,18 @@ class FreeRunningPacing(Pacing):
         tick = self.plant.tick
         if stale:
             said = f'no force for tick {tick} from {", ".join(stale)}: zero'
-            self.node.get_logger().warning(said, throttle_duration_sec=1.0)
-            self.node.report(health.WARN, 'running', said)
+            self.loop.warn(said)
+            self.loop.report(health.WARN, 'running', said)
         else:
-            self.node.get_logger().info('forces are back', throttle_duration_sec=1.0)
-            self.node.report(health.OK, 'running', f'forces are back at tick {tick}')
+            self.loop.inform('forces are back')
+            self.loop.report(health.OK, 'running', f'forces are back at tick {tick}')
 
     def watch(self, now_s: float) -> None:
         """Do nothing: a silent peer is a stale force."""
 
     def applied(self) -> dict[str, Force]:
         """Return what is flown in the present tick."""
-        forces = {names.APPLIED_FORCE: self.plant.applied(names.CONTROL_FORCE)}
-        if names.DISTURBANCE_FORCE in self.plant.expected:
-            disturbance = self.plant.applied(names.DISTURBANCE_FORCE)
-            forces[names.APPLIED_DISTURBANCE] = disturbance
-        return forces
+        return {applied_topic(name): self.plant.applied(name) for name in self.plant.expected}
 
     def figures(self) -> dict[str, Any]:
         """Return overruns, stalls, ticks flown with old or no force, lateness of the ticks."""

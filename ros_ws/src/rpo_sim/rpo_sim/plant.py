@@ -6,13 +6,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from rpo_core import kernels
+from rpo_core import interfaces, kernels
 from rpo_core.chain import Chain, Signals
 from rpo_core.interfaces import (
-    CONTROL_FORCE,
-    DISTURBANCE_FORCE,
     DUE_FORCE,
     RELATIVE_STATE,
     SATURATED_FORCE,
@@ -32,10 +30,26 @@ FOREIGN, DROPPED = 'foreign_stamp', 'dropped_peer'
 tick at all; from a peer that the run flies on without."""
 
 
+PLACES = (Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
+"""Stages that the plant runs."""
+
+
+def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
+    """Return the signals that a plant waits for at each state, and the topics that its stages make.
+
+    The dynamics' own topic, the true state, is not among them.
+    """
+    chain = Chain.of(scenario).part(*PLACES)
+    made = [name for name in chain.outputs if interfaces.row_of(name).type]
+    return [n for n in chain.inputs if n != RELATIVE_STATE], [
+        n for n in made if n != RELATIVE_STATE
+    ]
+
+
 class Plant:
     """The chaser at an integer tick, what it has spent, and which answers changed nothing.
 
-    scenario : what flies
+    scenario : of the run
     expected : topics of the answers to each state
     """
 
@@ -46,16 +60,17 @@ class Plant:
         self.energy_n2s = 0.0
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
-        chain = Chain.of(scenario)
-        self._chain = chain.part(Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
-        self._signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+        self._chain = Chain.of(scenario).part(*PLACES)
+        self._chain.reset()
+        self.inputs = tuple(name for name in self._chain.inputs if name != RELATIVE_STATE)
+        self.signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
 
     @property
     def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
-        return self._signals[RELATIVE_STATE]
+        return self.signals[RELATIVE_STATE]
 
     @property
     def stamp_ns(self) -> int:
@@ -72,10 +87,11 @@ class Plant:
         x, y, z = (kernels.saturate(force, self._limit) for force in command)
         return x, y, z
 
-    def fly(self, command: Force, disturbance: Force) -> None:
-        """Step to the next tick under a command to the thrusters and a disturbance."""
-        signals = self._signals
-        signals[CONTROL_FORCE], signals[DISTURBANCE_FORCE] = command, disturbance
+    def fly(self, answers: Mapping[str, Force]) -> None:
+        """Step to the next tick under answers by topic; zero force where there is none."""
+        signals = self.signals
+        for name in self.inputs:
+            signals[name] = answers.get(name, ZERO)
         self._chain.step(self.tick, signals)
         x, y, z = signals[SATURATED_FORCE]
         self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
@@ -83,6 +99,12 @@ class Plant:
         self.energy_n2s += (x * x + y * y + z * z) * self.scenario.dt_s
         self.tick += 1
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
+
+    def last_signals(self, answers: Mapping[str, Force]) -> Signals:
+        """Return the signals of the last tick, whose answers move nothing any more."""
+        signals = {**self.signals, **{name: answers.get(name, ZERO) for name in self.inputs}}
+        self._chain.step(self.tick, signals)
+        return signals
 
     def figures(self) -> dict[str, float | int]:
         """Return the run's figures so far: simulated facts only."""

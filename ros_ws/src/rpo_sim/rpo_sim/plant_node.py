@@ -10,17 +10,22 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
+from diagnostic_msgs.msg import DiagnosticStatus
 
-from rpo_core import files, scenario
-from rpo_ros import conversions, health, names, qos
+from rpo_core import files, interfaces, scenario
+from rpo_core.stage import Signal
+from rpo_ros import health, names, qos
+from rpo_ros.conversions import values_of
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import listen
+from rpo_ros.stage_node import REFUSED
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
+from rpo_sim.loop import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING, Loop
 from rpo_sim.loop_health import LoopHealth
-from rpo_sim.pacing import FreeRunningPacing, LockstepPacing
-from rpo_sim.plant import ACCEPTED
+from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
+from rpo_sim.plant import ACCEPTED, topics_of
 from rpo_sim.plant_parameters import FREE_RUNNING, LOCKSTEP, PARAMETERS
 from rpo_sim.publications import Publications
 from rpo_sim.recorder_watch import RecorderWatch
@@ -30,63 +35,56 @@ EXIT_ABORTED = 3
 
 _LOOK_S = 0.05
 _SAY_S = 5.0
-_ENDED = ('finished', 'aborted')
 _LAST_WORD_S = 5.0
 """Longest wait for the recorder to close its log after the end of a run."""
 _INTERRUPTED_S = 0.2
-_APPLIED = {
-    names.CONTROL_FORCE: names.APPLIED_FORCE,
-    names.DISTURBANCE_FORCE: names.APPLIED_DISTURBANCE,
-}
 
 
-class PlantNode(FlightNode):
-    """Publishes state k, lets tick k pass as its mode says, goes on.
-
-    phase : waiting, running, finished or aborted
-    progress_s, sent_s : monotonic times of the last tick, of the last state sent
-    """
+class PlantNode(FlightNode, Loop):
+    """Publishes state k, lets tick k pass as its mode says, goes on."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__('plant', overrides)
+        FlightNode.__init__(self, 'plant', overrides)
+        Loop.__init__(self)
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
-        self._peers = [names.CONTROL_FORCE]
-        if not self.scenario.disturbance.is_zero:
-            self._peers.append(names.DISTURBANCE_FORCE)
+        self._peers, self._own = topics_of(self.scenario)
         self._connect()
-        self.control = SimulatorControl(self)
+        self.control = SimulatorControl(self, self)
         self._manifest(files.read_text(path))
         self._begin_run()
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
         health.publish_health(self, self._health)
 
     def _connect(self) -> None:
-        """Make publishers and subscriptions; in free running it is said what is flown."""
+        """Make publishers and subscriptions; in free running it is said which forces act."""
         free = self.values['mode'] == FREE_RUNNING
-        applied = [_APPLIED[topic] for topic in self._peers] if free else []
-        self.topics = Publications(self, self.values['publish_clock'], applied)
-        for topic in self._peers:
-            on_answer = partial(self._on_answer, topic)
-            self.create_subscription(WrenchStamped, topic, on_answer, qos.IN_LOOP)
+        applied = [applied_topic(name) for name in self._peers] if free else []
+        self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
+        for name in self._peers:
+            listen(self, name, partial(self._on_answer, name), self._ignore)
+        self.create_subscription(
+            DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
+        )
         self.recorder = RecorderWatch(self, self.values['wait_for_recorder'])
 
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         shaping['scenario'] = self.scenario.name
-        health.publish_manifest(self, 'plant', shaping, {'scenario.yaml': text})
+        self._said_manifest = health.Manifest(self, 'plant')
+        self._said_manifest.say(shaping, {'scenario.yaml': text})
 
     def _begin_run(self) -> None:
         """Wait at tick 0 of a new run."""
         make = LockstepPacing if self.values['mode'] == LOCKSTEP else FreeRunningPacing
         self.pacing: LockstepPacing | FreeRunningPacing = make(self, self.scenario, self._peers)
-        self.control.release()
-        self.loop = LoopHealth(self.pacing)
+        self.paused, self.steps = False, 0
+        self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
         self._again, self._unrecorded, self._said_s = False, False, 0.0
         self._begun = self.sent_s = self.progress_s = time.monotonic()
-        self.report(health.OK, 'waiting', 'waiting for peers')
+        self.report(health.OK, WAITING, 'waiting for peers')
 
     @property
     def plant(self) -> LockstepPlant | FreeRunningPlant:
@@ -94,52 +92,58 @@ class PlantNode(FlightNode):
         return self.pacing.plant
 
     @property
-    def stepping(self) -> bool:
-        """Whether single ticks were asked for."""
-        return self.control.steps > 0
+    def tick(self) -> int:
+        """The present tick."""
+        return self.plant.tick
 
-    @property
-    def moving(self) -> bool:
-        """Whether ticks may pass."""
-        return self.phase == 'running' and (not self.control.paused or self.stepping)
+    def _ignore(self, reason: str) -> None:
+        self.plant.ignore(reason)
 
-    def _on_answer(self, topic: str, message: WrenchStamped) -> None:
-        force = conversions.from_wrench(message)
-        fault = conversions.fault_of(message, force)
-        if fault:
-            self.plant.ignore(fault)
+    def _on_answer(self, name: str, stamp_ns: int, force: Signal) -> None:
+        plant = self.pacing.plant
+        if plant.answer(name, stamp_ns, force) != ACCEPTED:
             return
-        stamp_ns = conversions.from_stamp(message.header.stamp)
-        if self.plant.answer(topic, stamp_ns, force) != ACCEPTED:
-            return
-        if topic == names.CONTROL_FORCE:
+        if interfaces.row_of(name).carries == interfaces.COMMAND:
             self.loop.commanded(self.scenario.tick_of(stamp_ns))
         self.pacing.on_answer()
 
+    def _on_stage_status(self, status: DiagnosticStatus) -> None:
+        """End a run that a node was started for, but will not take part in."""
+        values = values_of(status)
+        if values.get('state') == REFUSED and self.phase not in ENDED:
+            self.abort(f'{values.get("stage")} takes no part: {values.get("reason")}')
+
     def advance(self) -> None:
         """Pass the present tick."""
-        self.topics.applied(self.plant.stamp_ns, self.pacing.applied())
-        if self.plant.finished:
-            self._end('finished', 'reached the last tick')
+        plant, topics = self.pacing.plant, self.topics
+        stamp_ns = plant.stamp_ns
+        applied = self.pacing.applied()
+        if plant.finished:
+            topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
+            self._end(FINISHED, 'reached the last tick')
             return
-        self.plant.advance()
+        plant.advance()
         self.progress_s = time.monotonic()
         self.send()
-        self.loop.sent(self.plant.tick, self.sent_s)
-        if self.control.passed():
-            self.say_paused()
+        topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
+        self.loop.sent(plant.tick, self.sent_s)
+        if self.steps:
+            self.steps -= 1
+        if self.paused and not self.steps:
+            self.report(health.OK, PAUSED, PAUSED)
 
     def send(self) -> None:
         """Publish the present state."""
         self.sent_s = time.monotonic()
-        self.topics.state(self.plant.stamp_ns, self.plant.state)
+        plant = self.pacing.plant
+        self.topics.state(plant.stamp_ns, plant.state)
 
     def _look(self) -> None:
         """Wall-clock watch: starts the run, looks after the peers, leaves at the end."""
         now_s = time.monotonic()
-        if self.phase == 'waiting':
+        if self.phase == WAITING:
             self._wait(now_s)
-        elif self.phase in _ENDED:
+        elif self.phase in ENDED:
             if self.recorder.done or now_s - self.progress_s > _LAST_WORD_S:
                 self._leave()
         else:
@@ -148,7 +152,7 @@ class PlantNode(FlightNode):
             if self.recorder.look() and not self._unrecorded:
                 self._unrecorded = True
                 self.get_logger().warning('the recorder is gone: flying on unrecorded')
-                self.report(health.WARN, 'running', 'the recorder is gone')
+                self.report(health.WARN, RUNNING, 'the recorder is gone')
 
     def _leave(self) -> None:
         self.done = not self._again
@@ -157,14 +161,15 @@ class PlantNode(FlightNode):
 
     def _wait(self, now_s: float) -> None:
         """Send state 0 until it is answered and a recorder is ready: then all are connected."""
-        absent = [topic for topic in self._peers if not self.count_publishers(topic)]
+        absent = [name for name in self._peers if not self.count_publishers(name)]
+        self._said_manifest.repeat()  # whoever waits for the scenario need not wait long
         if not absent:
             self.send()
             self.topics.before_flight(self.scenario.stamp_ns(-1))
         awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited
         if not awaited:
             self.progress_s = now_s
-            self.report(health.OK, 'running', 'flying')
+            self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')
             self.advance()
             self.pacing.begin()
@@ -177,14 +182,14 @@ class PlantNode(FlightNode):
     def abort(self, reason: str) -> None:
         """End the run before its time, with an exit code that says so."""
         self.exit_code = EXIT_ABORTED
-        self._end('aborted', reason, health.ERROR)
+        self._end(ABORTED, reason, health.ERROR)
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self.pacing.stop()
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
-        if phase == 'aborted':
-            said = f'aborted at tick {self.plant.tick}: {reason}'
+        if phase == ABORTED:
+            said = f'aborted at tick {self.tick}: {reason}'
             log = self.get_logger()
             log.error(said) if level == health.ERROR else log.info(said)
             return
@@ -197,47 +202,46 @@ class PlantNode(FlightNode):
     def reset(self) -> None:
         """End the run and begin another at tick 0; a recorder closes the log of the first."""
         self._again = True
-        self._end('aborted', 'reset', health.WARN)
+        self._end(ABORTED, 'reset', health.WARN)
 
     def go_on(self) -> None:
         """Go on after a pause, for good or for some ticks; the pause was nobody's silence."""
         self.progress_s = time.monotonic()
         self.pacing.begin()
 
-    def resume(self) -> None:
-        """End a pause."""
-        self.report(health.OK, 'running', 'flying', resumed='true')
-        self.go_on()
-
-    def say_paused(self) -> None:
-        """Say that no tick passes."""
-        self.report(health.OK, 'paused', 'paused')
-
     def changed(self, applied: Mapping[str, Any]) -> None:
         """Take up a new speed."""
-        if 'real_time_factor' in applied and self.phase == 'running':
+        if 'real_time_factor' in applied and self.phase == RUNNING:
             self.pacing.begin()
 
     def report(self, level: bytes, phase: str, reason: str, **more: str) -> None:
         """Publish run_status; in lockstep simulated facts only, so that two runs say the same.
 
-        'paused' is said, but the run goes on: such a status is not part of its log.
+        PAUSED is said, but the run goes on: such a status is not part of its log.
         """
-        if phase != 'paused':
+        if phase != PAUSED:
             self.phase = phase
         values = {'phase': phase, **self.plant.figures(), **more}
-        if phase in _ENDED and self.values['mode'] == FREE_RUNNING:
+        if phase in ENDED and self.values['mode'] == FREE_RUNNING:
             values |= self.loop.wall_figures()
         self.topics.status(level, reason, values)
 
+    def warn(self, text: str) -> None:
+        """Log a warning, not more than one a second."""
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
+
+    def inform(self, text: str) -> None:
+        """Log a piece of news, not more than one a second."""
+        self.get_logger().info(text, throttle_duration_sec=1.0)
+
     def _health(self) -> health.Health:
-        return self.loop.status('paused' if self.control.paused else self.phase, self._unrecorded)
+        return self.loop.status(PAUSED if self.paused else self.phase, self._unrecorded)
 
     def interrupt(self, reason: str) -> None:
         """Say that the run was interrupted, and let the recorder close its log."""
         self._again = False
-        if self.phase not in _ENDED:
-            self._end('aborted', f'interrupted by {reason}', health.WARN)
+        if self.phase not in ENDED:
+            self._end(ABORTED, f'interrupted by {reason}', health.WARN)
             self.topics.last_words(_INTERRUPTED_S)
 
 

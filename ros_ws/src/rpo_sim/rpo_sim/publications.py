@@ -8,46 +8,44 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
-from rpo_core.kernels import State
+from rpo_core import cdr, interfaces
+from rpo_core.stage import Signal
 from rpo_ros import conversions, names, qos
 from rpo_ros.running import FlightNode
-from rpo_sim.plant import ZERO, Force
+from rpo_ros.signals import Outlet
+from rpo_sim.plant import ZERO
 
 
 class Publications:
-    """The plant's topics: /clock, states, run_status, and in free running the forces flown.
+    """The plant's topics: /clock, states, run_status, and what its stages and pacing make.
 
-    applied : topics of the forces flown
+    made : signals of the plant's own that are topics
     """
 
-    def __init__(self, node: FlightNode, clock: bool, applied: Sequence[str]) -> None:
-        self._state = node.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    def __init__(self, node: FlightNode, clock: bool, made: Sequence[str]) -> None:
+        self._state = Outlet(node, interfaces.RELATIVE_STATE)
         self._status = node.create_publisher(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
         self._clock = node.create_publisher(Clock, names.CLOCK, qos.CLOCK) if clock else None
-        self._applied = {
-            topic: node.create_publisher(WrenchStamped, topic, qos.LOCKSTEP) for topic in applied
-        }
+        self._made = {name: Outlet(node, name) for name in made}
 
-    def state(self, stamp_ns: int, state: State) -> None:
-        """Publish a state, and before it its time on /clock."""
+    def state(self, stamp_ns: int, state: Signal) -> None:
+        """Publish a state, and after it its time on /clock, which nobody waits for."""
+        self._state.publish(stamp_ns, state)
         if self._clock is not None:
-            self._clock.publish(conversions.to_clock(stamp_ns))
-        self._state.publish(conversions.to_odometry(stamp_ns, state))
+            self._clock.publish(cdr.encode_clock(stamp_ns))
 
-    def applied(self, stamp_ns: int, forces: Mapping[str, Force]) -> None:
-        """Publish the forces, by topic, that act in the tick of a stamp."""
-        for topic, force in forces.items():
-            stamp = conversions.to_stamp(stamp_ns)
-            self._applied[topic].publish(conversions.to_wrench(stamp, force))
+    def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> None:
+        """Publish those of some signals that are topics of the plant's own."""
+        for name, outlet in self._made.items():
+            if name in signals:
+                outlet.publish(stamp_ns, signals[name])
 
     def before_flight(self, stamp_ns: int) -> None:
-        """Let a recorder hear the topics of the forces flown, with a stamp before the first."""
-        self.applied(stamp_ns, dict.fromkeys(self._applied, ZERO))
+        """Let a recorder hear the plant's own topics, with a stamp before the first."""
+        self.made(stamp_ns, dict.fromkeys(self._made, ZERO))
 
     def status(self, level: bytes, reason: str, values: Mapping[str, Any]) -> None:
         """Publish run_status."""

@@ -8,12 +8,11 @@ wheels. A call returns at once; `run_status` says when what was asked for has ha
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-if TYPE_CHECKING:
-    from rpo_sim.plant_node import PlantNode
+from rpo_ros import health
+from rpo_sim.loop import PAUSED, RUNNING, WAITING, Loop
 
 Answer = SetBool.Response | Trigger.Response
 
@@ -25,65 +24,51 @@ def _answer(response: Answer, refusal: str, done: str) -> Answer:
 
 
 class SimulatorControl:
-    """The plant's services `~/pause`, `~/step`, `~/reset` and `~/abort`.
+    """The plant's services `~/pause`, `~/step`, `~/reset` and `~/abort`."""
 
-    paused : no tick passes but those asked for
-    steps : ticks that were asked for and have not passed
-    """
-
-    def __init__(self, node: PlantNode) -> None:
-        self.node = node
-        self.paused = False
-        self.steps = 0
+    def __init__(self, node: Node, loop: Loop) -> None:
+        self.loop = loop
         node.create_service(SetBool, '~/pause', self._on_pause)
         node.create_service(Trigger, '~/step', self._on_step)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(Trigger, '~/abort', self._on_abort)
 
-    def release(self) -> None:
-        """Forget pause and steps: a new run begins."""
-        self.paused, self.steps = False, 0
-
-    def passed(self) -> bool:
-        """Count a tick; return whether it was the last one asked for."""
-        if self.steps:
-            self.steps -= 1
-        return self.paused and not self.steps
-
-    def _grounded(self) -> str:
-        return '' if self.node.phase == 'running' else f'nothing flies: {self.node.phase}'
+    def _no_run(self) -> str:
+        running = self.loop.phase == RUNNING
+        return '' if running else f'no run in progress: {self.loop.phase}'
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        refusal = self._grounded()
-        if not refusal and request.data != self.paused:
-            self.paused, self.steps = request.data, 0
-            if self.paused:
-                self.node.say_paused()
+        loop, refusal = self.loop, self._no_run()
+        if not refusal and request.data != loop.paused:
+            loop.paused, loop.steps = request.data, 0
+            if loop.paused:
+                loop.report(health.OK, PAUSED, PAUSED)
             else:
-                self.node.resume()
-        done = 'paused' if request.data else 'running'
-        return _answer(response, refusal, f'{done} at tick {self.node.plant.tick}')
+                loop.report(health.OK, RUNNING, 'flying', resumed='true')
+                loop.go_on()
+        done = PAUSED if request.data else RUNNING
+        return _answer(response, refusal, f'{done} at tick {loop.tick}')
 
     def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._grounded() or ('' if self.paused else 'not paused: pause first')
-        tick, asked = self.node.plant.tick, self.node.values['step_ticks']
+        loop = self.loop
+        refusal = self._no_run() or ('' if loop.paused else 'not paused: pause first')
+        tick, requested = loop.tick, loop.values['step_ticks']
         if not refusal:
-            fresh = not self.steps
-            self.steps += asked
+            fresh = not loop.steps
+            loop.steps += requested
             if fresh:
-                self.node.go_on()
-        return _answer(response, refusal, f'{asked} ticks from tick {tick}')
+                loop.go_on()
+        return _answer(response, refusal, f'{requested} ticks from tick {tick}')
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._grounded()
-        tick = self.node.plant.tick
+        refusal, tick = self._no_run(), self.loop.tick
         if not refusal:
-            self.node.reset()
+            self.loop.reset()
         return _answer(response, refusal, f'reset at tick {tick}')
 
     def _on_abort(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._grounded() if self.node.phase != 'waiting' else ''
-        tick = self.node.plant.tick
+        refusal = self._no_run() if self.loop.phase != WAITING else ''
+        tick = self.loop.tick
         if not refusal:
-            self.node.abort('abort asked for')
+            self.loop.abort('abort requested')
         return _answer(response, refusal, f'aborted at tick {tick}')

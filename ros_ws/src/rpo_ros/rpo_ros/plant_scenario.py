@@ -1,0 +1,79 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One scenario in a run: the plant says which, all other nodes take it from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
+
+from rpo_core import files, scenario
+from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
+from rpo_ros import names, qos
+from rpo_ros.conversions import values_of
+from rpo_ros.parameters import Row
+
+PARAMETER = Row(
+    'scenario', '', 'scenario that the plant must fly; empty: whatever it flies', wall=True,
+    example='paper_test',
+)  # fmt: skip
+
+SCENARIO_FILE = 'file.scenario.yaml'
+
+
+class PlantScenario:
+    """Hears the plant's manifest, and holds the scenario against the one that a node was given.
+
+    take : takes the scenario of the run; raises InputError if the node cannot take part in it
+    refuse : is told why the node cannot
+    scenario : of the run; that of the parameter until the plant has said its own; None: not known
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        asserted: str,
+        take: Callable[[Scenario], Any],
+        refuse: Callable[[str], Any],
+    ) -> None:
+        self._take, self._refuse = take, refuse
+        self._asserted = scenario.load_scenario(asserted) if asserted else None
+        self._text = ''
+        self.scenario = self._asserted
+        node.create_subscription(
+            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
+        )
+
+    def begin(self) -> None:
+        """Hand on the scenario of the parameter, if there is one: the node is ready."""
+        if self.scenario is not None:
+            self._take(self.scenario)
+
+    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
+        values = values_of(manifest)
+        text = values.get(SCENARIO_FILE, '')
+        if values.get('role') != 'plant' or text == self._text:
+            return
+        self._text = text
+        try:
+            found = files.loads(text, scenario.parse, 'the scenario of the plant')
+            if not isinstance(found, Scenario):
+                raise InputError('the scenario of the plant must be a single flight; it is a set')
+            self._hold_against(found)
+            if found != self.scenario:
+                self.scenario = found
+                self._take(found)
+        except InputError as error:
+            self._refuse(str(error))
+
+    def _hold_against(self, found: Scenario) -> None:
+        if self._asserted is not None and found != self._asserted:
+            same = ' of another content' if found.name == self._asserted.name else ''
+            raise InputError(
+                f'`scenario` must be the one that the plant flies, {found.name}; '
+                f'got {self._asserted.name}{same}'
+            )

@@ -1,0 +1,325 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node that runs a part of the chain: subscribe, match by stamp, step once a tick, publish."""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.duration import Duration
+
+from rpo_core import interfaces
+from rpo_core.chain import Chain, Signals
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Signal
+from rpo_ros import health, names, plant_scenario, qos
+from rpo_ros.conversions import to_status, values_of
+from rpo_ros.parameters import Row, declare
+from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
+from rpo_ros.signals import Outlet, listen
+
+REFUSED = 'refused'
+"""State in `stage_status` of a node that will not take part in the plant's run."""
+
+FOREIGN, LATE = 'foreign_stamp', 'late'
+
+_LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
+"""Longest wait, at the end, for listeners to acknowledge."""
+
+SILENT_S = 3.0
+"""A plant that flies and sends no state for so long is gone; a warning within a second of that."""
+
+PATIENCE_S = 3.0
+"""A plant heard for so long without a manifest is not one of ours: it does not say its scenario."""
+
+
+class StageNode(FlightNode):
+    """Answers the inputs of each tick with the outputs of its stages, with the stamp of the inputs.
+
+    An input that comes again gets the answer that it got. What comes out of order changes nothing
+    where stages have memory. An input that is not answered is counted by its reason in `ignored`.
+
+    chain : the stages, None until the scenario is known
+    """
+
+    def __init__(
+        self,
+        name: str,
+        overrides: Mapping[str, Any] | None,
+        rows: Sequence[Row] = (plant_scenario.PARAMETER,),
+    ) -> None:
+        super().__init__(name, overrides)
+        self.values = declare(self, rows)
+        self.chain: Chain | None = None
+        self.answered = 0
+        self.ignored: Counter[str] = Counter()
+        self.last_tick = -1
+        self.plant_phase = ''
+        self._answered_s: float | None = None
+        self._heard_s: float | None = None
+        self._rate = health.Rate()
+        self._outlets: dict[str, Outlet] = {}
+        self._inlets: dict[str, Any] = {}
+        self._waiting: dict[str, tuple[int, Signal]] = {}
+        self._reads: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
+        self._asked: tuple[Any, ...] = ()
+        self._signals: Signals = {}
+        self._answer: list[tuple[Outlet, bytes]] = []
+        self._stage_status = self.create_publisher(
+            DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
+        )
+        self._run = PlantScenario(self, self.values['scenario'], self._fly_in, self.refuse)
+
+    def begin(self) -> None:
+        """Begin to listen; the subclass is ready."""
+        self._open(self.outlets())
+        if not self._inlets:
+            self._listen(interfaces.RELATIVE_STATE)
+        self.create_subscription(
+            DiagnosticStatus, names.RUN_STATUS, self._on_run_status, qos.LATCHED
+        )
+        health.publish_health(self, self.health)
+        self._run.begin()
+
+    @property
+    def scenario(self) -> Scenario | None:
+        """Scenario of the run, None until it is known."""
+        return self._run.scenario
+
+    @abstractmethod
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the stages that this node runs; None: the scenario has nothing for it to do."""
+
+    def outlets(self) -> Sequence[str]:
+        """Return the signals that it publishes whatever the scenario is."""
+        return ()
+
+    def without_scenario(self) -> Chain | None:
+        """Return the stages for a plant that does not say its scenario; None: there are none."""
+        return None
+
+    def step(self, tick: int, signals: Signals) -> None:
+        """Add the outputs of a tick to `signals`, which hold its inputs."""
+        if self.chain is not None:
+            self.chain.step(tick, signals)
+
+    def after_answer(self, stamp_ns: int, signals: Signals) -> None:
+        """Do what may wait until the answer is on its way."""
+
+    def rebuild(self) -> None:
+        """Make the stages anew; raises InputError."""
+        if self.scenario is not None:
+            self._fly_in(self.scenario)
+
+    def say_stage_status(self, stage: str, state: str, tick: int, reason: str) -> None:
+        """Publish what a stage is from a tick on."""
+        level = health.OK if state == 'active' else health.WARN
+        values = [('stage', stage), ('state', state), ('tick', tick), ('reason', reason)]
+        self._stage_status.publish(to_status(level, self.get_name(), reason, values))
+
+    def refuse(self, reason: str) -> None:
+        """Take no part in the run: say why in one sentence, also to the plant, and end."""
+        self.get_logger().error(reason)
+        self.say_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
+        self.exit_code, self.done = EXIT_BAD_INPUT, True
+
+    def refusal(self) -> str:
+        """Return why no input is answered now; '' if it is."""
+        return ''
+
+    def _fly_in(self, scenario: Scenario) -> None:
+        """Take up a scenario: make its stages, connect to their signals; raises InputError."""
+        chain = self.part(scenario)
+        if chain is None:
+            return
+        self._open(name for name in chain.outputs if interfaces.row_of(name).type)
+        self._hear(chain)
+        self._warm_up(chain)
+        self.chain = chain
+        self.new_run()
+        self._take_up()
+
+    @staticmethod
+    def _warm_up(chain: Chain) -> None:
+        """Let kernels be loaded before the first tick."""
+        zero = (0.0,) * 6
+        chain.step(0, {name: zero[: len(interfaces.row_of(name).columns)] for name in chain.inputs})
+        chain.reset()
+
+    def _open(self, outputs: Iterable[str]) -> None:
+        """Make publishers of what is published."""
+        for name in outputs:
+            if name not in self._outlets:
+                self._outlets[name] = Outlet(self, name)
+
+    def _hear(self, chain: Chain) -> None:
+        """Listen to what the stages read, and to nothing else."""
+        self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
+        for name in set(self._inlets) - set(self._reads):
+            self.destroy_subscription(self._inlets.pop(name))
+        for name in self._reads:
+            if name not in self._inlets:
+                self._listen(name)
+
+    def _listen(self, name: str) -> None:
+        def take(stamp_ns: int, values: Signal) -> None:
+            self._on_signal(name, stamp_ns, values)
+
+        self._inlets[name] = listen(self, name, take, self._ignore)
+
+    def _ignore(self, reason: str) -> None:
+        self.ignored[reason] += 1
+
+    def _on_signal(self, name: str, stamp_ns: int, values: Signal) -> None:
+        chain = self.chain
+        if chain is None:
+            reason = self.refusal()
+            if reason:
+                self.ignored[reason] += 1
+            else:
+                self._wait_for_scenario(name, stamp_ns, values)
+            return
+        reads = self._reads
+        if name not in reads:
+            return
+        if len(reads) == 1:
+            self._ask(stamp_ns, {name: values})
+            return
+        self._waiting[name] = (stamp_ns, values)
+        if all(self._waiting.get(read, (None,))[0] == stamp_ns for read in reads):
+            self._ask(stamp_ns, {read: self._waiting[read][1] for read in reads})
+
+    def _wait_for_scenario(self, name: str, stamp_ns: int, values: Signal) -> None:
+        """Keep the newest input; after a while, take the plant for one without a scenario."""
+        self._waiting[name] = (stamp_ns, values)
+        if self._heard_s is None:
+            self._heard_s = time.monotonic()
+            self._patience = self.every(PATIENCE_S, self._lose_patience)
+
+    def _lose_patience(self) -> None:
+        self.destroy_timer(self._patience)
+        if self.chain is None and self.scenario is None:
+            self.chain = self.without_scenario()
+            if self.chain is not None:
+                self.get_logger().warning(
+                    'the plant does not say its scenario: answering relative_state as it is'
+                )
+                self._take_up()
+
+    def _take_up(self) -> None:
+        """Answer what came before the stages were known."""
+        waiting, self._waiting = self._waiting, {}
+        for name, (stamp_ns, values) in waiting.items():
+            self._on_signal(name, stamp_ns, values)
+
+    def _ask(self, stamp_ns: int, signals: Signals) -> None:
+        """Answer the inputs of a tick."""
+        asked = (stamp_ns, *signals.values())
+        if asked == self._asked:
+            for outlet, data in self._answer:
+                outlet.publisher.publish(data)
+            self.answered += 1
+            self.after_answer(stamp_ns, self._signals)
+            return
+        reason, tick = self._placed(stamp_ns)
+        if reason:
+            self.ignored[reason] += 1
+            return
+        self.step(tick, signals)
+        self._answer = [
+            (outlet, outlet.publish(stamp_ns, signals[name]))
+            for name, outlet in self._outlets.items()
+        ]
+        self._asked, self._signals = asked, signals
+        self.last_tick = max(tick, self.last_tick)
+        self.answered += 1
+        self._answered_s = time.monotonic()
+        self.after_answer(stamp_ns, signals)
+
+    def _placed(self, stamp_ns: int) -> tuple[str, int]:
+        """Return why a stamp is not answered ('' if it is), and its tick."""
+        reason = self.refusal()
+        if reason or self.chain is None:
+            return reason or 'no_stages', -1
+        tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
+        if tick is None:
+            return ('', 0) if not self.chain.counts_ticks else (FOREIGN, -1)
+        if self.chain.memory_ticks != 0 and tick <= self.last_tick:
+            return LATE, tick
+        return '', tick
+
+    def new_run(self) -> None:
+        """Forget the run before."""
+        self.last_tick, self._asked = -1, ()
+        if self.chain is not None:
+            self.chain.reset()
+
+    def _on_run_status(self, status: DiagnosticStatus) -> None:
+        phase = values_of(status).get('phase', '')
+        if phase == 'waiting' and self.plant_phase not in ('', 'waiting'):
+            self.new_run()
+        self.plant_phase = phase
+
+    @property
+    def plant_gone(self) -> bool:
+        """Whether states have ceased though the last word of the plant was that it flies."""
+        flying = self.plant_phase == 'running' and self._answered_s is not None
+        return flying and health.age_s(self._answered_s) > SILENT_S
+
+    def close(self) -> None:
+        """Let the last answer arrive: the log would miss it."""
+        for outlet in self._outlets.values():
+            outlet.publisher.wait_for_all_acked(_LAST_WORDS)
+
+    def health(self) -> health.Health:
+        """Return what /diagnostics says of this node."""
+        ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
+        values = {
+            'answered': self.answered,
+            'rate_hz': self._rate.per_s(self.answered),
+            'command_age_s': health.age_s(self._answered_s),
+            **ignored,
+        }
+        if self.plant_gone:
+            return health.WARN, 'no states: the plant is gone', values
+        said = 'answering states' if self.chain is not None else 'waiting for the scenario'
+        return health.WARN if ignored else health.OK, said, values
+
+
+class PlaceNode(StageNode):
+    """Runs the stages that a scenario has at some places of the chain.
+
+    places : of the chain
+    what : the stages do, in a word, and what they make
+    role : in the manifest; '' for none
+    """
+
+    places: tuple[Place, ...] = ()
+    what = ('', '')
+    role = ''
+
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(name, overrides)
+        self.begin()
+
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the stages of its places; without any, its work is done."""
+        chain = Chain.of(scenario).part(*self.places)
+        does, makes = self.what
+        if not chain.links:
+            # So one launch file serves every scenario.
+            self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
+            self.done = True
+            return None
+        if self.role:
+            if not hasattr(self, '_manifest'):
+                self._manifest = health.Manifest(self, self.role)
+            self._manifest.say({'scenario': scenario.name}, {})
+        self.get_logger().info(f'{does} as in {scenario.name}')
+        return chain
