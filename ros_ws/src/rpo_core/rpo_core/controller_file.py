@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every controller file holds, and the kinds of controller that a file may name.
 
-Whoever adds a kind writes a frozen dataclass and one line (`register`) in a module of their own,
-and names that module in the environment variable `RPO_PLUGINS`. Its fields are those of the file.
+Whoever adds a kind writes a frozen dataclass and one line (`register`) in a module of their own
+(`rpo_core.plugins`). Its fields are those of the file.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, TypeVar
 
-from rpo_core import codec, interfaces
-from rpo_core.stage import Stage, load_plugins
+from rpo_core import codec, interfaces, plugins
+from rpo_core.stage import Stage
 from rpo_core.validation import InputError, choice, real, shown, store, text
 
 SCHEMA = 'rpo/controller/1'
@@ -89,7 +89,7 @@ def register(kind: Kind) -> Kind:
 
 def kinds() -> Mapping[str, type[ControllerFile]]:
     """Return name -> class of all kinds that a file may name; loads the plug-ins first."""
-    load_plugins()
+    plugins.load()
     return _KINDS
 
 

@@ -4,13 +4,14 @@
 
 A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
 that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
-this table; whoever adds a topic adds one row (`add`), and nothing else.
+this table; whoever adds a topic adds one row (`add`), and nothing else. See `rpo_core.plugins`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from rpo_core import plugins
 from rpo_core.cdr import Layout
 from rpo_core.validation import InputError
 
@@ -137,27 +138,36 @@ def add(row: Interface, before: str = '') -> Interface:
     if row.name in _TABLE:
         raise InputError(f'interface `{row.name}` must be added once; it is in the table already')
     rows = list(_TABLE.values())
-    rows.insert(rows.index(row_of(before)) if before else len(rows), row)
+    if before and before not in _TABLE:
+        raise InputError(f'`before` must be one of {", ".join(_TABLE)}; got {before!r}')
+    rows.insert(list(_TABLE).index(before) if before else len(rows), row)
     _TABLE.clear()
     _TABLE.update((r.name, r) for r in rows)
     return row
 
 
+def table() -> dict[str, Interface]:
+    """Return name -> row of all signals; loads the plug-ins first."""
+    plugins.load()
+    return _TABLE
+
+
 def row_of(name: str) -> Interface:
     """Return the row of a signal; raises InputError if it has none."""
-    if name not in _TABLE:
+    found = table().get(name)
+    if found is None:
         raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
-    return _TABLE[name]
+    return found
 
 
 def find(name: str) -> Interface | None:
     """Return the row of a signal or topic, absolute or in a namespace; None if it has none."""
-    return _TABLE.get(name.rsplit('/', 1)[-1])
+    return table().get(name.rsplit('/', 1)[-1])
 
 
 def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
     """Return the rows of topics in their order; those logged, those that are not, or all."""
-    return tuple(r for r in _TABLE.values() if r.type and logged in (None, r.logged))
+    return tuple(r for r in table().values() if r.type and logged in (None, r.logged))
 
 
 # fmt: off

@@ -99,7 +99,9 @@ class Scenario:
 
     def _check_sections(self) -> None:
         """Put the sections in the order of the chain."""
-        order = sorted(self.sections, key=lambda s: (section_of(s).place, section_of(s).name))
+        known = list(sections().values())  # of one place, in the order of registration
+        found = {id(s): section_of(s) for s in self.sections}
+        order = sorted(self.sections, key=lambda s: (found[id(s)].place, known.index(found[id(s)])))
         if len({type(settings) for settings in order}) < len(order):
             raise InputError('`sections` must hold settings of each kind once')
         store(self, sections=tuple(order))

@@ -6,13 +6,11 @@ A stage is a function of its inputs so far: deterministic, with memory if it nee
 Randomness is a function of (tick, key). `rpo_core.chain` puts stages in a row and flies them.
 
 A section of a scenario file adds a stage. Whoever adds one writes a class and one line (`register`)
-in a module of their own, and names that module in the environment variable `RPO_PLUGINS`.
+in a module of their own (`rpo_core.plugins`).
 """
 
 from __future__ import annotations
 
-import importlib
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -21,13 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import plugins
 from rpo_core.validation import InputError
 
 Signal = tuple[float, ...]
 """The numbers of a signal at one tick; `rpo_core.interfaces` says which."""
-
-PLUGINS = 'RPO_PLUGINS'
-"""Environment variable: names of modules to import first, separated by commas."""
 
 
 class Place(IntEnum):
@@ -101,7 +97,6 @@ class Section:
 
 
 _SECTIONS: dict[str, Section] = {}
-_loaded = False
 
 
 def register(section: Section) -> Section:
@@ -114,7 +109,7 @@ def register(section: Section) -> Section:
 
 def sections() -> dict[str, Section]:
     """Return name -> section of all that scenario files may have; loads the plug-ins first."""
-    load_plugins()
+    plugins.load()
     return _SECTIONS
 
 
@@ -124,16 +119,3 @@ def section_of(settings: Any) -> Section:
         if type(settings) is section.settings:
             return section
     raise InputError(f'section must be registered; got settings of {type(settings).__name__}')
-
-
-def load_plugins() -> None:
-    """Import the modules that `RPO_PLUGINS` names, once; raises InputError if one is missing."""
-    global _loaded
-    if _loaded:
-        return
-    _loaded = True
-    for name in filter(None, os.environ.get(PLUGINS, '').split(',')):
-        try:
-            importlib.import_module(name.strip())
-        except ModuleNotFoundError as error:
-            raise InputError(f'environment variable `{PLUGINS}`: {error}') from None
