@@ -64,7 +64,7 @@ format:  ## let ruff put the sources in order
 	$(ENV) ruff check --fix && ruff format
 
 lock:  ## choose dependency versions anew where they must change (UPGRADE=1: everywhere)
-	$(SETUP) lock
+	$(SETUP)
 	$(ENV) python ros_ws/underlay/lock.py $(if $(UPGRADE),--upgrade)
 
 clean:  ## remove all that set-up and tests made; runs/ stays

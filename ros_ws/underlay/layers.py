@@ -2,29 +2,48 @@
 # SPDX-License-Identifier: Apache-2.0
 """The project's virtual environment and the layers of locked packages in it.
 
-`.venv/rpo_setup.json` says what is in there. It is written after each finished step; while pip
-installs it says so, and an environment found in that state is built anew.
+pip installs uv, and uv the rest, from the same indexes. `.venv/rpo_setup.json` says what is there.
+It is written after each finished step; during an installation it says so, and an environment found
+in that state is built anew.
 """
 
+import ast
 import hashlib
 import json
 import os
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from host import Interpreter, SetupError, run_python
 
 ROS_LAYER = 'ros'  # stands in for an installed ROS 2
 BASE_LAYER = 'fly'
+INSTALLER = 'installer'  # uv, and what it builds empy with
 FROM_ROS = ('numpy',)  # an installed ROS 2 is compiled against its own
-_PIP_REDIRECTIONS = ('PIP_USER', 'PIP_TARGET', 'PIP_PREFIX', 'PIP_ROOT', 'PIP_REQUIRE_VIRTUALENV')
+_LOCKED = ('--no-deps', '--require-hashes')
+_IN_THE_WAY = (  # of installing into .venv
+    *('PYTHONPATH', 'PYTHONDONTWRITEBYTECODE'),
+    *('PIP_USER', 'PIP_TARGET', 'PIP_PREFIX', 'PIP_ROOT', 'PIP_REQUIRE_VIRTUALENV'),
+)
+_UV_FOR_PIP = {  # the variable of uv for an option of pip
+    'index-url': 'UV_DEFAULT_INDEX',
+    'extra-index-url': 'UV_INDEX',
+    'find-links': 'UV_FIND_LINKS',
+    'trusted-host': 'UV_INSECURE_HOST',
+    'default-timeout': 'UV_HTTP_TIMEOUT',
+    'timeout': 'UV_HTTP_TIMEOUT',
+    'proxy': 'ALL_PROXY',
+    'cert': 'SSL_CERT_FILE',
+    'no-index': 'UV_OFFLINE',
+}
+_SYSTEM_CERTIFICATES = '/etc/ssl/certs'
 _NO_NETWORK = re.compile(
     'NewConnectionError|NameResolutionError|Connection refused|ConnectTimeoutError|ProxyError|'
-    'Network is unreachable|Temporary failure in name resolution|ReadTimeoutError|SSLError'
+    'Network is unreachable|Temporary failure in name resolution|ReadTimeoutError|SSLError|'
+    'error sending request|dns error|operation timed out|network was disabled'
 )
 
 
@@ -47,15 +66,24 @@ def digest(*parts: bytes) -> str:
     return hashlib.sha256(b''.join(b'%d:' % len(part) + part for part in parts)).hexdigest()
 
 
-def locked_packages(texts: Iterable[str], left_out: Sequence[str] = ()) -> Dict[str, str]:
-    """Return name -> requirement lines, of several lock files that agree on every version."""
-    packages: Dict[str, str] = {}
-    for text in texts:
-        for block in re.split(r'\n(?=[a-zA-Z])', text):
-            first = re.match(r'([A-Za-z0-9._-]+)==\S+( ;[^\\\n]*)?', block)
-            if first and first.group(1) not in left_out:
-                packages[first.group(0)] = block.rstrip()
-    return packages
+def uv_environment(pip_config: str, environ: Mapping[str, str]) -> Dict[str, str]:
+    """Return the environment in which uv asks the indexes that pip is configured for.
+
+    pip_config : what `pip config list` prints
+    environ : variables of uv in here go before pip's configuration
+    """
+    options: Dict[str, str] = {}
+    for section in ('global', 'install', ':env:'):  # the last one decides
+        for name, value in re.findall(rf'^{section}\.(\S+)=(.*)$', pip_config, re.MULTILINE):
+            if name in _UV_FOR_PIP:
+                options[_UV_FOR_PIP[name]] = ' '.join(str(ast.literal_eval(value)).split())
+    if 'UV_FIND_LINKS' in options:
+        options['UV_FIND_LINKS'] = options['UV_FIND_LINKS'].replace(' ', ',')
+    # As pip does: all indexes are asked, and the system's certificates count.
+    options['UV_INDEX_STRATEGY'] = 'unsafe-best-match'
+    if os.path.isdir(_SYSTEM_CERTIFICATES) and os.listdir(_SYSTEM_CERTIFICATES):
+        options['UV_SYSTEM_CERTS'] = 'true'
+    return {**options, **environ}
 
 
 class Environment:
@@ -67,7 +95,8 @@ class Environment:
         self.python = self.path / 'bin' / 'python'
         self.requirements = root / 'ros_ws' / 'underlay' / 'requirements'
         self._record_file = self.path / 'rpo_setup.json'
-        self._log = self.path / 'rpo_pip.log'
+        self._log = self.path / 'rpo_install.log'
+        self._environ: Dict[str, str] = {}
         self.record = self._read()
 
     def _read(self) -> Dict[str, Any]:
@@ -113,8 +142,11 @@ class Environment:
             if layer not in known:
                 raise SetupError(f'There is no layer `{layer}`; there are {", ".join(known)}.')
 
+    def _lock_file(self, layer: str) -> Path:
+        return self.requirements / f'{layer}.txt'
+
     def _lock(self, layer: str) -> bytes:
-        return (self.requirements / f'{layer}.txt').read_bytes()
+        return self._lock_file(layer).read_bytes()
 
     def create(self, python: Interpreter, ros_prefix: str, reason: str) -> None:
         """Build an empty environment on `python`, in place of any other."""
@@ -139,23 +171,23 @@ class Environment:
 
     def install(self, layers: Sequence[str]) -> None:
         """Install the locked packages of `layers`, checking every hash."""
-        assert self.identity is not None
-        left_out = FROM_ROS if self.identity.ros_prefix else ()
-        packages = locked_packages([self._lock(x).decode() for x in layers], left_out)
-        say(f'installing {", ".join(layers)}: {len(packages)} locked packages')
-        tools = [name for name in packages if name.startswith(('pip==', 'setuptools=='))]
-        self.write(installing=True)
-        for names in filter(None, (tools, [name for name in packages if name not in tools])):
-            self._pip_locked('\n'.join(packages[name] for name in names) + '\n', len(names))
+        say(f'installing {", ".join(layers)}')
+        mark = digest(self._lock(INSTALLER))
+        if self.record.get(INSTALLER) != mark:
+            self.run(self.pip('install', *_LOCKED, *self._requirements([INSTALLER])))
+            self.write(**{INSTALLER: mark})
+        self.run(self.uv(*_LOCKED, *self._left_out(), *self._requirements(layers)))
         have = {**self.record['layers'], **{x: digest(self._lock(x)) for x in layers}}
-        self.write(layers=have, installing=False)
+        self.write(layers=have)
 
-    def _pip_locked(self, text: str, total: int) -> None:
-        """Install exactly the packages in `text`, a requirements file."""
-        chosen = self.path / 'rpo_requirements.txt'
-        chosen.write_text(text)
-        # The lock is complete, so pip need not resolve; empy's source is built with our setuptools.
-        self.pip('--require-hashes', '--no-build-isolation', '-r', str(chosen), total=total)
+    def _requirements(self, layers: Sequence[str]) -> List[str]:
+        return [f'--requirement={self._lock_file(layer)}' for layer in layers]
+
+    def _left_out(self) -> List[str]:
+        """Return the options that leave out what an installed ROS 2 brings."""
+        names = self.path / 'rpo_from_ros.txt'
+        names.write_text('\n'.join(FROM_ROS) + '\n')
+        return [f'--excludes={names}'] if self.identity and self.identity.ros_prefix else []
 
     def install_editable(self, project: Path) -> None:
         """Install `project` as a link to its source, unless its metadata is as installed."""
@@ -165,20 +197,42 @@ class Environment:
         say(f'linking {project.name}')
         # A plain path entry: the default import hook would slow down every interpreter's start.
         plain = ('--config-settings', 'editable_mode=compat')
-        self.pip('--no-build-isolation', '--no-index', *plain, '-e', str(project))
+        self.run(self.uv('--no-deps', '--offline', *plain, '--editable', str(project)))
         self.write(**{project.name: mark})
 
-    def pip(self, *arguments: str, total: int = 0) -> None:
-        """Run `pip install`, showing how far it is; raise SetupError with what to do."""
-        command = [str(self.python), '-m', 'pip', 'install', '--no-deps', '--no-compile']
-        command += ['--no-input', '--disable-pip-version-check', '--progress-bar', 'off']
-        env = {k: v for k, v in os.environ.items() if k not in _PIP_REDIRECTIONS}
-        env.pop('PYTHONPATH', None)
+    def pip(self, *arguments: str) -> List[str]:
+        """Return a command of pip."""
+        options = ['--no-input', '--disable-pip-version-check', '--no-color']
+        return [str(self.python), '-m', 'pip', *options, *arguments]
+
+    def uv(self, *arguments: str) -> List[str]:
+        """Return a command of uv that installs."""
+        # The lock is complete, so nothing is resolved; empy's source is built with our setuptools.
+        command = [str(self.path / 'bin' / 'uv'), 'pip', 'install', '--python', str(self.python)]
+        return [*command, '--color', 'never', '--no-build-isolation', *arguments]
+
+    def _environment(self) -> Dict[str, str]:
+        """Return the variables of an installation; asked of pip once."""
+        if not self._environ:
+            environ = {k: v for k, v in os.environ.items() if k not in _IN_THE_WAY}
+            command = self.pip('config', 'list')
+            pip = subprocess.run(command, env=environ, stdout=subprocess.PIPE)
+            self._environ = uv_environment(pip.stdout.decode(), environ)
+        return self._environ
+
+    def _contents(self) -> List[int]:
+        """Return when a package last came or went."""
+        folders = self.path.glob('lib/python3.*/site-packages')
+        return [folder.stat().st_mtime_ns for folder in folders]
+
+    def run(self, command: Sequence[str]) -> None:
+        """Run an installation; raise SetupError with what to do."""
+        before = self._contents()
         lines: List[str] = []
-        progress = _Progress(total)
+        self.write(installing=True)
         process = subprocess.Popen(
-            [*command, *arguments],
-            env=env,
+            command,
+            env=self._environment(),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL,
@@ -188,46 +242,15 @@ class Environment:
         try:
             for line in process.stdout:
                 lines.append(line)
-                progress.show(line)
-        finally:  # an interrupt reaches pip too; it ends by itself
+                if line.startswith(('Downloading', 'Installed')):  # uv names the large ones
+                    print(f'  {line}', end='', flush=True)
+        finally:  # an interrupt reaches the installer too; it ends by itself
             output = ''.join([*lines, *process.stdout])
             code = process.wait()
-            progress.end()
             self._log.write_text(output)
-            if code != 0:  # up to that line pip has changed nothing
-                self.write(installing='\nInstalling collected packages' in output)
+            self.write(installing=code != 0 and self._contents() != before)
         if code != 0:
-            raise SetupError(pip_failure(output, str(self._log)))
-
-
-class _Progress:
-    """One line that counts packages on a terminal; one line in eight packages elsewhere."""
-
-    def __init__(self, total: int) -> None:
-        self._total = total
-        self._count = 0
-        self._terminal = sys.stdout.isatty()
-
-    def show(self, line: str) -> None:
-        """Take in one line of pip's output."""
-        name = re.match(r'(?:Collecting|Requirement already satisfied:) (\S+?)(?:[=;@ ]|$)', line)
-        if name:
-            self._count += 1
-            text = f'  {self._count}/{self._total} {name.group(1)}'
-            if self._terminal:
-                print(f'\r\033[K{text}', end='', flush=True)
-            elif self._count % 25 == 0:
-                print(text, flush=True)
-        elif line.startswith('Installing collected packages'):
-            self.end()
-            if self._total > 10:
-                print('  unpacking', flush=True)
-
-    def end(self) -> None:
-        """Leave the counting line."""
-        if self._terminal and self._count:
-            print('\r\033[K', end='', flush=True)
-            self._count = 0
+            raise SetupError(failure(output, str(self._log)))
 
 
 def _last_line(text: str) -> str:
@@ -235,20 +258,20 @@ def _last_line(text: str) -> str:
     return lines[-1] if lines else 'no message'
 
 
-def pip_failure(output: str, log: str) -> str:
-    """Return what went wrong in pip, and what to do, in a sentence."""
+def failure(output: str, log: str) -> str:
+    """Return what went wrong in pip or uv, and what to do, in a sentence."""
     if _NO_NETWORK.search(output):
         return (
             "The package index cannot be reached: check the network (or the proxy, or pip's "
             'configuration), then run the same command again; it goes on where it stopped.'
         )
-    if 'DO NOT MATCH THE HASHES' in output:
+    if 'DO NOT MATCH THE HASHES' in output or 'Hash mismatch' in output:
         return (
             'A downloaded package differs from the one that was locked, and was not installed: '
             f'see {log}; if the index is a mirror, compare it with another.'
         )
     if 'No space left on device' in output:
         return 'The disk is full: free about 1 GB, then run the same command again.'
-    errors = [line for line in output.splitlines() if line.startswith('ERROR:')]
-    reason = errors[-1][len('ERROR: ') :] if errors else _last_line(output)
-    return f'pip failed ({reason}): see {log}, then run the same command again.'
+    errors = re.findall(r'^(?:ERROR|error|  cause): (.*)', output, re.MULTILINE)
+    reason = errors[-1] if errors else _last_line(output)
+    return f'The installation failed ({reason}): see {log}, then run the same command again.'

@@ -4,7 +4,7 @@
 
 One resolution of all layers together fixes every version (`versions.txt`); each layer's file is
 then its own closure at those versions, with hashes. Locked versions stay where they still fit,
-unless `--upgrade` is given. Needs uv (layer `lock`) and a package index.
+unless `--upgrade` is given. Needs a package index.
 """
 
 import argparse

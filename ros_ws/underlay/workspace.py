@@ -17,7 +17,6 @@ from host import SetupError
 from layers import digest, say
 
 METADATA = ('package.xml', 'setup.py', 'setup.cfg')
-_FOREIGN = ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH', 'COLCON_PREFIX_PATH', 'PYTHONPATH')
 
 
 def package_digest(package: Path) -> str:

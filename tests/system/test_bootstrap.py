@@ -191,17 +191,6 @@ class TestLayers:
           '    --hash=sha256:bb\nnumpy==2.4.6 ; python_full_version >= "3.11" \\\n' \
           '    --hash=sha256:cc\nrich==15.0.0 \\\n    --hash=sha256:dd\n'  # fmt: skip
 
-    def test_locks_are_merged_and_keep_their_hashes(self):
-        merged = layers.locked_packages([self.ONE, LOCK])
-        assert len(merged) == 4
-        assert '\n'.join(merged.values()) == (
-            self.ONE.split('#\n')[1] + 'mcap==1.0 \\\n    --hash=sha256:ee'
-        )
-
-    def test_what_an_installed_ros_brings_is_left_out(self):
-        merged = layers.locked_packages([self.ONE], left_out=layers.FROM_ROS)
-        assert [block.split('==')[0] for block in merged.values()] == ['rich']
-
     @pytest.fixture
     def venv(self, made: Path, tmp_path: Path) -> layers.Environment:
         """Return a copy of that environment, to be damaged."""
@@ -246,6 +235,26 @@ class TestLayers:
         assert venv.missing(['test']) == ['test']
 
     @pytest.mark.slow
+    @pytest.mark.parametrize('ros_prefix', ['', '/opt/ros/jazzy'])
+    def test_every_lock_is_installed_at_once_with_hashes(self, venv, ros_prefix, monkeypatch):
+        commands = []
+        monkeypatch.setattr(venv, 'run', commands.append)
+        (venv.requirements / 'installer.txt').write_text(LOCK)
+        venv.write(identity={**venv.record['identity'], 'ros_prefix': ros_prefix})
+        venv.install(['fly', 'test'])
+        (_, *pip), (_, *uv) = commands
+        for command, names in ((pip, ['installer']), (uv, ['fly', 'test'])):
+            locks = [f'--requirement={venv.requirements / name}.txt' for name in names]
+            assert [word for word in command if word.startswith('--req')][1:] == locks
+            assert {'--require-hashes', '--no-deps'} < set(command)
+        without = [word for word in uv if word.startswith('--excludes=')]
+        assert len(without) == bool(ros_prefix)  # an installed ROS 2 brings its NumPy
+        assert all(Path(word[11:]).read_text() == 'numpy\n' for word in without)
+        commands.clear()
+        venv.install(['test'])
+        assert len(commands) == 1  # uv is there
+
+    @pytest.mark.slow
     def test_an_installed_ros_needs_no_wheels(self, venv):
         venv.write(identity={**venv.record['identity'], 'ros_prefix': '/opt/ros/jazzy'})
         assert venv.layers_for(['test']) == ['fly', 'test']
@@ -259,8 +268,35 @@ class TestLayers:
     @pytest.mark.slow
     def test_pip_that_changed_nothing_leaves_the_environment_whole(self, venv):
         with pytest.raises(SetupError):
-            venv.pip('--no-index', 'no-such-package==1.0')
+            venv.run(venv.pip('install', '--no-index', 'no-such-package==1.0'))
         assert layers.Environment(venv.root).record['installing'] is False
+
+    @pytest.mark.slow
+    def test_an_installation_that_stopped_halfway_does_not(self, venv):
+        folder = next(venv.path.glob('lib/python3.*/site-packages'))
+        with pytest.raises(SetupError):
+            venv.run(['sh', '-c', f'mkdir {folder}/half && exit 1'])
+        assert layers.Environment(venv.root).record['installing'] is True
+
+    def test_uv_asks_what_pip_is_configured_to_ask(self):
+        config = (
+            "global.index-url='https://one.example/simple'\n"
+            "global.extra-index-url='\\nhttps://two.example/simple\\nfile:///three'\n"
+            "install.no-index='true'\nglobal.no-index='false'\nfreeze.timeout='10'\n"
+            ":env:.find-links='/wheels /more'\nglobal.find-links='/other'\n"
+            "global.cert='/ca.pem'\nglobal.quiet='1'\n"
+        )
+        found = layers.uv_environment(config, {'HOME': '/h', 'SSL_CERT_FILE': '/mine.pem'})
+        found.pop('UV_SYSTEM_CERTS', None)
+        assert found == {
+            'HOME': '/h',
+            'SSL_CERT_FILE': '/mine.pem',
+            'UV_DEFAULT_INDEX': 'https://one.example/simple',
+            'UV_FIND_LINKS': '/wheels,/more',
+            'UV_INDEX': 'https://two.example/simple file:///three',
+            'UV_INDEX_STRATEGY': 'unsafe-best-match',
+            'UV_OFFLINE': 'true',
+        }
 
     @pytest.mark.parametrize(
         ('output', 'word'),
@@ -269,11 +305,17 @@ class TestLayers:
             ('ERROR: THESE PACKAGES DO NOT MATCH THE HASHES FROM THE', 'differs from the one'),
             ('ERROR: Could not install: [Errno 28] No space left on device', 'disk is full'),
             ('ERROR: something new', 'something new'),
+            ('  cause: error sending request for url (https://...)\n  cause: dns error', 'network'),
+            (
+                'error: Failed to download `x`\n  cause: Hash mismatch for `x`',
+                'differs from the one',
+            ),
+            ('error: Failed to build `x`\n  cause: something new', '(something new)'),
             ('', 'no message'),
         ],
     )
-    def test_every_failure_of_pip_is_a_sentence(self, output, word):
-        text = layers.pip_failure(output, '.venv/rpo_pip.log')
+    def test_every_failure_of_pip_or_uv_is_a_sentence(self, output, word):
+        text = layers.failure(output, '.venv/rpo_install.log')
         assert word in text
         assert text.endswith('.') and '\n' not in text
 

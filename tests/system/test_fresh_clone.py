@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = ('PIP_', 'SSL_', 'HTTP', 'http', 'NO_PROXY', 'no_proxy', 'REQUESTS_')
+KEPT = ('PIP_', 'UV_', 'SSL_', 'HTTP', 'http', 'NO_PROXY', 'no_proxy', 'REQUESTS_')
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
