@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rpo_core.controller import DEFAULT_CONTROLLER, load_controller, load_fuzzy
+from rpo_core.controller import load_controller, load_fuzzy
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_training.assessment import assess

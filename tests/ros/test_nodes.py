@@ -12,7 +12,8 @@ import pytest
 import yaml
 from processes import flight
 
-from rpo_core.controller import DEFAULT_CONTROLLER, load_controller
+from rpo_core.controller import load_controller
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight, read_run

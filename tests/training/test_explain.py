@@ -12,8 +12,9 @@ from log_runs import FORCE, make_run, rewrite
 from typer.testing import CliRunner
 
 from rpo_core import cdr
-from rpo_core.controller import DEFAULT_CONTROLLER, dumps, load_controller
+from rpo_core.controller import dumps, load_controller
 from rpo_core.explain import decisions
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.fuzzy import RuleTable
 from rpo_log.run import TimeBase
 from rpo_training.cli import app

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core.files import DEFAULT_CONTROLLER
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight

@@ -15,7 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from rpo_core import scenario
 from rpo_core.chain import Chain
-from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log import report

@@ -21,7 +21,7 @@ from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.node_cards import CARDS, MEANINGS, Card
-from rpo_core import cdr, controller, scenario
+from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import fly
 from rpo_log import run
 from rpo_log.writer import RunLogWriter
@@ -40,7 +40,7 @@ _STOCK_SERVICES = ('parameter', 'get_type_description')
 def _tiny_log(folder: Path) -> Path:
     """Write a log of the scenario `quick`, for the nodes that need one."""
     flown = scenario.load_scenario('quick')
-    flight = fly(flown, controller.load_controller(controller.DEFAULT_CONTROLLER))
+    flight = fly(flown, controller.load_controller(files.DEFAULT_CONTROLLER))
     base = run.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
     topics = (names.CLOCK, f'/{names.RELATIVE_STATE}', f'/{names.CONTROL_FORCE}')
     log = RunLogWriter(folder, base, topics, {})

@@ -33,9 +33,6 @@ from rpo_core.validation import (
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""
 
-DEFAULT_CONTROLLER = 'trained'
-"""The shipped controller that flies when none is named."""
-
 SYMMETRIES = ('free', 'transpose', 'odd')
 """What a file claims of its rules: nothing; rule(i, j) = rule(j, i); and f(-e, -v) = -f(e, v)."""
 

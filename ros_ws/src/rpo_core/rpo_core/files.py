@@ -14,6 +14,9 @@ import yaml
 
 from rpo_core.validation import InputError, quoted, shown, within
 
+DEFAULT_CONTROLLER = 'trained'
+"""The shipped controller where none is named."""
+
 MAX_BYTES = 1 << 18
 """A larger file is not one of ours; it is refused before it is parsed."""
 

@@ -18,7 +18,8 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 
 from rpo_core import controller, explain, files, interfaces
 from rpo_core.chain import Chain, Link, Signals
-from rpo_core.controller import DEFAULT_CONTROLLER, AnyController, FuzzyController
+from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.validation import InputError

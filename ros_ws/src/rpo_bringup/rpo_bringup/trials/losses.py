@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from rpo_bringup.trials.fleet import CONTROLLER, FAULTS, INJECTOR, PLANT, RECORDER, fleet, machine
 from rpo_core import metrics
-from rpo_core.controller import DEFAULT_CONTROLLER
+from rpo_core.files import DEFAULT_CONTROLLER
 
 KINDS = ('drop', 'repeat', 'delay', 'reorder')
 
