@@ -33,8 +33,8 @@ def executables() -> set[tuple[str, str]]:
 
 def parameters(package: str, executable: str) -> set[str]:
     """Return the names in a node's parameter table."""
-    module = importlib.import_module(f'{package}.{executable}_node')
-    return {row.name for row in module.PARAMETERS}
+    tables = importlib.import_module(f'{package}.parameters')
+    return {row.name for row in getattr(tables, executable.upper())}
 
 
 def declared(tree: ElementTree.ElementTree) -> dict[str, tuple[str | None, str | None]]:

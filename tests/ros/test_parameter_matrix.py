@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 
 from rpo_bringup.node_cards import CARDS
 from rpo_core.validation import InputError
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameter_rows import ParameterRow as Row
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
 
 each_card = pytest.mark.parametrize('card', CARDS, ids=lambda card: card.executable)
@@ -54,7 +55,7 @@ def right(row: Row) -> object:
 def test_at_the_start_each_wrong_value_is_refused_by_name(ros_env, card):
     node_class = getattr(card.module, card.cls)
     with inside():
-        for row in card.module.PARAMETERS:
+        for row in card.parameters:
             for value in wrong(row):
                 try:
                     node_class({row.name: value})
@@ -68,7 +69,7 @@ def test_at_the_start_each_wrong_value_is_refused_by_name(ros_env, card):
 @each_card
 def test_a_whole_number_is_taken_for_a_real_one(ros_env, card):
     with inside() as bench:
-        for row in card.module.PARAMETERS:
+        for row in card.parameters:
             if type(row.default) is float:
                 node = bench.start(FlightNode('bare', {row.name: math.ceil(row.least)}))
                 value = declare(node, [row])[row.name]
@@ -77,10 +78,10 @@ def test_a_whole_number_is_taken_for_a_real_one(ros_env, card):
 
 @each_card
 def test_an_unknown_name_is_warned_of_with_the_nearest(ros_env, card, capfd):
-    row = max(card.module.PARAMETERS, key=lambda row: len(row.name))
+    row = max(card.parameters, key=lambda row: len(row.name))
     with inside() as bench:
         node = bench.start(FlightNode('bare', {f'{row.name}x': 1.0, 'use_sim_time': False}))
-        declare(node, card.module.PARAMETERS)
+        declare(node, card.parameters)
     said = capfd.readouterr().err
     assert f'parameter `{row.name}x` is not one of this node; did you mean `{row.name}`?' in said
     assert 'use_sim_time' not in said
@@ -89,7 +90,7 @@ def test_an_unknown_name_is_warned_of_with_the_nearest(ros_env, card, capfd):
 @each_card
 def test_in_flight_nothing_wrong_is_taken_and_foreign_ones_are_not_refused(ros_env, card):
     """The table alone: a node adds its own refusals, see test_lifecycle and test_monitor."""
-    rows = card.module.PARAMETERS
+    rows = card.parameters
     with inside() as bench:
         node = bench.start(FlightNode('bare'))
         values = declare(node, rows)
@@ -139,7 +140,7 @@ def test_one_wrong_value_of_a_request_refuses_all_of_it(ros_env):
 def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card, tmp_path):
     """One wrong value of each row, as people type them."""
     with flight(ros_env, tmp_path) as ros:
-        for row in card.module.PARAMETERS:
+        for row in card.parameters:
             value = 'maybe' if isinstance(row.default, bool) else wrong(row)[0]
             node = ros.node(card.package, card.executable, **{row.name: value})
             assert node.wait() == 2, node.output

@@ -57,7 +57,11 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    nodes = [path for path in found['rpo_log'] if path.name.endswith(('_node.py', 'commands.py'))]
+    nodes = [
+        path
+        for path in found['rpo_log']
+        if path.name.endswith(('_node.py', 'commands.py', 'parameters.py'))
+    ]
     found['rpo_log nodes'] = nodes
     found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
     found['rpo_training'] = sorted((ROOT / 'offline_training' / 'rpo_training').rglob('*.py'))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the commands of this package begin; see `rpo_ros.entry_point`."""
 
-from rpo_ros.entry_point import start
+from rpo_ros.entry_point import start, start_node
 
 
 def final_approach() -> int:
@@ -12,4 +12,4 @@ def final_approach() -> int:
 
 def monitor() -> int:
     """Run `ros2 run rpo_bringup monitor`."""
-    return start('rpo_bringup.monitor_node')
+    return start_node('rpo_bringup', 'monitor')

@@ -12,7 +12,6 @@ deactivated by its lifecycle service and commands zero; `abort`, the plant ends 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,19 +24,12 @@ from rclpy.client import Client
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from rpo_bringup.parameters import MONITOR as PARAMETERS
 from rpo_core.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 from rpo_ros import conversions, health, names, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.timeout import Timeout
-
-PARAMETERS = (
-    Row('table', 'default', 'shipped monitor table, or path of a monitor file',
-        example='path/to/mine.yaml'),
-    Row('react', True, 'false: warn only, whatever the table says', changeable=True),
-    Row('controller_node', 'fuzzy_controller', 'the controller that is told to coast'),
-    Row('plant_node', 'plant', 'the plant that is told to abort'),
-)  # fmt: skip
 
 _LOOK_S = 0.2
 _RUNNING = 'running'
@@ -169,8 +161,4 @@ class MonitorNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup monitor`."""
-    return run_node('ros2 run rpo_bringup monitor', MonitorNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(MonitorNode)

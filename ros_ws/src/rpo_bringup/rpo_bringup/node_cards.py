@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from types import ModuleType
@@ -12,6 +12,7 @@ from typing import Any
 
 from rpo_core import interfaces
 from rpo_ros import names
+from rpo_ros.parameter_rows import ParameterRow
 
 Outcomes = tuple[tuple[str, str], ...]
 """What happens -> what then."""
@@ -71,8 +72,15 @@ class Card:
 
     @property
     def module(self) -> ModuleType:
-        """The node's module, with its table of parameters."""
+        """The node's module."""
         return import_module(f'{self.package}.{self.executable}_node')
+
+    @property
+    def parameters(self) -> Sequence[ParameterRow]:
+        """The node's table of parameters."""
+        tables = import_module(f'{self.package}.parameters')
+        rows: Sequence[ParameterRow] = getattr(tables, self.executable.upper())
+        return rows
 
     @property
     def command(self) -> str:

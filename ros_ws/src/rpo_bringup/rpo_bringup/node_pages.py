@@ -26,7 +26,7 @@ from rpo_core.flight import fly
 from rpo_log import run
 from rpo_log.writer import RunLogWriter
 from rpo_ros import names
-from rpo_ros.parameters import Row
+from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode
 
 INDEX = 'index.md'
@@ -109,7 +109,7 @@ def _services(node: FlightNode) -> Iterator[tuple[str, ...]]:
             yield f'`{name}`', f'`{_type(service.srv_type)}`', _meaning(name)
 
 
-def _parameters(rows: Sequence[Row]) -> Iterator[tuple[str, ...]]:
+def _parameters(rows: Sequence[ParameterRow]) -> Iterator[tuple[str, ...]]:
     for row in rows:
         flight = 'may change' if row.changeable else 'fixed'
         yield f'`{row.name}`', row.kind, row.shown_default, row.range, flight, row.description
@@ -136,7 +136,7 @@ def page(card: Card, folder: Path) -> str:
     """Return the page of a node as Markdown; needs an initialised rclpy."""
     about = (card.module.__doc__ or '').strip()
     purpose = about.split(': ', 1)[-1]
-    rows = card.module.PARAMETERS
+    rows = card.parameters
     topics, services = _found(card, folder)
     example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
     lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']

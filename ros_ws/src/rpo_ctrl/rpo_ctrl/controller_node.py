@@ -19,25 +19,13 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from rpo_core import controller, explain, files, interfaces
 from rpo_core.chain import Chain, Link, Signals
 from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
 from rpo_ctrl.decision import DecisionPublisher, Reason
-from rpo_ros import health, plant_scenario
-from rpo_ros.parameters import Row
+from rpo_ctrl.parameters import FUZZY_CONTROLLER
+from rpo_ros import health
 from rpo_ros.stage_node import StageNode
-
-PARAMETERS = (
-    Row('controller', DEFAULT_CONTROLLER, 'shipped controller, or path of a controller file; may '
-        'change while the controller is not active', changeable=True,
-        example='path/to/mine.yaml'),
-    Row('autostart', True, 'configure and activate at the start; false: wait for `ros2 lifecycle '
-        'set`', wall=True),
-    Row('decision_rate_hz', 1.0, 'decisions published per simulated second; 0: none', 'Hz',
-        most=1e4),
-    plant_scenario.PARAMETER,
-)  # fmt: skip
 
 ZERO = (0.0, 0.0, 0.0)
 SUCCESS, FAILURE, ERROR = (
@@ -60,7 +48,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
     """
 
     node_name = 'fuzzy_controller'
-    rows = PARAMETERS
+    rows = FUZZY_CONTROLLER
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         StageNode.__init__(self, self.node_name, overrides, self.rows)

@@ -7,16 +7,10 @@ has it command zero; then `ros2 param set /fuzzy_controller controller handmade`
 another file. It loads any controller file, fuzzy or not.
 """
 
-import sys
-
-from rpo_ctrl.controller_node import PARAMETERS, ControllerNode
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros.running import run_node
 
 
 def main() -> int:
     """Entry point of `ros2 run rpo_ctrl fuzzy_controller`."""
-    return run_node('ros2 run rpo_ctrl fuzzy_controller', ControllerNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(ControllerNode)

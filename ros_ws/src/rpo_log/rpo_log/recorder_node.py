@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import datetime
-import sys
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -25,26 +24,15 @@ from rpo_log import run as run_log
 from rpo_log import run_info
 from rpo_log.decisions import DecisionLogWriter
 from rpo_log.errors import LogError
+from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.writer import RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
-
-PARAMETERS = (
-    Row('output', '', 'run folder; empty: runs/recording-<date>-<time>', wall=True,
-        example='runs/second'),
-    Row('overwrite', False, 'replace the run in an existing folder', wall=True),
-    Row('split_s', 0.0, 'begin a new file after so much simulated time; 0: one file', 's'),
-    Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
-    Row('grace_s', 3.0, 'wall time to wait for the last messages after the end of a run', 's',
-        wall=True),
-    Row('plant_timeout_s', 5.0, 'silence after which the plant is gone; it speaks once a second '
-        'even when it is paused', 's', least=2.0, wall=True),
-)  # fmt: skip
 
 _TYPES = {
     names.CLOCK: Clock,
@@ -370,8 +358,4 @@ def _utc(moment_s: float) -> str:
 
 def main() -> int:
     """Entry point of `ros2 run rpo_log recorder`."""
-    return run_node('ros2 run rpo_log recorder', RecorderNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(RecorderNode)

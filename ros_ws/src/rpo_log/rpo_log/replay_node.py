@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import struct
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -24,28 +23,14 @@ from rpo_core.validation import InputError
 from rpo_log import topics
 from rpo_log.decode import Message, values_of
 from rpo_log.errors import LogError
+from rpo_log.parameters import REPLAY as PARAMETERS
 from rpo_log.stream import RunReader
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 
 EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3
-
-PARAMETERS = (
-    Row('bag', '', 'run folder or .mcap file', example='runs/first'),
-    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as it goes', most=1e6),
-    Row('start_s', 0.0, 'time of the run at which to begin', 's'),
-    Row('end_s', 0.0, 'time of the run at which to end; 0: its end', 's'),
-    Row('loop', False, 'begin again at the end'),
-    Row('paused', False, 'begin paused; ~/pause and ~/step go on'),
-    Row('drive', False, 'leave out control_force, wait for a live controller and compare'),
-    Row('delay_s', 1.0, 'longest wall time to wait for a subscriber before the first tick', 's'),
-    Row('resend_after_s', 0.25, 'wall time without an answer before a state is sent again', 's',
-        least=1e-3),
-    Row('answer_timeout_s', 10.0, 'wall time without an answer before the replay fails', 's',
-        least=1e-2),
-)  # fmt: skip
 
 _TOPICS = {
     topics.CLOCK: (names.CLOCK, Clock, qos.CLOCK),
@@ -217,8 +202,4 @@ def _bits(force: tuple[float, ...]) -> bytes:
 
 def main() -> int:
     """Entry point of `ros2 run rpo_log replay`."""
-    return run_node('ros2 run rpo_log replay', ReplayNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(ReplayNode)

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The first lines that a command runs: a signal during its imports ends it, in order and at once.
+"""The first lines that a command runs: `--help`, and a signal during its imports, end it at once.
 
 Imports take most of a second. It must itself import next to nothing.
 """
@@ -10,8 +10,12 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from importlib import import_module
+from itertools import takewhile
 from types import FrameType
+
+EXIT_BAD_INPUT = 2
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
@@ -25,3 +29,38 @@ def start(module: str) -> int:
     code: int = import_module(module).main()
     gc.freeze()  # or the interpreter collects all that numba made, for seconds on a busy machine
     return code
+
+
+def start_node(package: str, name: str) -> int:
+    """Run a node, or answer `--help` from its table of parameters; return the exit code.
+
+    The node is in the module NAME_node of its package, its table is NAME in `parameters`.
+    """
+    module, command = f'{package}.{name}_node', f'ros2 run {package} {name}'
+    if {'-h', '--help'} & set(sys.argv[1:]):
+        from rpo_ros.parameter_rows import usage
+
+        rows = getattr(import_module(f'{package}.parameters'), name.upper())
+        print(usage(command, _docstring(module), rows))
+        return 0
+    # Not remove_ros_args: rcl takes a bare `scenario:=quick` for an old form of remapping.
+    stray = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
+    if stray:
+        print(
+            f'unknown argument {stray[0]!r}; parameters come as --ros-args -p NAME:=VALUE, see '
+            f'`{command} --help`',
+            file=sys.stderr,
+        )
+        return EXIT_BAD_INPUT
+    return start(module)
+
+
+def _docstring(module: str) -> str:
+    """Return what a module says of itself, without importing it."""
+    import ast
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    spec = find_spec(module)
+    source = Path(spec.origin).read_text(encoding='utf-8') if spec and spec.origin else ''
+    return ast.get_docstring(ast.parse(source)) or ''

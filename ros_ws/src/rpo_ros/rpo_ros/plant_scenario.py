@@ -15,12 +15,6 @@ from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_ros import names, qos
 from rpo_ros.conversions import values_of
-from rpo_ros.parameters import Row
-
-PARAMETER = Row(
-    'scenario', '', 'scenario that the plant must fly; empty: whatever it flies', wall=True,
-    example='paper_test',
-)  # fmt: skip
 
 SCENARIO_FILE = 'file.scenario.yaml'
 

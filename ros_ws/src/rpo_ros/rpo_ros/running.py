@@ -9,7 +9,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from itertools import takewhile
 from types import FrameType
 from typing import Any
 
@@ -26,9 +25,7 @@ from rclpy.timer import Timer
 
 from rpo_core.validation import InputError
 from rpo_ros.discovery import keep_to_this_machine
-from rpo_ros.parameters import Row, usage
-
-EXIT_BAD_INPUT = 2
+from rpo_ros.entry_point import EXIT_BAD_INPUT
 
 _POLL_S = 0.02
 """Time between two looks at the stop signal and at whether the work is done."""
@@ -172,27 +169,7 @@ def run(
 
 
 def run_node(
-    command: str,
-    make: Callable[[], FlightNode],
-    about: str | None,
-    rows: Sequence[Row],
-    executor_kind: Callable[[], Executor] = new_executor,
+    make: Callable[[], FlightNode], executor_kind: Callable[[], Executor] = new_executor
 ) -> int:
-    """Run one node from the command line; the `main` of every node.
-
-    command : as people type it, for `--help`
-    about : what the node does, in a sentence
-    """
-    if {'-h', '--help'} & set(sys.argv[1:]):
-        print(usage(command, about or '', rows))
-        return 0
-    # Not remove_ros_args: rcl takes a bare `scenario:=quick` for an old form of remapping.
-    stray = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
-    if stray:
-        print(
-            f'unknown argument {stray[0]!r}; parameters come as --ros-args -p NAME:=VALUE, see '
-            f'`{command} --help`',
-            file=sys.stderr,
-        )
-        return EXIT_BAD_INPUT
+    """Run one node; the `main` of every node. `rpo_ros.entry_point` has looked at the arguments."""
     return run(lambda: [make()], executor_kind=executor_kind)

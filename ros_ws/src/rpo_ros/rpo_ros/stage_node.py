@@ -17,9 +17,10 @@ from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
-from rpo_ros import health, names, plant_scenario, qos
+from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status, values_of
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameter_rows import SCENARIO, ParameterRow
+from rpo_ros.parameters import declare
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Outlet, listen
@@ -52,7 +53,7 @@ class StageNode(FlightNode):
         self,
         name: str,
         overrides: Mapping[str, Any] | None,
-        rows: Sequence[Row] = (plant_scenario.PARAMETER,),
+        rows: Sequence[ParameterRow] = (SCENARIO,),
     ) -> None:
         super().__init__(name, overrides)
         self.values = declare(self, rows)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 import math
-import sys
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -20,8 +19,8 @@ from nav_msgs.msg import Odometry
 
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_ros import conversions, health, names, plant_scenario, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros import conversions, health, names, qos
+from rpo_ros.parameters import declare
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run_node
 from rpo_sim.faults import (
@@ -34,33 +33,11 @@ from rpo_sim.faults import (
     FaultyChannel,
     Schedule,
 )
+from rpo_sim.parameters import ANY, AUTO, FORCE, LAST_TICK, STATE
+from rpo_sim.parameters import FAULT_INJECTOR as PARAMETERS
 
-ANY, AUTO, STATE, FORCE = 'any', 'auto', 'state', 'force'
-_LAST_TICK = 1_000_000_000
 _CLOCK_S = 0.002
 """How finely delays by time are kept."""
-
-PARAMETERS = (
-    Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to',
-        example='control_force_raw -p drop:=0.2 -p repeat:=0.2'),
-    Row('to_topic', names.CONTROL_FORCE, 'topic to pass messages on to'),
-    Row('message', AUTO, 'what the topics carry; auto: told from their names',
-        choices=(AUTO, STATE, FORCE)),
-    Row('seed', 0, 'of the random numbers'),
-    Row('drop', 0.0, 'share of the messages lost', most=1.0),
-    Row('freeze', 0.0, 'share replaced by the message passed on before', most=1.0),
-    Row('corrupt', 0.0, 'share spoilt', most=1.0),
-    Row('delay', 0.0, 'share passed on later', most=1.0),
-    Row('reorder', 0.0, 'share passed on after its successor', most=1.0),
-    Row('repeat', 0.0, 'share passed on twice', most=1.0),
-    Row('corruption', ANY, 'how a message is spoilt', choices=(ANY, *CORRUPTIONS)),
-    Row('delay_messages', 2, 'how many messages later a delayed one goes out', least=1),
-    Row('delay_s', 0.0, 'wall time that a delayed one is held instead; 0: count messages', 's',
-        most=60.0),
-    Row('from_tick', 0, 'first tick with faults', most=_LAST_TICK),
-    Row('to_tick', _LAST_TICK, 'last tick with faults', most=_LAST_TICK),
-    plant_scenario.PARAMETER,
-)  # fmt: skip
 
 _WRONG_STAMP_NS = 1_000_000_000
 """How far back a wrong stamp is."""
@@ -120,7 +97,7 @@ class FaultInjectorNode(FlightNode):
             CORRUPTIONS if corruption == ANY else (corruption,),
             values['delay_s'],
         )
-        last = math.inf if values['to_tick'] == _LAST_TICK else values['to_tick']
+        last = math.inf if values['to_tick'] == LAST_TICK else values['to_tick']
         self._schedule = Schedule(values['from_tick'], last)
         self._scenario: Scenario | None = None
         PlantScenario(self, values['scenario'], self._take, self._refuse).begin()
@@ -162,8 +139,4 @@ class FaultInjectorNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_sim fault_injector`."""
-    return run_node('ros2 run rpo_sim fault_injector', FaultInjectorNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(FaultInjectorNode)

@@ -8,16 +8,12 @@ listens to what they make.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from rpo_core.stage import Place
-from rpo_ros import plant_scenario
 from rpo_ros.running import run_node
 from rpo_ros.stage_node import PlaceNode
-
-PARAMETERS = (plant_scenario.PARAMETER,)
 
 
 class NavigationNode(PlaceNode):
@@ -32,8 +28,4 @@ class NavigationNode(PlaceNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_sim navigation`."""
-    return run_node('ros2 run rpo_sim navigation', NavigationNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(NavigationNode)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -25,8 +24,9 @@ from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.loop import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING, Loop
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
+from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
+from rpo_sim.parameters import PLANT as PARAMETERS
 from rpo_sim.plant import ACCEPTED, topics_of
-from rpo_sim.plant_parameters import FREE_RUNNING, LOCKSTEP, PARAMETERS
 from rpo_sim.publications import Publications
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.simulator_control import SimulatorControl
@@ -247,8 +247,4 @@ class PlantNode(FlightNode, Loop):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_sim plant`."""
-    return run_node('ros2 run rpo_sim plant', PlantNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_node(PlantNode)

@@ -2,24 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the commands of this package begin; see `rpo_ros.entry_point`."""
 
-from rpo_ros.entry_point import start
+from rpo_ros.entry_point import start_node
 
 
 def visualizer() -> int:
     """Run `ros2 run rpo_view visualizer`."""
-    return start('rpo_view.visualizer_node')
+    return start_node('rpo_view', 'visualizer')
 
 
 def web() -> int:
     """Run `ros2 run rpo_view web`."""
-    return start('rpo_view.web_node')
+    return start_node('rpo_view', 'web')
 
 
 def foxglove() -> int:
     """Run `ros2 run rpo_view foxglove`."""
-    return start('rpo_view.foxglove_node')
+    return start_node('rpo_view', 'foxglove')
 
 
 def watch() -> int:
     """Run `ros2 run rpo_view watch`."""
-    return start('rpo_view.watch_node')
+    return start_node('rpo_view', 'watch')

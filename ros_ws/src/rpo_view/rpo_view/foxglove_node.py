@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,9 +16,10 @@ from visualization_msgs.msg import MarkerArray
 from rpo_core.validation import InputError
 from rpo_log import schemas
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
 from rpo_view.latest import Latest, run_viewer
+from rpo_view.parameters import FOXGLOVE as PARAMETERS
 
 try:
     import foxglove
@@ -30,13 +30,6 @@ except ImportError:  # an optional layer
 
 HOST = '127.0.0.1'
 _STATUS_PERIOD_S = 1.0
-
-PARAMETERS = (
-    Row('port', 8765, 'of the server, on 127.0.0.1 only; 0: any that is free', most=65535,
-        wall=True, example='8766'),
-    Row('rate_hz', 30.0, 'how often the newest messages are passed on, by wall time', 'Hz',
-        least=0.1, most=200.0, wall=True),
-)  # fmt: skip
 
 _SAMPLED = {
     names.RELATIVE_STATE: Odometry,
@@ -134,8 +127,4 @@ class FoxgloveNode(FlightNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_view foxglove`."""
-    return run_viewer('ros2 run rpo_view foxglove', FoxgloveNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_viewer(FoxgloveNode)

@@ -16,7 +16,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from rpo_ros import qos
-from rpo_ros.parameters import Row
 from rpo_ros.running import FlightNode, run_node
 
 
@@ -54,8 +53,6 @@ class Latest:
         return newest
 
 
-def run_viewer(
-    command: str, make: Callable[[], FlightNode], about: str | None, rows: tuple[Row, ...]
-) -> int:
+def run_viewer(make: Callable[[], FlightNode]) -> int:
     """Run a viewer node: by the stock executor, since only that one honours callback groups."""
-    return run_node(command, make, about, rows, SingleThreadedExecutor)
+    return run_node(make, SingleThreadedExecutor)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,9 +12,10 @@ from nav_msgs.msg import Odometry
 from visualization_msgs.msg import MarkerArray
 
 from rpo_ros import conversions, names, qos
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
 from rpo_view.latest import Latest, run_viewer
+from rpo_view.parameters import VISUALIZER as PARAMETERS
 from rpo_view.scene import Look, markers
 from rpo_view.trail import Trail
 
@@ -23,19 +23,6 @@ try:
     from tf2_msgs.msg import TFMessage
 except ImportError:  # not among the ROS 2 wheels
     TFMessage = None
-
-PARAMETERS = (
-    Row('rate_hz', 10.0, 'how often the scene is published, by wall time', 'Hz',
-        least=0.1, most=100.0, wall=True, example='30.0'),
-    Row('arrow_m_per_n', 20.0, 'length of the thrust arrow for a force', 'm/N', most=1e4,
-        wall=True),
-    Row('keep_out_radius_m', 5.0, 'sphere drawn around the target; 0: none', 'm', most=1e4,
-        wall=True),
-    Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach; 0: none', 'deg',
-        most=80.0, wall=True),
-    Row('trail_points', 1000, 'longest trail; a longer one gets coarser', least=2, most=1e5,
-        wall=True),
-)  # fmt: skip
 
 
 class VisualizerNode(FlightNode):
@@ -100,8 +87,4 @@ def transform_of(state: Odometry) -> TransformStamped:
 
 def main() -> int:
     """Entry point of `ros2 run rpo_view visualizer`."""
-    return run_viewer('ros2 run rpo_view visualizer', VisualizerNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_viewer(VisualizerNode)

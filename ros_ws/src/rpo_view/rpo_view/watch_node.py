@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
 from rpo_core.validation import InputError
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
+from rpo_view.parameters import WATCH as PARAMETERS
 
 try:
     from rich.console import Console
@@ -20,15 +20,6 @@ try:
     from rpo_view import terminal
 except ImportError:  # an optional layer
     Console = None
-
-PARAMETERS = (
-    Row('rate_hz', 8.0, 'how often the view is drawn, by wall time', 'Hz', least=0.1, most=30.0,
-        wall=True, example='4.0'),
-    Row('line_every_s', 2.0, 'time between lines where the output is no terminal', 's', least=0.1,
-        most=3600.0, wall=True),
-    Row('until_end', False, 'leave when the run has ended, with exit code 1 if it was aborted',
-        wall=True),
-)  # fmt: skip
 
 EXIT_ABORTED = 1
 
@@ -68,8 +59,4 @@ class WatchNode(ListeningNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_view watch`."""
-    return run_viewer('ros2 run rpo_view watch', WatchNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_viewer(WatchNode)

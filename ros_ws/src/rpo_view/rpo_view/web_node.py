@@ -4,21 +4,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_ros.parameters import Row, declare
+from rpo_ros.parameters import declare
 from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode
+from rpo_view.parameters import WEB as PARAMETERS
 from rpo_view.web_server import LivePage
-
-PARAMETERS = (
-    Row('port', 8700, 'of the page, on 127.0.0.1 only; 0: any that is free', most=65535,
-        wall=True, example='8701'),
-    Row('rate_hz', 15.0, 'how often the page is brought up to date, by wall time', 'Hz',
-        least=0.1, most=60.0, wall=True),
-)  # fmt: skip
 
 
 class WebNode(ListeningNode):
@@ -42,8 +35,4 @@ class WebNode(ListeningNode):
 
 def main() -> int:
     """Entry point of `ros2 run rpo_view web`."""
-    return run_viewer('ros2 run rpo_view web', WebNode, __doc__, PARAMETERS)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    return run_viewer(WebNode)

@@ -1,0 +1,15 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the nodes of this package, one table for each."""
+
+from __future__ import annotations
+
+from rpo_ros.parameter_rows import ParameterRow as Row
+
+MONITOR = (
+    Row('table', 'default', 'shipped monitor table, or path of a monitor file',
+        example='path/to/mine.yaml'),
+    Row('react', True, 'false: warn only, whatever the table says', changeable=True),
+    Row('controller_node', 'fuzzy_controller', 'the controller that is told to coast'),
+    Row('plant_node', 'plant', 'the plant that is told to abort'),
+)  # fmt: skip

@@ -1,0 +1,125 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node parameters as one table: declaration, validation and documentation from the same rows.
+
+ROS-free, so that `--help` need not wait for ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rpo_core import validation
+from rpo_core.validation import InputError
+
+_LARGEST = 1e9
+
+Value = bool | int | float | str | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One parameter; its type is the type of its default.
+
+    default : a tuple stands for an array of that many numbers
+    unit : of a number, '' for others
+    least, most : range of a number, or of each of an array, both included
+    choices : the texts allowed; empty: any
+    wall : concerns wall time or transport only, so it does not change the flight
+    changeable : may change in flight; the node may still refuse at a wrong moment
+    example : a value to show in `--help`; the table's first row needs one
+    """
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ''
+    least: float = 0.0
+    most: float = _LARGEST
+    choices: tuple[str, ...] = ()
+    wall: bool = False
+    changeable: bool = False
+    example: str = ''
+
+    @property
+    def kind(self) -> str:
+        """The type in words."""
+        if isinstance(self.default, tuple):
+            return f'{len(self.default)} numbers'
+        kinds = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
+        return kinds[type(self.default)]
+
+    @property
+    def range(self) -> str:
+        """What is allowed, in words; '' for anything of its kind."""
+        if self.choices:
+            return ' or '.join(self.choices)
+        if isinstance(self.default, (bool, str)):
+            return ''
+        return f'{self.least:g} to {self.most:g}'
+
+    @property
+    def shown_default(self) -> str:
+        """The default as a user would type it, with its unit."""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        if isinstance(self.default, tuple):
+            return f'{list(self.default)} {self.unit}'.strip()
+        return f'{self.default} {self.unit}'.strip() or 'empty'
+
+    def summary(self) -> str:
+        """Return default, unit and choices in words."""
+        choices = f'; {self.range}' if self.choices else ''
+        return f'default {self.shown_default}{choices}'
+
+    def check(self, value: Any) -> Value:
+        """Return the value of the right type; raises InputError."""
+        if isinstance(self.default, bool):
+            if not isinstance(value, bool):
+                raise InputError(
+                    f'`{self.name}` must be true or false; got {validation.shown(value)}'
+                )
+            return value
+        if isinstance(self.default, int):
+            return validation.whole(self.name, value, least=int(self.least), most=int(self.most))
+        if isinstance(self.default, float):
+            return validation.real(self.name, value, self.unit, least=self.least, most=self.most)
+        if isinstance(self.default, tuple):
+            return self._numbers(value)
+        if self.choices:
+            return validation.choice(self.name, value, self.choices)
+        return validation.text(self.name, value, empty=self.default == '')
+
+    def _numbers(self, value: Any) -> tuple[float, ...]:
+        size = len(self.default) if isinstance(self.default, tuple) else 0
+        if hasattr(value, 'tolist'):  # rclpy hands an array.array
+            value = value.tolist()
+        if not isinstance(value, (list, tuple)) or len(value) != size:
+            raise InputError(
+                f'`{self.name}` must be a list of {size} numbers; got {validation.shown(value)}'
+            )
+        return tuple(
+            validation.real(
+                f'{self.name}[{i}]', number, self.unit, least=self.least, most=self.most
+            )
+            for i, number in enumerate(value)
+        )
+
+
+SCENARIO = ParameterRow(
+    'scenario', '', 'scenario that the plant must fly; empty: whatever it flies', wall=True,
+    example='paper_test',
+)  # fmt: skip
+"""Of every node that takes the scenario from the plant."""
+
+
+def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:
+    """Return the text of `--help`: what a node does, its parameters, an example."""
+    lines = [f'usage: {command} [--ros-args -p NAME:=VALUE ...]', '', about, '', 'parameters:']
+    for row in rows:
+        lines += [f'  {row.name}', f'      {row.description} ({row.summary()})']
+    first = rows[0]
+    lines += ['', 'example:', f'  {command} --ros-args -p {first.name}:={first.example}']
+    return '\n'.join(lines)

@@ -1,0 +1,43 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the nodes of this package, one table for each."""
+
+from __future__ import annotations
+
+from rpo_ros.parameter_rows import ParameterRow as Row
+
+VISUALIZER = (
+    Row('rate_hz', 10.0, 'how often the scene is published, by wall time', 'Hz',
+        least=0.1, most=100.0, wall=True, example='30.0'),
+    Row('arrow_m_per_n', 20.0, 'length of the thrust arrow for a force', 'm/N', most=1e4,
+        wall=True),
+    Row('keep_out_radius_m', 5.0, 'sphere drawn around the target; 0: none', 'm', most=1e4,
+        wall=True),
+    Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach; 0: none', 'deg',
+        most=80.0, wall=True),
+    Row('trail_points', 1000, 'longest trail; a longer one gets coarser', least=2, most=1e5,
+        wall=True),
+)  # fmt: skip
+
+WEB = (
+    Row('port', 8700, 'of the page, on 127.0.0.1 only; 0: any that is free', most=65535,
+        wall=True, example='8701'),
+    Row('rate_hz', 15.0, 'how often the page is brought up to date, by wall time', 'Hz',
+        least=0.1, most=60.0, wall=True),
+)  # fmt: skip
+
+FOXGLOVE = (
+    Row('port', 8765, 'of the server, on 127.0.0.1 only; 0: any that is free', most=65535,
+        wall=True, example='8766'),
+    Row('rate_hz', 30.0, 'how often the newest messages are passed on, by wall time', 'Hz',
+        least=0.1, most=200.0, wall=True),
+)  # fmt: skip
+
+WATCH = (
+    Row('rate_hz', 8.0, 'how often the view is drawn, by wall time', 'Hz', least=0.1, most=30.0,
+        wall=True, example='4.0'),
+    Row('line_every_s', 2.0, 'time between lines where the output is no terminal', 's', least=0.1,
+        most=3600.0, wall=True),
+    Row('until_end', False, 'leave when the run has ended, with exit code 1 if it was aborted',
+        wall=True),
+)  # fmt: skip
