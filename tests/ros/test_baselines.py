@@ -4,13 +4,13 @@
 
 import numpy as np
 import pytest
-from processes import flight
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight
 from rpo_log.verify import ExitCode, verify
+from tools.node_processes import node_processes
 
 
 def assert_flown(folder, scenario, controller):
@@ -23,7 +23,7 @@ def assert_flown(folder, scenario, controller):
 
 def one_process(ros_env, folder, scenario, controller):
     options = ('--scenario', scenario, '--controller', controller, '--no-report')
-    with flight(ros_env, folder) as ros:
+    with node_processes(ros_env, folder) as ros:
         node = ros.node('rpo_bringup', 'final_approach', *options, '--output', str(folder / 'run'))
         assert node.wait() == 0, node.output
     assert_flown(folder / 'run', scenario, controller)
@@ -45,7 +45,7 @@ def test_every_baseline_flies_the_bits_of_the_core(controller, ros_env, tmp_path
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize('compiled', ['0', '1'])
 def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
-    with flight({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
+    with node_processes({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
         controller = ros.node(
             'rpo_ctrl', 'rival_controller', controller='mpc', scenario='paper_test'
         )
@@ -72,7 +72,7 @@ def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
     ],
 )
 def test_the_wrong_scenario_is_refused_in_a_sentence(node, parameters, said, ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         started = ros.node('rpo_ctrl', node, **parameters)
         assert started.wait() == 2
         assert said in started.output and 'Traceback' not in started.output

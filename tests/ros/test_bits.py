@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from processes import Flight, flight
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight
+from tools.node_processes import NodeProcesses, node_processes
 
 SCENARIO = 'paper_test'
 CONTROLLER = 'handmade'
 
 
-def one_process(ros: Flight, output: str) -> None:
+def one_process(ros: NodeProcesses, output: str) -> None:
     node = ros.node(
         'rpo_bringup',
         'final_approach',
@@ -36,7 +36,7 @@ def one_process(ros: Flight, output: str) -> None:
     assert Path(output, 'report', 'time_histories.png').stat().st_size > 10_000
 
 
-def four_processes(ros: Flight, output: str, real_time_factor: float = 0.0) -> None:
+def four_processes(ros: NodeProcesses, output: str, real_time_factor: float = 0.0) -> None:
     controller = ros.node('rpo_ctrl', 'fuzzy_controller', controller=CONTROLLER)
     injector = ros.node('rpo_sim', 'disturbance_injector', scenario=SCENARIO)
     recorder = ros.node('rpo_log', 'recorder', output=output)
@@ -80,7 +80,7 @@ def first_digest(log: bytes, shared: Path) -> str:
 def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_path_factory):
     expected = fly(load_scenario(SCENARIO), load_controller(CONTROLLER))
     compiled = '1' if way == 'four processes' else '0'
-    with flight({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
+    with node_processes({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
         WAYS[way](ros, str(tmp_path / 'run'))
     flown = read_flight(tmp_path / 'run')
     np.testing.assert_array_equal(flown.states, expected.states)

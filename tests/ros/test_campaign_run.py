@@ -8,7 +8,6 @@ import shlex
 import numpy as np
 import pytest
 from campaign_documents import write_campaign
-from processes import flight
 from typer.testing import CliRunner
 
 from rpo_log.reader import read_run
@@ -16,6 +15,7 @@ from rpo_log.verify import verify
 from rpo_training.campaign import config
 from rpo_training.campaign.fleet import FINAL, fly_runs
 from rpo_training.cli import app
+from tools.node_processes import node_processes
 
 RUN = 7
 CONTROLLER = 'handmade'
@@ -54,7 +54,7 @@ def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_
         re.search(r'^ros2 run .*final_approach.*', result.output, re.M).group()
     )
     assert (ros2, run) == ('ros2', 'run')
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         way(ros, arguments, tmp_path)
     flown = read_run(tmp_path / 'run')
     assert flown.complete, flown.gaps

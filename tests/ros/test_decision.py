@@ -7,13 +7,13 @@ import math
 from diagnostic_msgs.msg import DiagnosticArray
 from inside import inside
 from nav_msgs.msg import Odometry
-from processes import flight
 
 from rpo_core.explain import decisions
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.decisions import read_decisions
 from rpo_log.reader import controller_of, read_run
 from rpo_ros import conversions, qos
+from tools.node_processes import node_processes
 
 EPOCH_NS = 1_767_225_600_000_000_000
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
@@ -70,7 +70,7 @@ def test_off_it_says_nothing(ros_env):
 
 def test_the_log_has_what_was_said_and_it_is_true(ros_env, tmp_path):
     output = tmp_path / 'run'
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         node = ros.node(
             'rpo_bringup', 'final_approach', '--scenario', 'quick', '--output', str(output),
             '--no-report', '--ros-args', '-p', 'decision_rate_hz:=2.0',

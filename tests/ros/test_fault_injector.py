@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from processes import flight
 from scenarios import lasting
 
 from rpo_core.controller import load_controller
@@ -14,6 +13,7 @@ from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
 from rpo_sim.faults import CORRUPTIONS
+from tools.node_processes import node_processes
 
 CONTROLLER = 'handmade'
 FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.2}
@@ -21,7 +21,7 @@ FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

@@ -6,12 +6,12 @@ import random
 import time
 
 import pytest
-from processes import flight
 from scenarios import lasting
 from steering import steering
 
 from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
+from tools.node_processes import node_processes
 
 pytestmark = pytest.mark.slow
 MODES = ('lockstep', 'free_running')
@@ -76,7 +76,7 @@ class Run:
 @pytest.fixture
 def make(ros_env, tmp_path):
     """Yield a maker of runs; nothing is left of them."""
-    with flight(ros_env, tmp_path) as ros, steering() as hand:
+    with node_processes(ros_env, tmp_path) as ros, steering() as hand:
         yield lambda mode, seed=1, duration_s=3600.0: Run(ros, hand, mode, seed, duration_s)
 
 

@@ -6,7 +6,6 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from nav_msgs.msg import Odometry
-from processes import flight
 
 from rpo_core import files
 from rpo_core.controller import load_controller
@@ -14,6 +13,7 @@ from rpo_core.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.reader import read_run
 from rpo_ros import conversions, qos
+from tools.node_processes import node_processes
 
 STATE = (10.0, 60.0, -40.0, 0.1, -0.2, 0.05)
 NODE = '/fuzzy_controller'
@@ -147,7 +147,7 @@ def test_a_bad_file_at_an_automatic_start_starts_nothing(ros_env, tmp_path):
 def test_deactivated_in_flight_the_chaser_drifts(ros_env, tmp_path):
     """Over real processes: the run ends as it should, its forces are zero from there on."""
     output = tmp_path / 'run'
-    with flight(ros_env, tmp_path) as ros, inside() as bench:
+    with node_processes(ros_env, tmp_path) as ros, inside() as bench:
         controller = ros.node('rpo_ctrl', 'fuzzy_controller')
         recorder = ros.node('rpo_log', 'recorder', output=str(output))
         plant = ros.node('rpo_sim', 'plant', real_time_factor=40.0, wait_for_recorder='true')

@@ -5,8 +5,8 @@
 import re
 from pathlib import Path
 
-from rpo_bringup import node_pages
-from rpo_bringup.node_cards import CARDS, MEANINGS
+from tools import node_pages
+from tools.node_cards import CARDS, MEANINGS
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = {'final_approach', 'trial', 'node_pages', 'ping_pong'}

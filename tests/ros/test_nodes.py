@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from processes import flight
 
 from rpo_core.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_flight, read_run
+from tools.node_processes import node_processes
 
 NODES = {
     'plant': ('rpo_sim', {}),
@@ -29,7 +29,7 @@ RUDE = str(Path(__file__).with_name('rude_controller.py'))
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

@@ -9,14 +9,14 @@ import math
 
 import pytest
 from inside import inside
-from processes import flight
 from rclpy.parameter import Parameter
 
-from rpo_bringup.node_cards import CARDS
 from rpo_core.validation import InputError
 from rpo_ros.parameter_rows import ParameterRow as Row
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
+from tools.node_cards import CARDS
+from tools.node_processes import node_processes
 
 each_card = pytest.mark.parametrize('card', CARDS, ids=lambda card: card.executable)
 
@@ -139,7 +139,7 @@ def test_one_wrong_value_of_a_request_refuses_all_of_it(ros_env):
 @each_card
 def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card, tmp_path):
     """One wrong value of each row, as people type them."""
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         for row in card.parameters:
             value = 'maybe' if isinstance(row.default, bool) else wrong(row)[0]
             node = ros.node(card.package, card.executable, **{row.name: value})

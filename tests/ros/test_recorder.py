@@ -12,12 +12,12 @@ import time
 
 import numpy as np
 import pytest
-from processes import flight
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
+from tools.node_processes import node_processes
 
 KILL_BOUND = 0.95
 """Share of the ticks so far that is left after `kill -9`."""
@@ -25,7 +25,7 @@ KILL_BOUND = 0.95
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 import yaml
-from processes import flight
 
 import rpo_core.files
 from rpo_log.stream import RunReader
+from tools.node_processes import node_processes
 
 LISTENER = str(Path(__file__).with_name('listener.py'))
 
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

@@ -3,9 +3,9 @@
 """Enforced security without the means for it: nothing starts, and a sentence says why."""
 
 import pytest
-from processes import flight
 
 from rpo_ros.discovery import LOOPBACK, PEERS, PROFILES, RANGE, keep_to_this_machine
+from tools.node_processes import node_processes
 
 ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 ENCLAVE = (
@@ -16,7 +16,7 @@ ENCLAVE = (
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight({**ros_env, **ENFORCED}, tmp_path) as started:
+    with node_processes({**ros_env, **ENFORCED}, tmp_path) as started:
         yield started
 
 

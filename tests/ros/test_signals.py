@@ -13,12 +13,12 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import flight
 
-from rpo_bringup.node_cards import CARDS
-from rpo_bringup.node_pages import _tiny_log
 from rpo_log.errors import Kind, LogError
 from rpo_log.reader import read_run
+from tools.node_cards import CARDS
+from tools.node_pages import tiny_log
+from tools.node_processes import node_processes
 
 LONGEST_S = 2.0
 SPEED = 40.0
@@ -30,7 +30,7 @@ signals = pytest.mark.parametrize('number', SIGNALS, ids=lambda number: number.n
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 
@@ -127,7 +127,7 @@ def test_all_other_nodes(ros, number, trial):
     nodes = []
     for name, (_, parameters) in OTHERS.items():
         if name == 'replay':
-            parameters = {**parameters, 'bag': str(_tiny_log(ros.folder / 'log'))}
+            parameters = {**parameters, 'bag': str(tiny_log(ros.folder / 'log'))}
         nodes.append(ros.node(packages[name], name, **parameters))
     for node, (word, _) in zip(nodes, OTHERS.values(), strict=True):
         node.says(word, deadline_s=90.0)  # nine starts at once

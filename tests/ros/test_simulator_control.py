@@ -5,19 +5,19 @@
 import signal
 
 import pytest
-from processes import flight
 from scenarios import lasting
 from steering import steering
 
 from rpo_log.reader import read_run
 from rpo_log.verify import verify
+from tools.node_processes import node_processes
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

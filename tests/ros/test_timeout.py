@@ -6,9 +6,9 @@ import signal
 import time
 
 import pytest
-from processes import flight
 
 from rpo_ros.timeout import MOST_STEP_S, Timeout
+from tools.node_processes import node_processes
 
 
 class Clock:
@@ -51,7 +51,7 @@ def test_what_is_heard_breaks_it():
 @pytest.mark.slow
 def test_a_stopped_and_continued_plant_or_recorder_ends_no_run(ros_env, tmp_path):
     """As a laptop that sleeps, or a debugger: longer than any time-out."""
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         ros.node('rpo_ctrl', 'fuzzy_controller')
         recorder = ros.node('rpo_log', 'recorder', output=f'{tmp_path}/run', plant_timeout_s=2.0)
         plant = ros.node(

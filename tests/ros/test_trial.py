@@ -3,17 +3,17 @@
 """`ros2 run rpo_bringup trial`: its tables, and what they must say at the least."""
 
 import pytest
-from processes import flight
 
-from rpo_bringup import trial
-from rpo_bringup.trials import soak
+from tools import trial
+from tools.node_processes import node_processes
+from tools.trials import soak
 
 SLOW = pytest.mark.slow
 
 
 @pytest.fixture
 def ros(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as started:
+    with node_processes(ros_env, tmp_path) as started:
         yield started
 
 

@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 from links import ADDRESSES, LinkError, hosts
-from processes import flight
 from scenarios import lasting
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
+from tools.node_processes import node_processes
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
@@ -53,7 +53,7 @@ class Two:
 
 @pytest.fixture
 def two(ros_env, tmp_path):
-    with flight(ros_env, tmp_path) as ros, hosts() as network:
+    with node_processes(ros_env, tmp_path) as ros, hosts() as network:
         yield Two(ros, network)
 
 

@@ -20,7 +20,6 @@ import pytest
 import rclpy
 from browser import browser
 from mcap_ros2._dynamic import generate_dynamic
-from processes import flight
 from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console
 from rich.terminal_theme import DEFAULT_TERMINAL_THEME, SVG_EXPORT_THEME
@@ -28,6 +27,7 @@ from tornado.websocket import websocket_connect
 
 from rpo_view import terminal
 from rpo_view.listening import ListeningNode
+from tools.node_processes import node_processes
 
 CHROMIUM = shutil.which('chromium')
 DEADLINE_S = 60.0
@@ -70,7 +70,7 @@ def ink(page, canvas: str) -> int:
 @pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
 def test_the_page_follows_a_flight(ros_env, tmp_path):
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
-    with flight(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
+    with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
         web = ros.node('rpo_view', 'web', port=0)
         web.says('is shown at')
         url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
@@ -107,7 +107,7 @@ def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
     rclpy.init()
     node, executor = ListeningNode('listener'), SingleThreadedExecutor()
     executor.add_node(node)
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
         end = time.monotonic() + DEADLINE_S
         while node.live.position_m is None or node.live.time_s < 62.0 or not node.live.decisions:
@@ -156,7 +156,7 @@ async def heard(url: str, topics: set[str]) -> dict[str, object]:
 
 def test_an_app_is_told_what_ros_says(ros_env, tmp_path):
     topics = {'/relative_state', '/control_force', '/decision', '/run_status', '/chaser_transform'}
-    with flight(ros_env, tmp_path) as ros:
+    with node_processes(ros_env, tmp_path) as ros:
         server = ros.node('rpo_view', 'foxglove', port=0)
         server.says('open ws://')
         url = re.search(r'ws://127\.0\.0\.1:\d+', server.output)[0]

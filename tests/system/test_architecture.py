@@ -16,7 +16,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / 'ros_ws' / 'src'
 PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
-FIRST_PARTY = {*PACKAGES, 'rpo_training'}
+FIRST_PARTY = {*PACKAGES, 'rpo_training', 'tools'}
 
 # Which of our packages a package may import. `rpo_log` is its ROS-free half; its nodes are apart.
 MAY_IMPORT = {
@@ -29,6 +29,7 @@ MAY_IMPORT = {
     'rpo_log nodes': {'rpo_core', 'rpo_log', 'rpo_ros'},
     'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_log'},  # messages' definitions, the palette
     'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log'},
+    'tools': {'rpo_core', 'rpo_ros', 'rpo_log'},
 }
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
@@ -65,13 +66,14 @@ def rooms() -> dict[str, list[Path]]:
     found['rpo_log nodes'] = nodes
     found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
     found['rpo_training'] = sorted((ROOT / 'offline_training' / 'rpo_training').rglob('*.py'))
+    found['tools'] = sorted((ROOT / 'tools').rglob('*.py'))
     return found
 
 
 def sources() -> list[Path]:
     """Return every Python file of ours."""
     found = [ROOT / 'ros_ws' / 'underlay' / 'bin' / 'ros2']
-    for folder in ('ros_ws/src', 'ros_ws/underlay', 'offline_training', 'docs', 'tests'):
+    for folder in ('ros_ws/src', 'ros_ws/underlay', 'offline_training', 'tests', 'tools'):
         found += sorted((ROOT / folder).rglob('*.py'))
     return found
 

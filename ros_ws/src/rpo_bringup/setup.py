@@ -32,9 +32,9 @@ setup(
         'console_scripts': [
             'final_approach = rpo_bringup.commands:final_approach',
             'monitor = rpo_bringup.commands:monitor',
-            'node_pages = rpo_bringup.node_pages:main',
-            'ping_pong = rpo_bringup.ping_pong:main',
-            'trial = rpo_bringup.trial:main',
+            'node_pages = rpo_bringup.commands:node_pages',
+            'ping_pong = rpo_bringup.commands:ping_pong',
+            'trial = rpo_bringup.commands:trial',
         ],
     },
 )

@@ -4,7 +4,16 @@
 
 from __future__ import annotations
 
-from rpo_bringup.trials.fleet import CONTROLLER, PLANT, RECORDER, fleet, machine
+from tools.trials.common import (
+    CONTROLLER,
+    PLANT,
+    RECORDER,
+    ended,
+    flown,
+    machine,
+    scenario,
+    trial_nodes,
+)
 
 RATES_HZ = (10.0, 50.0, 100.0)
 
@@ -13,14 +22,15 @@ _COUNTS = ('overruns', 'held_ticks', 'stale_ticks')
 
 
 def _row(rate_hz: float, seconds: float) -> str:
-    with fleet() as nodes:
-        path = nodes.scenario('approach', dt_s=1.0 / rate_hz, duration_s=seconds)
-        nodes.start(CONTROLLER)
-        nodes.start(RECORDER, output=nodes.folder / 'run')
-        nodes.start(
-            PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False
+    with trial_nodes() as nodes:
+        path = scenario(nodes.folder, 'approach', dt_s=1.0 / rate_hz, duration_s=seconds)
+        nodes.node(*CONTROLLER)
+        recorder = nodes.node(*RECORDER, output=nodes.folder / 'run')
+        plant = nodes.node(
+            *PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False
         )
-        _, values = nodes.flown('run')
+        ended(plant, recorder)
+        _, values = flown(nodes.folder / 'run')
     cells = [f'{rate_hz:g} Hz', values['tick']]
     cells += [f'{float(values[f"{name}_ms"]):.2f} ms' for name in _COLUMNS]
     cells += [values[name] for name in _COUNTS]

@@ -6,9 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rpo_bringup.trials.fleet import CONTROLLER, FAULTS, INJECTOR, PLANT, RECORDER, fleet, machine
 from rpo_core import metrics
 from rpo_core.files import DEFAULT_CONTROLLER
+from tools.trials.common import (
+    CONTROLLER,
+    FAULTS,
+    INJECTOR,
+    PLANT,
+    RECORDER,
+    ended,
+    flown,
+    machine,
+    scenario,
+    trial_nodes,
+)
 
 KINDS = ('drop', 'repeat', 'delay', 'reorder')
 
@@ -16,20 +27,23 @@ KINDS = ('drop', 'repeat', 'delay', 'reorder')
 def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int) -> str:
     share = dict.fromkeys(kinds, rate)
     raw, faulty = 'control_force_raw', 'relative_state_faulty'
-    with fleet() as nodes:
-        path = nodes.scenario('paper_test')
-        nodes.start(INJECTOR, scenario=path)
+    with trial_nodes() as nodes:
+        path = scenario(nodes.folder, 'paper_test')
+        nodes.node(*INJECTOR, scenario=path)
         remap = {'relative_state': faulty, 'control_force': raw}
-        nodes.start(CONTROLLER, remap=remap, controller=DEFAULT_CONTROLLER)
-        nodes.start(FAULTS, 'faults_of_forces', scenario=path, seed=seed, **share)
+        nodes.node(*CONTROLLER, remap=remap, controller=DEFAULT_CONTROLLER)
+        name = {'__node': 'faults_of_forces'}
+        nodes.node(*FAULTS, remap=name, scenario=path, seed=seed, **share)
+        name = {'__node': 'faults_of_states'}
         towards = {'from_topic': 'relative_state', 'to_topic': faulty}
-        nodes.start(FAULTS, 'faults_of_states', scenario=path, seed=seed + 1, **towards, **share)
-        nodes.start(RECORDER, output=nodes.folder / 'run')
-        nodes.start(
-            PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False,
+        nodes.node(*FAULTS, remap=name, scenario=path, seed=seed + 1, **towards, **share)
+        recorder = nodes.node(*RECORDER, output=nodes.folder / 'run')
+        plant = nodes.node(
+            *PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False,
             real_time_factor=factor, stale_after_ticks=stale,
         )  # fmt: skip
-        flight, values = nodes.flown('run')
+        ended(plant, recorder)
+        flight, values = flown(nodes.folder / 'run')
     position, velocity, _ = metrics.claims(flight)
     ticks = flight.scenario.ticks
     cells = (

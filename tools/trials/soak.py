@@ -6,14 +6,25 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
-from rpo_bringup.trials.fleet import CONTROLLER, INJECTOR, PLANT, RECORDER, Fleet, fleet, machine
 from rpo_ros import names, qos
 from rpo_ros.discovery import keep_to_this_machine
+from tools.node_processes import NodeProcess, NodeProcesses
+from tools.trials.common import (
+    CONTROLLER,
+    INJECTOR,
+    PLANT,
+    RECORDER,
+    ended,
+    machine,
+    scenario,
+    trial_nodes,
+)
 
 _NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
 _PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -73,27 +84,35 @@ def _open_files(pid: int) -> int:
     return len(os.listdir(f'/proc/{pid}/fd'))
 
 
-def _sample(nodes: Fleet) -> list[tuple[float, int]]:
+def _sample(nodes: Sequence[NodeProcess]) -> list[tuple[float, int]]:
     """Return resident memory [MB] and open files of each node."""
-    pids = [nodes.processes[name].pid for name in _NODES]
+    pids = [node.process.pid for node in nodes]
     return [(_resident_mb(pid), _open_files(pid)) for pid in pids]
 
 
-def _fly(nodes: Fleet, ticks: int, every_s: float) -> list[Sample]:
-    path = nodes.scenario('paper_test', duration_s=ticks * 0.1)
-    nodes.start(CONTROLLER)
-    nodes.start(INJECTOR, scenario=path)
-    nodes.start(RECORDER, output=nodes.folder / 'run', split_s=_FILE_S)
-    plant = nodes.start(PLANT, scenario=path, wait_for_recorder=True, publish_clock=False)
+def _start(nodes: NodeProcesses, ticks: int) -> list[NodeProcess]:
+    """Return the processes of _NODES."""
+    path = scenario(nodes.folder, 'paper_test', duration_s=ticks * 0.1)
+    return [
+        nodes.node(*PLANT, scenario=path, wait_for_recorder=True, publish_clock=False),
+        nodes.node(*CONTROLLER),
+        nodes.node(*INJECTOR, scenario=path),
+        nodes.node(*RECORDER, output=nodes.folder / 'run', split_s=_FILE_S),
+    ]
+
+
+def _fly(nodes: NodeProcesses, ticks: int, every_s: float) -> list[Sample]:
+    started = _start(nodes, ticks)
+    plant, *_, recorder = started
     health = _Health(nodes.namespace)
     samples = []
     try:
-        while nodes.processes[plant].poll() is None:
+        while plant.running:
             health.wait(every_s)
             if not health.running:
                 continue
-            tick, sample = int(health.values['tick']), _sample(nodes)
-            if tick == ticks or nodes.processes[plant].poll() is not None:
+            tick, sample = int(health.values['tick']), _sample(started)
+            if tick == ticks or not plant.running:
                 break
             latency_ms = float(health.values['recent_latency_p50_ms'])
             samples.append((tick, latency_ms, sample))
@@ -102,6 +121,7 @@ def _fly(nodes: Fleet, ticks: int, every_s: float) -> list[Sample]:
             print(f'| {tick} | {rate:.0f} /s | {latency_ms:.2f} ms | {memory} |', flush=True)
     finally:
         health.close()
+    ended(plant, recorder)
     return samples
 
 
@@ -136,9 +156,8 @@ def run(ticks: int, every_s: float) -> int:
         + ' |'
     )
     print('|' + '---|' * (3 + len(_NODES)))
-    with fleet() as nodes:
+    with trial_nodes() as nodes:
         samples = _fly(nodes, ticks, every_s)
         grown = _judge(samples, ticks)
-        nodes.ended()
     print(f'{ticks} ticks in {time.monotonic() - begun:.0f} s: {"; ".join(grown) or "no growth"}')
     return int(bool(grown))

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 
-from rpo_bringup.trials import latency, losses, soak
-from rpo_bringup.trials.fleet import TrialError
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
+from tools.node_processes import NodeProcessError
+from tools.trials import latency, losses, soak
 
 EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -48,7 +49,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     one = trials.add_parser('losses', help="the paper's test in free running with faulty channels")
     one.add_argument(
         '--rates', nargs='+', type=_above(0.0, 1.0), default=[0.0, 0.2, 0.4, 0.6, 0.8],
-        metavar='SHARE', help='of messages befallen, of each kind, both ways',
+        metavar='SHARE', help='of the messages that each fault strikes, both ways',
     )  # fmt: skip
     one.add_argument('--kinds', nargs='+', choices=losses.KINDS, default=list(losses.KINDS))
     one.add_argument('--factor', type=_above(0.1, 100.0), default=20.0, help='x real time (20)')
@@ -63,6 +64,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup trial`."""
     options = _arguments(sys.argv[1:])
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # no node is left behind
     try:
         if options.trial == 'latency':
             latency.run(options.rates, options.seconds)
@@ -71,7 +73,7 @@ def main() -> int:
             losses.run(options.rates, options.kinds, options.factor, options.seed, stale)
         else:
             return soak.run(options.ticks, options.every)
-    except (TrialError, InputError, LogError) as error:
+    except (NodeProcessError, InputError, LogError) as error:
         print(error, file=sys.stderr)
         return EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_FAILED
     except KeyboardInterrupt:

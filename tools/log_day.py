@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A day in a log: time and memory to write, read, verify, repair, and rosbags reading the same.
 
-    python tests/log/bench_day.py [hours] [folder]
+    python tools/log_day.py [hours] [folder]
 
 Each step is a process of its own; its CPU time and its peak memory are what the system says of it.
+The runs that it writes are those of the tests of the log.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'tests' / 'log'))
 
 STEPS = EMPTY, FLY, WRITE, WRITE_SPLIT, READ, ARRAYS, VERIFY, REPAIR, ROSBAGS = (
     'import the reader', 'fly, to have it written', 'write', 'write, split hourly',

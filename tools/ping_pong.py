@@ -95,7 +95,7 @@ def main() -> int:
     if options.answer:
         _answer()
         return 0
-    command = [sys.executable, '-m', 'rpo_bringup.ping_pong', '--answer']
+    command = [sys.executable, __file__, '--answer']
     with subprocess.Popen(command) as other:
         try:
             print(f'{_ask(options.count):.1f} round trips/s')

@@ -17,7 +17,7 @@ from typing import Any
 
 from latex2mathml.converter import convert
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 log = logging.getLogger('mkdocs.hooks.pages')  # what it warns of ends a strict build
 
 _EQUATION = re.compile(

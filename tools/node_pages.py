@@ -20,7 +20,6 @@ import rclpy
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
 
-from rpo_bringup.node_cards import CARDS, MEANINGS, Card
 from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import fly
 from rpo_log import run
@@ -28,6 +27,7 @@ from rpo_log.writer import RunLogWriter
 from rpo_ros import names
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode
+from tools.node_cards import CARDS, MEANINGS, Card
 
 INDEX = 'index.md'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
@@ -37,7 +37,7 @@ _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
 _STOCK_SERVICES = ('parameter', 'get_type_description')
 
 
-def _tiny_log(folder: Path) -> Path:
+def tiny_log(folder: Path) -> Path:
     """Write a log of the scenario `quick`, for the nodes that need one."""
     flown = scenario.load_scenario('quick')
     flight = fly(flown, controller.load_controller(files.DEFAULT_CONTROLLER))
@@ -61,7 +61,7 @@ def _make(card: Card, folder: Path) -> FlightNode:
     if card.executable == 'recorder':
         trial['output'] = str(folder / 'recorded')
     if card.executable == 'replay':
-        trial['bag'] = str(_tiny_log(folder / 'log'))
+        trial['bag'] = str(tiny_log(folder / 'log'))
     return getattr(card.module, card.cls)(trial)
 
 
@@ -76,7 +76,7 @@ def _type(message: type) -> str:
 
 def _meaning(name: str) -> str:
     if name not in MEANINGS:
-        raise KeyError(f'{name} has no meaning in node_cards.MEANINGS: say what it is')
+        raise KeyError(f'{name} has no meaning in tools/node_cards.py: say what it is')
     return MEANINGS[name]
 
 

@@ -1,0 +1,141 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes as processes: start them, wait for what they print, signal them; none is left at the end.
+
+An executable is found as `ros2 run` finds it, and started itself, in a process group of its own:
+a stock `ros2 run` would stand between and pass no signal on.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+DEADLINE_S = 40.0
+
+
+class NodeProcessError(Exception):
+    """A node does not start, end or say what it should; holds what it printed."""
+
+
+def executable(package: str, name: str, ament_prefix_path: str) -> Path:
+    """Return the executable of a package; raises NodeProcessError if there is none."""
+    for prefix in filter(None, ament_prefix_path.split(os.pathsep)):
+        path = Path(prefix, 'lib', package, name)
+        if os.access(path, os.X_OK):
+            return path
+    raise NodeProcessError(
+        f'{package} {name} is not on AMENT_PREFIX_PATH: `source ros_ws/env.bash` first'
+    )
+
+
+class NodeProcess:
+    """One executable of a package; its output goes to the file `log`."""
+
+    def __init__(self, command: Sequence[str], env: Mapping[str, str], log: Path) -> None:
+        self.log = log
+        with log.open('wb') as output:
+            self.process = subprocess.Popen(
+                command,
+                env=dict(env),
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        """What it printed so far, stdout and stderr together."""
+        return self.log.read_text(errors='replace')
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.process.poll() is None
+
+    def says(self, text: str, deadline_s: float = DEADLINE_S) -> None:
+        """Wait until it printed `text`; raise NodeProcessError if it ends or takes too long."""
+        end = time.monotonic() + deadline_s
+        while text not in self.output:
+            ended = not self.running and text not in self.output
+            if ended or time.monotonic() > end:
+                raise NodeProcessError(f'{text!r} was not said in:\n{self.output}')
+            time.sleep(0.02)
+
+    def send(self, number: int) -> None:
+        """Send a signal to the node and all that it started."""
+        if self.running:
+            os.killpg(self.process.pid, number)
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        """Send a signal and return the exit code."""
+        self.send(number)
+        return self.wait()
+
+    def wait(self, deadline_s: float | None = DEADLINE_S) -> int:
+        """Return the exit code; raise NodeProcessError if it does not end in time."""
+        try:
+            return self.process.wait(deadline_s)
+        except subprocess.TimeoutExpired:
+            text = f'still running after {deadline_s} s:\n{self.output}'
+            raise NodeProcessError(text) from None
+
+    def discard(self) -> None:
+        """Kill it if it still runs."""
+        self.send(signal.SIGKILL)
+        self.process.wait()
+
+
+class NodeProcesses:
+    """Starts nodes with the same environment and remembers them.
+
+    folder : of what they print
+    namespace : of all their topics; '' leaves them where they are
+    prefix : words before the command of the next nodes, such as `ip netns exec NAME`
+    """
+
+    def __init__(self, env: Mapping[str, str], folder: Path, namespace: str = '') -> None:
+        self.env = dict(env)
+        self.folder = folder
+        self.namespace = namespace
+        self.nodes: list[NodeProcess] = []
+        self.prefix: list[str] = []
+
+    def node(
+        self,
+        package: str,
+        name: str,
+        *args: str,
+        remap: Mapping[str, str] | None = None,
+        **parameters: object,
+    ) -> NodeProcess:
+        """Start an executable; `remap` holds ROS names, other keyword arguments parameters."""
+        rules = {**({'__ns': self.namespace} if self.namespace else {}), **(remap or {})}
+        ros = [part for key, value in rules.items() for part in ('-r', f'{key}:={value}')]
+        for key, value in parameters.items():
+            shown = str(value).lower() if isinstance(value, bool) else value
+            ros += ['-p', f'{key}:={shown}']
+        path = executable(package, name, self.env.get('AMENT_PREFIX_PATH', ''))
+        command = [*self.prefix, str(path), *args, *(['--ros-args', *ros] if ros else [])]
+        log = self.folder / f'{len(self.nodes)}_{name}.txt'
+        self.nodes.append(NodeProcess(command, self.env, log))
+        return self.nodes[-1]
+
+
+@contextmanager
+def node_processes(
+    env: Mapping[str, str], folder: Path, namespace: str = ''
+) -> Iterator[NodeProcesses]:
+    """Yield a NodeProcesses; kill what is left of them. `env` comes on top of this process's."""
+    started = NodeProcesses({**os.environ, **env}, folder, namespace)
+    try:
+        yield started
+    finally:
+        for node in started.nodes:
+            node.discard()
