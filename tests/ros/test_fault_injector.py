@@ -10,9 +10,9 @@ from scenarios import lasting
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.link import CORRUPTIONS
 from rpo_core.scenario import load_scenario
 from rpo_log.reader import read_run
-from rpo_sim.faults import CORRUPTIONS
 from tools.node_processes import node_processes
 
 CONTROLLER = 'handmade'

@@ -9,11 +9,11 @@ What becomes of the messages of a tick is a function of (key of the run, tick), 
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 from rpo_core.kernels import Vector
+from rpo_core.link import Hits, Link
 from rpo_core.noise import kernel, philox
 from rpo_core.validation import InputError, mapping, real, whole
 
@@ -114,24 +114,40 @@ def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
     return LOST if a < faults.state_loss or c < faults.force_loss else late
 
 
+def hits(tick: int, key: tuple[int, int], faults: Fates) -> tuple[Hits, Hits]:
+    """Return the faults of the state of a tick and of the force that answers it."""
+    a, b, c, d = philox(tick, 2, 0, 0, *key)
+    state = {'drop': a < faults.state_loss, 'delay': b < faults.state_delay}
+    force = {'drop': c < faults.force_loss, 'delay': d < faults.force_delay}
+    return dict.fromkeys(filter(state.get, state), ''), dict.fromkeys(filter(force.get, force), '')
+
+
 class Channel:
     """The way of one run from state to force: what comes when, and what is held.
 
+    Two links, clocked by ticks, one behind the other; `lateness` says the same in a number.
     key : two words of 32 bits
     """
 
     def __init__(self, faults: Faults, key: tuple[int, int]) -> None:
         self._fates, self._key = faults.fates, key
-        self._coming: defaultdict[int, list[tuple[int, Vector]]] = defaultdict(list)
+        late = float(faults.late_by_ticks)
+        self._states: Link[tuple[int, Vector, Hits]] = Link(delay_s=late)
+        self._forces: Link[tuple[int, Vector]] = Link(delay_s=late)
         self._newest, self._held = -1, (0.0, 0.0, 0.0)
 
     def passed(self, tick: int, command_n: Vector) -> Vector:
         """Return the force [N] held at a tick, whose state the controller answers by a command."""
-        late = lateness(tick, *self._key, self._fates)
-        if late != LOST:
-            self._coming[tick + late].append((tick, command_n))
-        for answered, force in self._coming.pop(tick, []):
-            if answered > self._newest:
-                self._newest, self._held = answered, force
+        state, force = hits(tick, self._key, self._fates)
+        seen = self._states.send((tick, command_n, force), state, tick) + self._states.due(tick)
+        for (answered, command, faults), _ in seen:
+            self._take(self._forces.send((answered, command), faults, tick))
+        self._take(self._forces.due(tick))
         fresh = self._newest >= 0 and tick - self._newest <= self._fates.stale_after
         return self._held if fresh else (0.0, 0.0, 0.0)
+
+    def _take(self, came: list[tuple[tuple[int, Vector], str]]) -> None:
+        """Hold the newest force."""
+        for (answered, command), _ in came:
+            if answered > self._newest:
+                self._newest, self._held = answered, command

@@ -17,22 +17,22 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
-from rpo_ros import conversions, health, names, qos
-from rpo_ros.parameters import declare
-from rpo_ros.plant_scenario import PlantScenario
-from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run_node
-from rpo_sim.faults import (
+from rpo_core.link import (
     CORRUPTIONS,
     INFINITY,
     KINDS,
     NAN,
     WRONG_FRAME,
     FaultRates,
-    FaultyChannel,
     Schedule,
+    SeededLink,
 )
+from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
+from rpo_ros import conversions, health, names, qos
+from rpo_ros.parameters import declare
+from rpo_ros.plant_scenario import PlantScenario
+from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run_node
 from rpo_sim.parameters import ANY, AUTO, FORCE, LAST_TICK, STATE
 from rpo_sim.parameters import FAULT_INJECTOR as PARAMETERS
 
@@ -90,7 +90,7 @@ class FaultInjectorNode(FlightNode):
             raise InputError(f'`to_topic` must differ from `from_topic`; got {sink} for both')
         kind = message_type(values['message'], (source, sink))
         corruption = values['corruption']
-        self.channel: FaultyChannel[Odometry | WrenchStamped] = FaultyChannel(
+        self.link: SeededLink[Odometry | WrenchStamped] = SeededLink(
             FaultRates(**{name: values[name] for name in KINDS}),
             values['seed'],
             values['delay_messages'],
@@ -119,21 +119,21 @@ class FaultInjectorNode(FlightNode):
         stamp_ns = conversions.from_stamp(message.header.stamp)
         tick = self._scenario.tick_of(stamp_ns) if self._scenario is not None else None
         faulty = self._schedule.covers(tick)
-        self._pass_on(self.channel.take(message, faulty, time.monotonic()))
+        self._pass_on(self.link.take(message, faulty, time.monotonic()))
 
     def _on_clock(self) -> None:
-        self._pass_on(self.channel.due(time.monotonic()))
+        self._pass_on(self.link.due(time.monotonic()))
 
     def _pass_on(self, messages: list[tuple[Odometry | WrenchStamped, str]]) -> None:
         for out, corruption in messages:
             self._out.publish(corrupted(out, corruption))
 
     def _health(self) -> health.Health:
-        return health.OK, 'injecting faults', {**self.channel.counts, 'held': self.channel.held}
+        return health.OK, 'injecting faults', {**self.link.counts, 'held': self.link.held}
 
     def close(self) -> None:
         """Say what was done."""
-        done = ', '.join(f'{kind} {count}' for kind, count in self.channel.counts.items())
+        done = ', '.join(f'{kind} {count}' for kind, count in self.link.counts.items())
         self.get_logger().info(f'faults injected: {done or "no message came"}')
 
 

@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
+from rpo_core.link import CORRUPTIONS
 from rpo_ros import names
 from rpo_ros.parameter_rows import SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row
-from rpo_sim.faults import CORRUPTIONS
 
 LOCKSTEP, FREE_RUNNING = 'lockstep', 'free_running'
 MODES = (LOCKSTEP, FREE_RUNNING)

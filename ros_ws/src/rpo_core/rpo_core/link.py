@@ -1,12 +1,17 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Faults of a message channel, without ROS: what becomes of each message, from a seed alone."""
+"""A faulty link, without ROS: what becomes of each message that is sent over it.
+
+`Link` applies faults; which message a fault hits is drawn apart. `SeededLink` draws from a seed, a
+message at a time: the node `fault_injector` needs no ticks for it. Campaigns draw from (key, tick),
+so that runs can be flown in any order (`rpo_training`, `Channel`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from random import Random
 from typing import Any, Generic, TypeVar
@@ -23,13 +28,13 @@ CORRUPTIONS = (NAN, INFINITY, WRONG_FRAME, WRONG_STAMP)
 
 @dataclass(frozen=True)
 class FaultRates:
-    """Shares in [0, 1] of the messages that each fault befalls; independent of each other.
+    """Shares in [0, 1] of the messages that each fault hits; each fault is applied independently.
 
-    drop : lost
+    drop : lost, whatever else hits the message
     freeze : the message passed on before comes in its place
     corrupt : changed, see CORRUPTIONS
     delay : passed on some messages, or some time, later
-    reorder : passed on after its successor
+    reorder : passed on after its successor, unless it is delayed
     repeat : passed on twice
     """
 
@@ -50,6 +55,9 @@ class FaultRates:
 
 KINDS = tuple(field.name for field in fields(FaultRates))
 
+Hits = Mapping[str, str]
+"""The faults that hit a message: kind -> corruption, '' for the other kinds."""
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -66,7 +74,7 @@ class Schedule:
             raise InputError(f'`to_tick` must be >= from_tick = {self.first!r}; got {self.last!r}')
 
     def covers(self, tick: int | None) -> bool:
-        """Return whether faults may befall a message of this tick."""
+        """Return whether faults may hit a message of this tick."""
         if tick is None:
             return self == Schedule()
         return self.first <= tick <= self.last
@@ -81,33 +89,17 @@ class _Held(Generic[Message]):
     out: list[tuple[Message, str]]
 
 
-class FaultyChannel(Generic[Message]):
-    """Passes messages on, or not, or otherwise; the same seed gives the same faults.
+class Link(Generic[Message]):
+    """Passes messages on, or not, or otherwise.
 
-    Every message draws the same number of random numbers, one for each kind, whatever the rates:
-    a higher rate of one kind adds faults of that kind and moves no fault of another.
-
-    rates : how often what happens
-    seed : of the random numbers
     delay_messages : how many messages later a delayed one is passed on, >= 1
     delay_s : how much later instead, if > 0; then `due` must be asked now and again
-    corruptions : of CORRUPTIONS, those that may happen
     """
 
-    def __init__(
-        self,
-        rates: FaultRates,
-        seed: int,
-        delay_messages: int = 2,
-        corruptions: tuple[str, ...] = CORRUPTIONS,
-        delay_s: float = 0.0,
-    ) -> None:
-        self.rates = rates
+    def __init__(self, delay_messages: int = 2, delay_s: float = 0.0) -> None:
         self.counts: Counter[str] = Counter()
         self._delay_messages = 0 if delay_s > 0.0 else delay_messages
         self._delay_s = delay_s
-        self._corruptions = corruptions
-        self._random = Random(seed)
         self._held: list[_Held[Message]] = []
         self._last: Message | None = None
 
@@ -116,21 +108,18 @@ class FaultyChannel(Generic[Message]):
         """How many messages are on their way."""
         return sum(len(held.out) for held in self._held)
 
-    def take(
-        self, message: Message, faulty: bool = True, now_s: float = 0.0
-    ) -> list[tuple[Message, str]]:
+    def send(self, message: Message, hits: Hits, now_s: float = 0.0) -> list[tuple[Message, str]]:
         """Return what goes out now, in this order, each with its corruption ('' if none).
 
-        faulty : whether faults may befall this message; those held back come out all the same
+        hits : the faults of this message; those held back come out all the same
         now_s : of a steady clock, for delays by time
         """
         self.counts['received'] += 1
-        hit = self._draw(faulty)
-        out, wait = self._fate(message, hit)
+        out, wait = self._fate(message, hits)
         for held in self._held:
             held.left -= held.left > 0
         due = self._release(lambda held: held.left == 0 and held.due_s == 0.0)
-        if wait or (out and 'delay' in hit):
+        if wait or (out and 'delay' in hits):
             due_s = 0.0 if wait else now_s + self._delay_s
             self._held.append(_Held(wait, due_s, out))
             out = []
@@ -144,31 +133,59 @@ class FaultyChannel(Generic[Message]):
         self.counts['sent'] += len(out)
         return out
 
-    def _draw(self, faulty: bool) -> dict[str, str]:
-        """Return kind -> corruption ('' for other kinds) of the faults that befall a message."""
-        # Only random(): of the generator's methods it alone is the same in every Python.
-        drawn = {kind: self._random.random() for kind in KINDS}
-        which = self._corruptions[int(self._random.random() * len(self._corruptions))]
-        return {
-            kind: which if kind == 'corrupt' else ''
-            for kind in KINDS
-            if faulty and drawn[kind] < getattr(self.rates, kind)
-        }
-
-    def _fate(self, message: Message, hit: dict[str, str]) -> tuple[list[tuple[Message, str]], int]:
+    def _fate(self, message: Message, hits: Hits) -> tuple[list[tuple[Message, str]], int]:
         """Return what becomes of a message, and after how many others it goes out."""
-        if 'drop' in hit:
+        if 'drop' in hits:
             self.counts['drop'] += 1
             return [], 0
-        for kind, corruption in hit.items():
+        for kind, corruption in hits.items():
             self.counts[corruption or kind] += 1
-        if 'freeze' in hit and self._last is not None:
+        if 'freeze' in hits and self._last is not None:
             message = self._last
         self._last = message
-        wait = self._delay_messages if 'delay' in hit else int('reorder' in hit)
-        return [(message, hit.get('corrupt', ''))] * (1 + ('repeat' in hit)), wait
+        wait = self._delay_messages if 'delay' in hits else int('reorder' in hits)
+        return [(message, hits.get('corrupt', ''))] * (1 + ('repeat' in hits)), wait
 
     def _release(self, ready: Callable[[_Held[Message]], bool]) -> list[tuple[Message, str]]:
         out = [pair for held in self._held if ready(held) for pair in held.out]
         self._held = [held for held in self._held if not ready(held)]
         return out
+
+
+class SeededLink(Link[Message]):
+    """A link whose faults are drawn as messages come; the same seed gives the same faults.
+
+    Every message draws the same number of random numbers, one for each kind, whatever the rates:
+    a higher rate of one kind adds faults of that kind and moves no fault of another.
+
+    rates : how often what happens
+    seed : of the random numbers
+    corruptions : of CORRUPTIONS, those that may happen
+    """
+
+    def __init__(
+        self,
+        rates: FaultRates,
+        seed: int,
+        delay_messages: int = 2,
+        corruptions: tuple[str, ...] = CORRUPTIONS,
+        delay_s: float = 0.0,
+    ) -> None:
+        super().__init__(delay_messages, delay_s)
+        self.rates = rates
+        self._corruptions = corruptions
+        self._random = Random(seed)
+
+    def take(
+        self, message: Message, faulty: bool = True, now_s: float = 0.0
+    ) -> list[tuple[Message, str]]:
+        """Return what goes out now, as `send` does; `faulty`: whether faults may hit it."""
+        # Only random(): of the generator's methods it alone is the same in every Python.
+        drawn = {kind: self._random.random() for kind in KINDS}
+        which = self._corruptions[int(self._random.random() * len(self._corruptions))]
+        hits = {
+            kind: which if kind == 'corrupt' else ''
+            for kind in KINDS
+            if faulty and drawn[kind] < getattr(self.rates, kind)
+        }
+        return self.send(message, hits, now_s)

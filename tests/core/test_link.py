@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a faulty channel does to messages: deterministic, and nothing but what was asked for."""
+"""What a faulty link does to messages: deterministic, and nothing but what was asked for."""
 
 from collections import Counter
 
@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rpo_core.link import CORRUPTIONS, KINDS, FaultRates, Schedule, SeededLink
 from rpo_core.validation import InputError
-from rpo_sim.faults import CORRUPTIONS, KINDS, FaultRates, FaultyChannel, Schedule
 
 RATES = st.builds(FaultRates, **{kind: st.floats(0.0, 1.0) for kind in KINDS})
 SEEDS = st.integers(0, 2**32)
 
 
 def sent(rates, seed, count=60, **options):
-    channel = FaultyChannel(rates, seed, **options)
+    channel = SeededLink(rates, seed, **options)
     out = [pair for message in range(count) for pair in channel.take(message)]
     return out, channel
 
@@ -33,7 +33,7 @@ def test_without_rates_all_passes_unchanged(seed):
 
 @given(RATES, SEEDS)
 def test_outside_the_schedule_all_passes_unchanged(rates, seed):
-    channel = FaultyChannel(rates, seed)
+    channel = SeededLink(rates, seed)
     assert [channel.take(message, faulty=False) for message in range(9)] == [
         [(message, '')] for message in range(9)
     ]
@@ -54,7 +54,7 @@ def test_a_delay_loses_and_adds_nothing(delay, reorder, repeat, seed, by):
 
 @given(st.integers(1, 9))
 def test_a_delayed_message_comes_so_many_messages_later(by):
-    channel = FaultyChannel(FaultRates(delay=1.0), 0, delay_messages=by)
+    channel = SeededLink(FaultRates(delay=1.0), 0, delay_messages=by)
     assert channel.take('first') == []
     for number in range(1, by):
         assert channel.take(number, faulty=False) == [(number, '')]
@@ -62,7 +62,7 @@ def test_a_delayed_message_comes_so_many_messages_later(by):
 
 
 def test_a_reordered_message_comes_after_its_successor():
-    channel = FaultyChannel(FaultRates(reorder=1.0), 0)
+    channel = SeededLink(FaultRates(reorder=1.0), 0)
     assert channel.take('first') == []
     assert channel.take('second', faulty=False) == [('second', ''), ('first', '')]
 
@@ -110,7 +110,7 @@ def test_a_schedule_covers_both_its_ends_and_no_stamp_of_no_tick():
 
 
 def test_a_delay_by_time_holds_a_message_for_that_time():
-    channel = FaultyChannel(FaultRates(delay=1.0), 0, delay_s=0.5)
+    channel = SeededLink(FaultRates(delay=1.0), 0, delay_s=0.5)
     assert channel.take('first', now_s=10.0) == []
     assert channel.take('second', faulty=False, now_s=10.1) == [('second', '')]
     assert channel.due(10.49) == []
@@ -120,7 +120,7 @@ def test_a_delay_by_time_holds_a_message_for_that_time():
 
 @given(RATES, SEEDS)
 def test_by_time_as_by_messages_nothing_is_lost_but_the_lost(rates, seed):
-    channel = FaultyChannel(rates, seed, delay_s=3.5)
+    channel = SeededLink(rates, seed, delay_s=3.5)
     out = [pair for now in range(60) for pair in channel.take(now, now_s=1.0 + now)]
     out += channel.take(60, faulty=False, now_s=61.0) + channel.due(99.0)
     assert channel.held == 0
