@@ -19,10 +19,6 @@ from rpo_core.flight import Flight
 from rpo_log.reader import flight_of, read_run
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 
-PLANT, INJECTOR = ('rpo_sim', 'plant'), ('rpo_sim', 'disturbance_injector')
-FAULTS = ('rpo_sim', 'fault_injector')
-CONTROLLER, RECORDER = ('rpo_ctrl', 'fuzzy_controller'), ('rpo_log', 'recorder')
-
 
 @contextmanager
 def trial_nodes() -> Iterator[NodeProcesses]:
@@ -40,6 +36,12 @@ def scenario(folder: Path, shipped: str, **changes: Any) -> str:
     path = folder / f'{shipped}.yaml'
     path.write_text(yaml.safe_dump({**document, **changes}))
     return str(path)
+
+
+def free_running_plant(nodes: NodeProcesses, path: str, **parameters: Any) -> NodeProcess:
+    """Start a plant in free running that waits for the recorder."""
+    free = {'mode': 'free_running', 'wait_for_recorder': True, 'publish_clock': False}
+    return nodes.node('rpo_sim', 'plant', scenario=path, **free, **parameters)
 
 
 def ended(*nodes: NodeProcess) -> None:

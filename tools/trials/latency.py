@@ -4,16 +4,7 @@
 
 from __future__ import annotations
 
-from tools.trials.common import (
-    CONTROLLER,
-    PLANT,
-    RECORDER,
-    ended,
-    flown,
-    machine,
-    scenario,
-    trial_nodes,
-)
+from tools.trials import common
 
 RATES_HZ = (10.0, 50.0, 100.0)
 
@@ -22,15 +13,13 @@ _COUNTS = ('overruns', 'held_ticks', 'stale_ticks')
 
 
 def _row(rate_hz: float, seconds: float) -> str:
-    with trial_nodes() as nodes:
-        path = scenario(nodes.folder, 'approach', dt_s=1.0 / rate_hz, duration_s=seconds)
-        nodes.node(*CONTROLLER)
-        recorder = nodes.node(*RECORDER, output=nodes.folder / 'run')
-        plant = nodes.node(
-            *PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False
-        )
-        ended(plant, recorder)
-        _, values = flown(nodes.folder / 'run')
+    with common.trial_nodes() as nodes:
+        path = common.scenario(nodes.folder, 'approach', dt_s=1.0 / rate_hz, duration_s=seconds)
+        nodes.node('rpo_ctrl', 'fuzzy_controller')
+        recorder = nodes.node('rpo_log', 'recorder', output=nodes.folder / 'run')
+        plant = common.free_running_plant(nodes, path)
+        common.ended(plant, recorder)
+        _, values = common.flown(nodes.folder / 'run')
     cells = [f'{rate_hz:g} Hz', values['tick']]
     cells += [f'{float(values[f"{name}_ms"]):.2f} ms' for name in _COLUMNS]
     cells += [values[name] for name in _COUNTS]
@@ -39,7 +28,7 @@ def _row(rate_hz: float, seconds: float) -> str:
 
 def run(rates_hz: list[float], seconds: float) -> None:
     """Fly at each rate for so many seconds of real time, and print a row of the table."""
-    print(machine())
+    print(common.machine())
     print(
         '| rate | ticks | latency p50 | p95 | max | tick late p95 | max | overruns | held | zero |'
     )

@@ -5,45 +5,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rpo_core import metrics
 from rpo_core.files import DEFAULT_CONTROLLER
-from tools.trials.common import (
-    CONTROLLER,
-    FAULTS,
-    INJECTOR,
-    PLANT,
-    RECORDER,
-    ended,
-    flown,
-    machine,
-    scenario,
-    trial_nodes,
-)
+from tools.trials import common
 
 KINDS = ('drop', 'repeat', 'delay', 'reorder')
 
 
 def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int) -> str:
-    share = dict.fromkeys(kinds, rate)
+    share: dict[str, Any] = {**dict.fromkeys(kinds, rate), 'seed': seed}
     raw, faulty = 'control_force_raw', 'relative_state_faulty'
-    with trial_nodes() as nodes:
-        path = scenario(nodes.folder, 'paper_test')
-        nodes.node(*INJECTOR, scenario=path)
+    with common.trial_nodes() as nodes:
+        path = common.scenario(nodes.folder, 'paper_test')
+        nodes.node('rpo_sim', 'disturbance_injector', scenario=path)
         remap = {'relative_state': faulty, 'control_force': raw}
-        nodes.node(*CONTROLLER, remap=remap, controller=DEFAULT_CONTROLLER)
+        nodes.node('rpo_ctrl', 'fuzzy_controller', remap=remap, controller=DEFAULT_CONTROLLER)
         name = {'__node': 'faults_of_forces'}
-        nodes.node(*FAULTS, remap=name, scenario=path, seed=seed, **share)
+        nodes.node('rpo_sim', 'fault_injector', remap=name, scenario=path, **share)
         name = {'__node': 'faults_of_states'}
-        towards = {'from_topic': 'relative_state', 'to_topic': faulty}
-        nodes.node(*FAULTS, remap=name, scenario=path, seed=seed + 1, **towards, **share)
-        recorder = nodes.node(*RECORDER, output=nodes.folder / 'run')
-        plant = nodes.node(
-            *PLANT, scenario=path, mode='free_running', wait_for_recorder=True, publish_clock=False,
-            real_time_factor=factor, stale_after_ticks=stale,
-        )  # fmt: skip
-        ended(plant, recorder)
-        flight, values = flown(nodes.folder / 'run')
+        share |= {'from_topic': 'relative_state', 'to_topic': faulty, 'seed': seed + 1}
+        nodes.node('rpo_sim', 'fault_injector', remap=name, scenario=path, **share)
+        recorder = nodes.node('rpo_log', 'recorder', output=nodes.folder / 'run')
+        pace = {'real_time_factor': factor, 'stale_after_ticks': stale}
+        plant = common.free_running_plant(nodes, path, **pace)
+        common.ended(plant, recorder)
+        flight, values = common.flown(nodes.folder / 'run')
     position, velocity, _ = metrics.claims(flight)
     ticks = flight.scenario.ticks
     cells = (
@@ -60,7 +48,7 @@ def run(rates: list[float], kinds: list[str], factor: float, seed: int, stale: i
 
     It docks where the paper's claims on position and velocity in the last 200 s hold.
     """
-    print(f'{", ".join(kinds)}, both ways; {factor:g} x real time; {machine()}')
+    print(f'{", ".join(kinds)}, both ways; {factor:g} x real time; {common.machine()}')
     print(
         '| rate of each | ticks with an older force | with none | position | velocity | J | docks |'
     )

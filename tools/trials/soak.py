@@ -15,16 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rpo_ros import names, qos
 from rpo_ros.discovery import keep_to_this_machine
 from tools.node_processes import NodeProcess, NodeProcesses
-from tools.trials.common import (
-    CONTROLLER,
-    INJECTOR,
-    PLANT,
-    RECORDER,
-    ended,
-    machine,
-    scenario,
-    trial_nodes,
-)
+from tools.trials import common
 
 _NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
 _PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -92,12 +83,12 @@ def _sample(nodes: Sequence[NodeProcess]) -> list[tuple[float, int]]:
 
 def _start(nodes: NodeProcesses, ticks: int) -> list[NodeProcess]:
     """Return the processes of _NODES."""
-    path = scenario(nodes.folder, 'paper_test', duration_s=ticks * 0.1)
+    path = common.scenario(nodes.folder, 'paper_test', duration_s=ticks * 0.1)
     return [
-        nodes.node(*PLANT, scenario=path, wait_for_recorder=True, publish_clock=False),
-        nodes.node(*CONTROLLER),
-        nodes.node(*INJECTOR, scenario=path),
-        nodes.node(*RECORDER, output=nodes.folder / 'run', split_s=_FILE_S),
+        nodes.node('rpo_sim', 'plant', scenario=path, wait_for_recorder=True, publish_clock=False),
+        nodes.node('rpo_ctrl', 'fuzzy_controller'),
+        nodes.node('rpo_sim', 'disturbance_injector', scenario=path),
+        nodes.node('rpo_log', 'recorder', output=nodes.folder / 'run', split_s=_FILE_S),
     ]
 
 
@@ -121,7 +112,7 @@ def _fly(nodes: NodeProcesses, ticks: int, every_s: float) -> list[Sample]:
             print(f'| {tick} | {rate:.0f} /s | {latency_ms:.2f} ms | {memory} |', flush=True)
     finally:
         health.close()
-    ended(plant, recorder)
+    common.ended(plant, recorder)
     return samples
 
 
@@ -149,14 +140,14 @@ def _judge(samples: list[Sample], ticks: int) -> list[str]:
 def run(ticks: int, every_s: float) -> int:
     """Fly so many ticks through four processes; print samples and verdict; return the exit code."""
     begun = time.monotonic()
-    print(machine())
+    print(common.machine())
     print(
         '| tick | rate | latency | '
         + ' | '.join(f'{name}: memory, files' for name in _NODES)
         + ' |'
     )
     print('|' + '---|' * (3 + len(_NODES)))
-    with trial_nodes() as nodes:
+    with common.trial_nodes() as nodes:
         samples = _fly(nodes, ticks, every_s)
         grown = _judge(samples, ticks)
     print(f'{ticks} ticks in {time.monotonic() - begun:.0f} s: {"; ".join(grown) or "no growth"}')
