@@ -15,7 +15,7 @@ SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 NODES = sorted(
     words
     for path in SRC.glob('*/*/commands.py')
-    for words in re.findall(r"start_node\('(\w+)', '(\w+)'\)", path.read_text())
+    for words in re.findall(r"start_node\('(\w+)\.[\w.]+', '(\w+)'\)", path.read_text())
 )
 SLOW = {'matplotlib', 'mcap', 'numba', 'numpy', 'rclpy', 'scipy'}
 

@@ -16,7 +16,7 @@ def final_approach() -> int:
 
 def monitor() -> int:
     """Run `ros2 run rpo_bringup monitor`."""
-    return start_node('rpo_bringup', 'monitor')
+    return start_node('rpo_bringup.monitor_node', 'monitor')
 
 
 def trial() -> int:

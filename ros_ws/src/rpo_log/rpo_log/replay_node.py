@@ -41,6 +41,8 @@ _TOPICS = {
     topics.STATUS: (names.RUN_STATUS, DiagnosticStatus, qos.LATCHED),
 }
 _FASTEST_S = 1e-4
+_SETTLED_S = 0.2
+"""A listener's topics are found one after the other; after so long without another, all are."""
 
 Tick = list[Message]
 
@@ -60,7 +62,8 @@ class ReplayNode(FlightNode):
         self._current: Tick = []
         self._logged_force: tuple[float, ...] | None = None
         self._awaited_ns: int | None = None
-        self._sent = self._begun = time.monotonic()
+        self._sent = self._begun = self._found_s = time.monotonic()
+        self._found = 0
         self._played = 0
         self.differences = 0
         self._connect()
@@ -122,8 +125,12 @@ class ReplayNode(FlightNode):
     def _somebody_listens(self) -> bool:
         if self.values['drive']:
             return bool(self.count_publishers(names.CONTROL_FORCE))
-        late = time.monotonic() - self._begun > self.values['delay_s']
-        return late or any(p.get_subscription_count() for p in self._outlets.values())
+        now_s = time.monotonic()
+        found = sum(outlet.get_subscription_count() for outlet in self._outlets.values())
+        if found != self._found:
+            self._found, self._found_s = found, now_s
+        settled = found > 0 and now_s - self._found_s > _SETTLED_S
+        return settled or now_s - self._begun > self.values['delay_s']
 
     def _play_next(self) -> None:
         try:

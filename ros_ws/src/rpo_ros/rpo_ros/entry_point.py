@@ -31,12 +31,13 @@ def start(module: str) -> int:
     return code
 
 
-def start_node(package: str, name: str) -> int:
-    """Run a node, or answer `--help` from its table of parameters; return the exit code.
+def start_node(module: str, name: str) -> int:
+    """Run the node of a module, or answer `--help` without importing it; return the exit code.
 
-    The node is in the module NAME_node of its package, its table is NAME in `parameters`.
+    name : of the executable; its table of parameters is NAME in `parameters` of the package
     """
-    module, command = f'{package}.{name}_node', f'ros2 run {package} {name}'
+    package = module.partition('.')[0]
+    command = f'ros2 run {package} {name}'
     if {'-h', '--help'} & set(sys.argv[1:]):
         from rpo_ros.parameter_rows import usage
 
