@@ -41,7 +41,7 @@ _TOPICS = {
     topics.STATUS: (names.RUN_STATUS, DiagnosticStatus, qos.LATCHED),
 }
 _FASTEST_S = 1e-4
-_SETTLED_S = 0.2
+_SETTLED_S = 0.5
 """A listener's topics are found one after the other; after so long without another, all are."""
 
 Tick = list[Message]
