@@ -8,7 +8,7 @@ from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
-from rpo_ros.names import CONTROL_FORCE
+from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_training.campaign import config, faults, fleet, sampling, single, sweep
 from rpo_training.cli import app
@@ -54,7 +54,8 @@ def test_it_is_what_the_free_running_plant_does(tmp_path):
             if fates[answered] >= 0 and answered + fates[answered] == tick:
                 plant.answer(CONTROL_FORCE, scenario.stamp_ns(answered), answers[answered])
         stale += CONTROL_FORCE in plant.stale
-        plant.fly(plant.applied(CONTROL_FORCE), scenario.disturbance.force_n(tick * 0.1))
+        push = scenario.disturbance.force_n(tick * 0.1)
+        plant.fly({CONTROL_FORCE: plant.applied(CONTROL_FORCE), DISTURBANCE_FORCE: push})
     assert set(fates) == {-1, 0, 3, 6}  # lost, in time, one message late, both
     assert stale > 0
     assert plant.state == tuple(single.fly_run(campaign, 3).states[-1])

@@ -51,7 +51,7 @@ def ended(*nodes: NodeProcess) -> None:
             raise NodeProcessError(node.output)
 
 
-def flown(run: Path) -> tuple[Flight, dict[str, str]]:
+def flight_and_status(run: Path) -> tuple[Flight, dict[str, str]]:
     """Return the flight of a log, and the values of its last run_status."""
     log = read_run(run)
     return flight_of(log), dict(log.statuses[-1][1].values)

@@ -19,7 +19,7 @@ def _row(rate_hz: float, seconds: float) -> str:
         recorder = nodes.node('rpo_log', 'recorder', output=nodes.folder / 'run')
         plant = common.free_running_plant(nodes, path)
         common.ended(plant, recorder)
-        _, values = common.flown(nodes.folder / 'run')
+        _, values = common.flight_and_status(nodes.folder / 'run')
     cells = [f'{rate_hz:g} Hz', values['tick']]
     cells += [f'{float(values[f"{name}_ms"]):.2f} ms' for name in _COLUMNS]
     cells += [values[name] for name in _COUNTS]

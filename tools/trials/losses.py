@@ -31,7 +31,7 @@ def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int
         pace = {'real_time_factor': factor, 'stale_after_ticks': stale}
         plant = common.free_running_plant(nodes, path, **pace)
         common.ended(plant, recorder)
-        flight, values = common.flown(nodes.folder / 'run')
+        flight, values = common.flight_and_status(nodes.folder / 'run')
     position, velocity, _ = metrics.claims(flight)
     ticks = flight.scenario.ticks
     cells = (
