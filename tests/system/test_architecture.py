@@ -8,6 +8,8 @@ import ast
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -161,3 +163,39 @@ def test_modules_are_short_enough_to_read():
             continue
         lines = len(path.read_text().splitlines())
         assert lines <= MAX_MODULE_LINES, f'{path.relative_to(ROOT)} has {lines} lines'
+
+
+def modules() -> dict[str, Path]:
+    """Return name -> file of every module of ours, tests left out."""
+    found = {}
+    folders = [*((path, path) for path in PACKAGES.values()), (ROOT / 'offline_training',) * 2]
+    for folder, base in folders:
+        for path in sorted(folder.rglob('*.py')):
+            parts = path.relative_to(base).with_suffix('').parts
+            if parts[0] in FIRST_PARTY:
+                found['.'.join(parts).removesuffix('.__init__')] = path
+    return found
+
+
+def imported(name: str, path: Path, known: Mapping[str, Path]) -> set[str]:
+    """Return the modules of ours that a module imports, anywhere in it, for types only too."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            inner = {f'{node.module}.{alias.name}' for alias in node.names}
+            # `from package import name` reads the package's door only where name is no module.
+            found |= {full if full in known else node.module for full in inner}
+    return {other for other in found if other in known and other != name}
+
+
+def test_no_module_imports_itself_through_others():
+    """Nor for types only; a package's door may import its own modules, which do not import it."""
+    known = modules()
+    graph = {name: imported(name, path, known) for name, path in known.items()}
+    assert 'rpo_core.scenario' in graph['rpo_core.flight'], 'the imports are not found'
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        pytest.fail(f'these modules import each other: {" <- ".join(error.args[1])}')
