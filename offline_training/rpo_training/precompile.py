@@ -14,11 +14,11 @@ from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
-from rpo_training.assessment import assess
 from rpo_training.campaign import config
-from rpo_training.campaign.fleet import fly_runs
-from rpo_training.comparison import figures_of
-from rpo_training.evaluation import case_of_set
+from rpo_training.campaign.run_batch import fly_runs
+from rpo_training.engine.simulator import case_of_set
+from rpo_training.evaluation.assessment import assess
+from rpo_training.evaluation.comparison import figures_of
 
 _CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
 

@@ -14,9 +14,10 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training import batch, lanes
-from rpo_training.evaluation import Simulator, case_of_flights, case_of_set
-from rpo_training.genes import GeneSpace, population_of
+from rpo_training.engine import lanes
+from rpo_training.engine import tick as batch
+from rpo_training.engine.simulator import Simulator, case_of_flights, case_of_set
+from rpo_training.search.genes import GeneSpace, population_of
 
 TRAINING = load_set('paper_training')
 

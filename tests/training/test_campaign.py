@@ -14,7 +14,7 @@ from scipy import stats
 
 from rpo_core import metrics
 from rpo_core.flight import fly as fly_core
-from rpo_training.campaign import config, fleet, sampling, single, statistics
+from rpo_training.campaign import config, run_batch, sampling, single, statistics
 
 
 @pytest.fixture
@@ -24,8 +24,10 @@ def write(tmp_path):
 
 
 def all_columns(campaign):
-    results = [fleet.fly_unit(campaign, u) for u in range(fleet.units(campaign.config.runs))]
-    return dict(zip(fleet.COLUMNS, np.hstack(results), strict=True))
+    results = [
+        run_batch.fly_unit(campaign, u) for u in range(run_batch.units(campaign.config.runs))
+    ]
+    return dict(zip(run_batch.COLUMNS, np.hstack(results), strict=True))
 
 
 # Bits.
@@ -36,7 +38,7 @@ def test_every_run_has_the_bits_and_figures_of_the_core(write):
     columns = all_columns(campaign)
     for number in (0, 1, 39, 40, 89):
         flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in fleet.FINAL]
+        final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         figures, late = metrics.of_flight(flight), metrics.window(flight, metrics.CLAIM_WINDOW_S)
         delay = int(columns['delay_ticks'][number])
@@ -62,7 +64,7 @@ def test_without_dispersions_it_is_the_flight_of_the_core(write):
     for run in (single.fly_run(campaign, 5), single.fly_run(campaign, 70)):
         np.testing.assert_array_equal(run.states, flight.states)
         np.testing.assert_array_equal(run.forces_n[:-1], flight.forces_n[:-1])
-    final = [all_columns(campaign)[name][11] for name in fleet.FINAL]
+    final = [all_columns(campaign)[name][11] for name in run_batch.FINAL]
     np.testing.assert_array_equal(final, flight.states[-1])
 
 
@@ -70,8 +72,8 @@ def test_a_run_does_not_depend_on_what_flies_beside_it(write):
     campaign = config.load(write())
     columns = all_columns(campaign)
     for first, count in ((17, 1), (17, 2), (3, 45)):
-        some = fleet.fly_runs(campaign, first, count)
-        for name in fleet.COLUMNS:
+        some = run_batch.fly_runs(campaign, first, count)
+        for name in run_batch.COLUMNS:
             np.testing.assert_array_equal(some[name], columns[name][first : first + count])
 
 
@@ -82,8 +84,8 @@ def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
     path = write(scenario=str(blink), runs=3)
     code = (
         'import hashlib, sys\n'
-        'from rpo_training.campaign import config, fleet\n'
-        'results = fleet.fly_unit(config.load(sys.argv[1]), 0)\n'
+        'from rpo_training.campaign import config, run_batch\n'
+        'results = run_batch.fly_unit(config.load(sys.argv[1]), 0)\n'
         'print(hashlib.sha256(results.tobytes()).hexdigest())\n'
     )
     command = [sys.executable, '-W', 'error', '-c', code, str(path)]
@@ -121,7 +123,7 @@ def test_every_component_acts(write, name, axis):
     spread[axis] = 0.01
     one = all_columns(config.load(write(dispersions={name: {'uniform': spread}}, runs=8)))
     none = all_columns(config.load(write(dispersions={}, runs=8)))
-    assert any((one[final] != none[final]).all() for final in fleet.FINAL)
+    assert any((one[final] != none[final]).all() for final in run_batch.FINAL)
 
 
 def test_the_effects_are_those_of_physics(write):

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from rpo_core.validation import InputError
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.free_running import FreeRunningPlant
-from rpo_training.campaign import config, faults, fleet, sampling, single, sweep
+from rpo_training.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_training.cli import app
 
 LOSSY = {
@@ -24,7 +24,7 @@ LOSSY = {
 
 
 def columns_of(campaign, count=40):
-    return fleet.fly_runs(campaign, 0, count)
+    return run_batch.fly_runs(campaign, 0, count)
 
 
 def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
@@ -32,7 +32,7 @@ def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
     columns = columns_of(campaign)
     for number in (0, 7, 39):
         flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in fleet.FINAL]
+        final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         energy = (flight.saturated_forces_n**2).sum() * 0.1
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)

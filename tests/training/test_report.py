@@ -25,10 +25,10 @@ from rpo_core.validation import InputError
 from rpo_log import style
 from rpo_log.errors import LogError
 from rpo_log.reader import read_run
-from rpo_training import optimal
-from rpo_training.campaign import config, flying
+from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
+from rpo_training.evaluation import optimal
 from rpo_training.report import approach, campaign, flown, page, recognise, run, sensitivity
 from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
 
@@ -65,7 +65,7 @@ def store(tmp_path_factory):
     """A finished campaign of 90 runs."""
     path = tmp_path_factory.mktemp('campaign')
     store = Store.create(path / 'flown', config.load(write_campaign(path)))
-    flying.fly(store, 1)
+    execution.fly(store, 1)
     return store
 
 

@@ -19,9 +19,10 @@ from rpo_core.controller import load_fuzzy
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training import batch, lanes
-from rpo_training.evaluation import case_of_set
-from rpo_training.genes import population_of
+from rpo_training.engine import lanes
+from rpo_training.engine import tick as batch
+from rpo_training.engine.simulator import case_of_set
+from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 from rpo_core.baseline_kernels import baseline_force
-from rpo_training import batch
 from rpo_training.campaign import loops
-from rpo_training.lanes import compiled
+from rpo_training.engine import tick as batch
+from rpo_training.engine.lanes import compiled
 
 
 @compiled

@@ -21,9 +21,9 @@ import numpy as np
 from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.noise import six_normals
-from rpo_training import batch
 from rpo_training.campaign.faults import LOST, Fates, lateness
-from rpo_training.lanes import STRIDE, compiled
+from rpo_training.engine import tick as batch
+from rpo_training.engine.lanes import STRIDE, compiled
 
 RUNS = 40
 """Runs side by side: whole SIMD registers, and three axes fit into a row."""

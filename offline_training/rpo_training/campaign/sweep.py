@@ -14,7 +14,7 @@ import numpy as np
 
 from rpo_training.campaign.config import Campaign, CampaignConfig, dumps
 from rpo_training.campaign.faults import SHARES, Faults
-from rpo_training.campaign.fleet import COLUMNS, fly_unit, units
+from rpo_training.campaign.run_batch import COLUMNS, fly_unit, units
 from rpo_training.campaign.statistics import Rate, rate, successes
 
 STEP = 10

@@ -147,7 +147,7 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 
 def _fly(store: Store, workers: int, cluster: str) -> None:
-    from rpo_training.campaign.flying import fly
+    from rpo_training.campaign.execution import fly
     from rpo_training.campaign.progress import CampaignDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -196,7 +196,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
 
     from rpo_core.validation import InputError
     from rpo_training.campaign.config import FIGURES
-    from rpo_training.campaign.fleet import fly_runs
+    from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
 
     if number >= chosen.config.runs:
@@ -223,7 +223,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
     from rpo_core import scenario
     from rpo_core.validation import InputError
     from rpo_training.campaign.single import scenario_of
-    from rpo_training.ledger import write_aside
+    from rpo_training.outputs import write_aside
 
     if chosen.config.faults is not None:
         if export is not None:
@@ -244,7 +244,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
     """Say that the core flew the same bits, and that they are those of the folder."""
     from rpo_core.validation import InputError
-    from rpo_training.campaign.fleet import FINAL
+    from rpo_training.campaign.run_batch import FINAL
 
     final = [float(columns[name][0]) for name in FINAL]
     same = final == flight.states[-1].tolist()

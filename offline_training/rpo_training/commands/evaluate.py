@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rpo_training.assessment import Assessment
+    from rpo_training.evaluation.assessment import Assessment
 
 EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
@@ -33,13 +33,13 @@ def evaluate(
     from rich.console import Console
 
     from rpo_core.controller import load_fuzzy
-    from rpo_training.assessment import assess
+    from rpo_training.evaluation.assessment import assess
 
     console = Console()
     missed = False
     for name in controllers:
         found = assess(load_fuzzy(name), workers)
-        missed |= not all(mark.holds for mark in found.marks())
+        missed |= not all(target.holds for target in found.targets())
         console.print(_targets(found))
         console.print(_bindings(found), highlight=False)
         if starts:
@@ -56,19 +56,19 @@ def _targets(found: Assessment) -> Table:
     table = Table(title=f'{found.controller.name}: targets', title_justify='left')
     for heading in ('', 'what', 'limit', 'reached', ''):
         table.add_column(heading, justify='right' if heading in ('limit', 'reached') else 'left')
-    for mark in found.marks():
+    for target in found.targets():
         table.add_row(
-            mark.target,
-            mark.what,
-            f'{mark.limit:.4g} {mark.unit}',
-            f'{mark.reached:.4g} {mark.unit}',
-            'held' if mark.holds else 'MISSED',
+            target.name,
+            target.what,
+            f'{target.limit:.4g} {target.unit}',
+            f'{target.reached:.4g} {target.unit}',
+            'held' if target.holds else 'MISSED',
         )
     return table
 
 
 def _bindings(found: Assessment) -> str:
-    from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
 
     figures, bindings = found.figures, found.binding
     counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
@@ -96,7 +96,7 @@ _HEADINGS = (
 
 
 def _rows(found: Assessment) -> list[list[str]]:
-    from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
 
     return [
         [

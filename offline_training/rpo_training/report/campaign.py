@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rpo_core.validation import InputError
 from rpo_log import style
 from rpo_training.campaign.config import FIGURES, KINDS
-from rpo_training.campaign.fleet import FINAL
+from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import PARAMETERS
 from rpo_training.campaign.statistics import (
     QUANTILES,

@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from rpo_core import files
-from rpo_core.certificate import Certificate, certify
 from rpo_core.controller import AnyController, FuzzyController, load_controller
-from rpo_core.explain import SPOKEN, activities, warnings
+from rpo_core.explain import SPOKEN
 from rpo_core.fuzzy import WORDS
 from rpo_log import style
-from rpo_training.assessment import Assessment, assess
-from rpo_training.evaluation import ENERGY
+from rpo_training.analysis.certificate import Certificate, certify
+from rpo_training.analysis.rule_base import activities, warnings
+from rpo_training.engine.simulator import ENERGY
+from rpo_training.evaluation.assessment import Assessment, assess
 from rpo_training.report import baseline
 from rpo_training.report import controller_figures as figures
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
@@ -40,10 +41,10 @@ def _fuzzy(controller: FuzzyController) -> Report:
             Section('Control surface', (_surface(controller),)),
             Section('Certificate', tuple(_certificate(certificate))),
         )
-    held = sum(mark.holds for mark in found.marks())
+    held = sum(target.holds for target in found.targets())
     return Report(
         f'Controller {controller.name}',
-        f'{controller.description} {held} of {len(found.marks())} targets held; mean J of '
+        f'{controller.description} {held} of {len(found.targets())} targets held; mean J of '
         f'{len(found.starts)} starts {found.mean_energy_n2s:.4g} N²s; the certificate '
         f'{"holds" if certificate.holds else "fails"}.',
         sections,
@@ -54,13 +55,13 @@ def _flights(found: Assessment) -> list[Block]:
     least = float(found.least.mean())
     rows = tuple(
         (
-            mark.target,
-            mark.what,
-            f'≤ {mark.limit:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
-            f'{mark.reached:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
-            'held' if mark.holds else 'MISSED',
+            target.name,
+            target.what,
+            f'≤ {target.limit:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
+            f'{target.reached:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
+            'held' if target.holds else 'MISSED',
         )
-        for mark in found.marks()
+        for target in found.targets()
     )
     worst = found.figures[:, ENERGY].max()
     return [

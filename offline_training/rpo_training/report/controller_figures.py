@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import surface
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS
 from rpo_log import style
-from rpo_training import fitness
-from rpo_training.assessment import Assessment
-from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED
+from rpo_training.analysis import surface
+from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
+from rpo_training.evaluation.assessment import Assessment
 from rpo_training.report.surface_figures import draw_force, force_bar
+from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
 

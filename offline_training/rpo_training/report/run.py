@@ -20,7 +20,7 @@ from rpo_log import style
 from rpo_log.errors import LogError
 from rpo_log.reader import RunLog, controller_of, read_run
 from rpo_log.run import INFO_FILE
-from rpo_training import optimal
+from rpo_training.evaluation import optimal
 from rpo_training.report import run_figures
 from rpo_training.report.approach import (
     ARRIVED_M,

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import surface
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_log import style
+from rpo_training.analysis import surface
 
 Floats = NDArray[np.float64]
 

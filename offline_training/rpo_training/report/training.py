@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpo_core.controller import FuzzyController
 from rpo_log import style
 from rpo_training.report import controller_figures
-from rpo_training.training import FRONT, HISTORY
+from rpo_training.search.training import FRONT, HISTORY
 
 Floats = NDArray[np.float64]
 

@@ -10,20 +10,18 @@ each generation shows at once when that no longer holds, as under another versio
 from __future__ import annotations
 
 import hashlib
-import os
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
 from rpo_training import __version__
-from rpo_training.fitness import Scores
+from rpo_training.outputs import write_aside
+from rpo_training.search.fitness import Scores
 
 Floats = NDArray[np.float64]
 
@@ -38,43 +36,21 @@ def versions() -> dict[str, str]:
     return {'rpo_training': __version__, **{name: version(name) for name in LIBRARIES}}
 
 
-def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Write a file beside `path` and rename it into place: the old one stays whole until then.
-
-    Raises
-    ------
-    InputError
-        If it cannot be written, as on a full disk; `path` is then as it was.
-    """
-    aside = path.with_name(f'.{path.name}.new')
-    try:
-        with aside.open('wb') as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.replace(path)
-    except BaseException as error:
-        aside.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
-        raise
-
-
 @dataclass
-class Ledger:
+class Checkpoint:
     """Generations told so far.
 
-    marks : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
+    scores : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
     digests : of the chromosomes of each
     """
 
     config: str
-    marks: list[Floats] = field(default_factory=list)
+    scores: list[Floats] = field(default_factory=list)
     digests: list[str] = field(default_factory=list)
 
     def add(self, genes: Floats, scores: Scores) -> None:
         """Enter a generation."""
-        self.marks.append(
+        self.scores.append(
             np.column_stack([scores.fitness, scores.energy, scores.failures, scores.arrival])
         )
         self.digests.append(digest(genes))
@@ -82,7 +58,7 @@ class Ledger:
     @property
     def evaluations(self) -> int:
         """Controllers flown in all."""
-        return sum(map(len, self.marks))
+        return sum(map(len, self.scores))
 
     def save(self, path: Path) -> None:
         """Write the checkpoint, aside and renamed."""
@@ -90,15 +66,15 @@ class Ledger:
             'schema': np.array(SCHEMA),
             'config': np.array(self.config),
             'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
-            'sizes': np.array([len(m) for m in self.marks]),
-            'marks': np.concatenate(self.marks) if self.marks else np.empty((0, 6)),
+            'sizes': np.array([len(s) for s in self.scores]),
+            'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 6)),
             'digests': np.array(self.digests, dtype='U16'),
         }
         write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @classmethod
-    def load(cls, path: Path, config: str) -> Ledger:
-        """Return the ledger of a checkpoint that was written under the configuration `config`.
+    def load(cls, path: Path, config: str) -> Checkpoint:
+        """Return a checkpoint that was written under the configuration `config`.
 
         Raises
         ------
@@ -110,7 +86,7 @@ class Ledger:
                 data = {name: saved[name] for name in saved.files}
             schema, written = str(data['schema']), str(data['config'])
             bounds = np.cumsum(data['sizes'])[:-1]
-            marks = np.split(data['marks'], bounds) if len(data['sizes']) else []
+            scores = np.split(data['marks'], bounds) if len(data['sizes']) else []
             digests = data['digests'].tolist()
         except FileNotFoundError:
             raise InputError(f'{path}: there is no checkpoint to resume from') from None
@@ -131,7 +107,7 @@ class Ledger:
             )
         if written != config:
             raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')
-        return cls(config, marks, digests)
+        return cls(config, scores, digests)
 
 
 def digest(genes: Floats) -> str:

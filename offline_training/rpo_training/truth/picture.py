@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rpo_log import style
-from rpo_training.truth import AXES, Comparison
+from rpo_training.truth.two_body import AXES, Comparison
 
 
 def draw(found: Comparison, path: Path) -> None:

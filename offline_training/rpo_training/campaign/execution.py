@@ -19,11 +19,11 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_training import cluster
 from rpo_training.campaign.config import Campaign
-from rpo_training.campaign.fleet import COLUMNS, fly_unit
+from rpo_training.campaign.run_batch import COLUMNS, fly_unit
 from rpo_training.campaign.statistics import document, rates, spreads, successes
 from rpo_training.campaign.store import Store
+from rpo_training.cluster import pool
 
 Floats = NDArray[np.float64]
 Results = Iterator[tuple[int, Floats]]
@@ -70,20 +70,20 @@ def _fly(
 
 def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:
     """Yield results as they come in."""
-    pool = ThreadPoolExecutor(workers, 'rpo-campaign')
+    executor = ThreadPoolExecutor(workers, 'rpo-campaign')
     todo = iter(pending)
     under_way: dict[Future[Floats], int] = {}
     try:
         while True:
-            for unit in islice(todo, cluster.AHEAD * workers - len(under_way)):
-                under_way[pool.submit(fly_unit, campaign, unit)] = unit
+            for unit in islice(todo, pool.AHEAD * workers - len(under_way)):
+                under_way[executor.submit(fly_unit, campaign, unit)] = unit
             if not under_way:
                 return
             done, _ = wait(under_way, return_when=FIRST_COMPLETED)
             for future in done:
                 yield under_way.pop(future), future.result()
     finally:
-        pool.shutdown(cancel_futures=True)
+        executor.shutdown(cancel_futures=True)
 
 
 @lru_cache(maxsize=2)
@@ -106,6 +106,6 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
     """
     mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
     name = f'rpo-campaign-{mark}'
-    tasks = (cluster.Task((name, unit), (campaign.texts, unit)) for unit in pending)
-    with cluster.connected(address, workers) as client:
-        yield from cluster.results(client, fly_remote, tasks)
+    tasks = (pool.Task((name, unit), (campaign.texts, unit)) for unit in pending)
+    with pool.connected(address, workers) as client:
+        yield from pool.results(client, fly_remote, tasks)

@@ -30,16 +30,25 @@ from rpo_core.flight import Flight, fly
 from rpo_core.interfaces import NAVIGATION_STATE
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training import fitness, planning
-from rpo_training.baseline_batch import BaselineSimulator
-from rpo_training.campaign import config, fleet, flying, statistics
+from rpo_training.baselines.simulator import BaselineSimulator
+from rpo_training.campaign import config, execution, run_batch, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
-from rpo_training.evaluation import ARRIVAL, DISTANCE, ENERGY, SLEW, Case, Simulator, case_of_set
-from rpo_training.genes import population_of
-from rpo_training.ledger import write_aside
-from rpo_training.optimal import least_constrained
+from rpo_training.engine.simulator import (
+    ARRIVAL,
+    DISTANCE,
+    ENERGY,
+    SLEW,
+    Case,
+    Simulator,
+    case_of_set,
+)
+from rpo_training.evaluation import plans
+from rpo_training.evaluation.optimal import least_constrained
+from rpo_training.outputs import write_aside
+from rpo_training.search import fitness
+from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
@@ -215,14 +224,14 @@ class Comparison:
         folder = self.folder / f'{name}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
         total = campaign.config.runs
-        done = total - sum(min(fleet.UNIT, total - unit * fleet.UNIT) for unit in store.pending())
+        done = total - sum(min(run_batch.UNIT, total - u * run_batch.UNIT) for u in store.pending())
 
         def progress(runs: int, _successful: int) -> None:
             nonlocal done
             done += runs
             self.report(f'{name}: campaign', done, total)
 
-        flying.fly(store, self.workers, progress=progress)
+        execution.fly(store, self.workers, progress=progress)
         return statistics.rates(store)[0]
 
     def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
@@ -232,8 +241,8 @@ class Comparison:
         count = min(PLANS_RUNS, campaign.config.runs)
         runs = [fly_run(campaign, number) for number in range(count)]
         return {
-            'starts': planning.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
-            'campaign': planning.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
+            'starts': plans.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
+            'campaign': plans.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
         }
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import real, whole
-from rpo_training.genes import GeneSpace
-from rpo_training.search import CmaSearch, CmaSettings
+from rpo_training.search.algorithms import CmaSearch, CmaSettings
+from rpo_training.search.genes import GeneSpace
 
 Floats = NDArray[np.float64]
 Script = Generator[Floats, Floats, None]

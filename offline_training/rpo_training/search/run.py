@@ -4,7 +4,7 @@
 
 The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
 controller `<name>.yaml`. What is searched, and how a chromosome becomes controllers, is said by
-those who derive from `SearchRun`: `rpo_training.training` and `rpo_training.tuning`.
+those who derive from `SearchRun`: `search.training` and `baselines.tuning`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
-from rpo_training.fitness import Fitness, Scores
-from rpo_training.ledger import Ledger, digest, write_aside
-from rpo_training.search import Search
+from rpo_training.outputs import write_aside
+from rpo_training.search.algorithms import Search
+from rpo_training.search.checkpoint import Checkpoint, digest
+from rpo_training.search.fitness import Fitness, Scores
 
 Floats = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ class SearchRun(Generic[Config, Found]):
         self.config, self.folder = config, folder
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
-        self.ledger = Ledger(self.dumps())
+        self.checkpoint = Checkpoint(self.dumps())
         self.best = np.full(6, np.inf)
         self.best_genes: Floats = np.empty(0)
         self._flown, self._began = 0, time.monotonic()
@@ -108,7 +109,7 @@ class SearchRun(Generic[Config, Found]):
 
     def told(self, genes: Floats, scores: Scores) -> Floats:
         """Return what the search is told of a generation, (n, objectives)."""
-        return self.ledger.marks[-1][:, :1]
+        return self.checkpoint.scores[-1][:, :1]
 
     def found(self) -> Found:
         """Return the best so far, its provenance filled in."""
@@ -132,7 +133,8 @@ class SearchRun(Generic[Config, Found]):
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
-        write_aside(folder / cls.config_file, lambda file: file.write(new.ledger.config.encode()))
+        text = new.checkpoint.config.encode()
+        write_aside(folder / cls.config_file, lambda file: file.write(text))
         return new
 
     @classmethod
@@ -145,25 +147,25 @@ class SearchRun(Generic[Config, Found]):
             If folder or checkpoint are unusable, or the search no longer asks what it asked.
         """
         again = cls(cls.load(folder / cls.config_file), folder, workers, address)
-        saved = Ledger.load(folder / CHECKPOINT, again.ledger.config)
-        for number, (marks, was) in enumerate(zip(saved.marks, saved.digests, strict=True)):
+        saved = Checkpoint.load(folder / CHECKPOINT, again.checkpoint.config)
+        for number, (rows, was) in enumerate(zip(saved.scores, saved.digests, strict=True)):
             genes = again.search.ask()
             if digest(genes) != was:
                 raise InputError(
                     f'{folder / CHECKPOINT}: generation {number} does not repeat on '
                     'this machine; it must be resumed where it began'
                 )
-            failures = marks[:, 2:5].astype(np.int64)
-            again._enter(genes, Scores(marks[:, 0], marks[:, 1], failures, marks[:, 5]))
+            failures = rows[:, 2:5].astype(np.int64)
+            again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, 5]))
         return again
 
     def _enter(self, genes: Floats, scores: Scores) -> None:
-        """Tell the search, enter the ledger, keep the best; the first of equals stays."""
-        self.ledger.add(genes, scores)
-        marks = self.ledger.marks[-1]
-        index = int(marks[:, 0].argmin())
-        if marks[index, 0] < self.best[0]:
-            self.best, self.best_genes = marks[index], genes[index].copy()
+        """Tell the search, enter it in the checkpoint, keep the best; the first of equals stays."""
+        self.checkpoint.add(genes, scores)
+        rows = self.checkpoint.scores[-1]
+        index = int(rows[:, 0].argmin())
+        if rows[index, 0] < self.best[0]:
+            self.best, self.best_genes = rows[index], genes[index].copy()
         self.search.tell(self.told(genes, scores))
 
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
@@ -175,7 +177,7 @@ class SearchRun(Generic[Config, Found]):
                 scores = self.fitness.score(self.decode(genes))
                 self._flown += len(genes)
                 self._enter(genes, scores)
-                self.ledger.save(self.folder / CHECKPOINT)
+                self.checkpoint.save(self.folder / CHECKPOINT)
                 report(self.progress())
             best = self.found()
             self.save(best)
@@ -189,13 +191,13 @@ class SearchRun(Generic[Config, Found]):
 
     def progress(self) -> Progress:
         """Return where the run stands; there must be a generation."""
-        fitness = self.ledger.marks[-1][:, 0]
+        fitness = self.checkpoint.scores[-1][:, 0]
         best, energy, *failures, arrival = self.best.tolist()
         return Progress(
             self.phase,
-            len(self.ledger.marks) - 1,
+            len(self.checkpoint.scores) - 1,
             self.search.left,
-            self.ledger.evaluations,
+            self.checkpoint.evaluations,
             best,
             energy,
             (int(failures[0]), int(failures[1]), int(failures[2])),

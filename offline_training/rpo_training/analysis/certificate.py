@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import surface
 from rpo_core.fuzzy import FuzzySystem
-from rpo_core.surface import Boxes, Enclosure, Floats
+from rpo_training.analysis import surface
+from rpo_training.analysis.surface import Boxes, Enclosure, Floats
 
 PROVEN, REFUTED, UNDECIDED = 'proven', 'refuted', 'undecided'
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from rpo_core.kernels import cw_step, saturate
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
-from rpo_training.lanes import E_R, E_V, FIRST_FREE, OUTPUT, STRIDE, compiled, infer_lanes
+from rpo_training.engine.lanes import E_R, E_V, FIRST_FREE, OUTPUT, STRIDE, compiled, infer_lanes
 
 # Rows of the scratch, after those of the inference.
 R, V, FORCE, FLOWN, ENERGY, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE, SUM_R, SUM_V = (

@@ -12,8 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from rpo_training.display import Display
-from rpo_training.fitness import CONDITIONS
-from rpo_training.search_run import Progress
+from rpo_training.search.fitness import CONDITIONS
+from rpo_training.search.run import Progress
 
 
 def sentence(progress: Progress) -> str:

@@ -15,8 +15,8 @@ from typing import Any
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
-from rpo_training.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, Row
-from rpo_training.ledger import write_aside
+from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, Row
+from rpo_training.outputs import write_aside
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
 """Between these lines of a document stands the table."""

@@ -15,9 +15,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_training import batch, cluster
-from rpo_training.evaluation import Case, Simulator
-from rpo_training.genes import Population
+from rpo_training.cluster import pool
+from rpo_training.engine import tick as batch
+from rpo_training.engine.simulator import Case, Simulator
+from rpo_training.search.genes import Population
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class ClusterSimulator:
         self._mark = hashlib.sha256(self._cases + os.urandom(16)).hexdigest()[:16]
         self._stack = ExitStack()
         count = workers or len(os.sched_getaffinity(0))
-        self._client = self._stack.enter_context(cluster.connected(address, count))
+        self._client = self._stack.enter_context(pool.connected(address, count))
 
     def __enter__(self) -> ClusterSimulator:
         return self
@@ -64,18 +65,16 @@ class ClusterSimulator:
         """Return the figures (members, starts, 8) of each case."""
         n = len(population.scales)
         outcomes = [np.empty((n, *shape)) for shape in self._shapes]
-        size = -(-n // (SHARES * cluster.threads(self._client)))
-        for first, figures in cluster.results(
-            self._client, fly_remote, self._tasks(population, size)
-        ):
+        size = -(-n // (SHARES * pool.threads(self._client)))
+        for first, figures in pool.results(self._client, fly_remote, self._tasks(population, size)):
             for outcome, part in zip(outcomes, figures, strict=True):
                 outcome[first : first + len(part)] = part
         return outcomes
 
-    def _tasks(self, population: Population, size: int) -> Iterator[cluster.Task]:
+    def _tasks(self, population: Population, size: int) -> Iterator[pool.Task]:
         name = f'rpo-training-{self._mark}-{next(_numbers)}'
         for first in range(0, len(population.scales), size):
             part = slice(first, first + size)
             scales, functions, rules = population
             members = Population(scales[part], functions[part], rules[part])
-            yield cluster.Task((name, first), (self._cases, members))
+            yield pool.Task((name, first), (self._cases, members))

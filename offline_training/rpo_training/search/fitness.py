@@ -8,7 +8,7 @@ search sees which way is better. Optional terms, weighted by how far a limit is 
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
-- `robustness`: position and speed in the last 200 s of the flights of `rpo_training.corners`;
+- `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added.
 """
 
@@ -33,8 +33,7 @@ from rpo_core.metrics import (
 )
 from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real
-from rpo_training import corners
-from rpo_training.evaluation import (
+from rpo_training.engine.simulator import (
     ARRIVAL,
     DISTANCE,
     ENERGY,
@@ -48,7 +47,8 @@ from rpo_training.evaluation import (
     case_of_flights,
     case_of_set,
 )
-from rpo_training.genes import Population
+from rpo_training.search import corners
+from rpo_training.search.genes import Population
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ class FitnessSettings:
 
 
 class Scores(NamedTuple):
-    """A population's marks.
+    """A population's scores.
 
     fitness : (n,) what is minimised [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
@@ -173,7 +173,7 @@ class Fitness:
         return cases
 
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
-        """Return the marks of a population, of what the simulator flies."""
+        """Return the scores of a population, of what the simulator flies."""
         settings = self.settings
         outcomes = iter(self.simulator.fly(population))
         training = next(outcomes)

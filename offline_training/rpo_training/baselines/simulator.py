@@ -20,9 +20,9 @@ from rpo_core.baseline_kernels import baseline_force
 from rpo_core.baselines import Baseline
 from rpo_core.kernels import plant_step, saturate
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
-from rpo_training import batch
-from rpo_training.evaluation import Case
-from rpo_training.lanes import compiled
+from rpo_training.engine import tick as batch
+from rpo_training.engine.lanes import compiled
+from rpo_training.engine.simulator import Case
 
 Floats = NDArray[np.float64]
 

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import ARRIVAL_WINDOW_S, CLAIM_WINDOW_S, window_ticks
-from rpo_training import lanes
 from rpo_training.campaign import baselines, loops
 from rpo_training.campaign.config import FIGURES, Campaign
 from rpo_training.campaign.faults import Faults
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, Runs, draw
-from rpo_training.genes import population_of
+from rpo_training.engine import lanes
+from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
 from rpo_core.scenario import load_scenario, load_set
-from rpo_training import fitness
-from rpo_training.evaluation import (
+from rpo_training.engine.simulator import (
     DISTANCE,
     ENERGY,
     LATE_FORCE,
@@ -26,8 +25,9 @@ from rpo_training.evaluation import (
     case_of_flights,
     case_of_set,
 )
-from rpo_training.genes import population_of
-from rpo_training.optimal import least_energy
+from rpo_training.evaluation.optimal import least_energy
+from rpo_training.search import fitness
+from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 
@@ -35,10 +35,10 @@ MAX_MEAN_ENERGY_N2S = 3.7
 """Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
 
 
-class Mark(NamedTuple):
+class Target(NamedTuple):
     """A target beside what was reached; both as numbers, the smaller the better."""
 
-    target: str
+    name: str
     what: str
     unit: str
     limit: float
@@ -76,35 +76,35 @@ class Assessment:
         shares = self.figures[:, [SPEED, SLEW, DISTANCE]] / fitness.LIMITS
         return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
 
-    def marks(self) -> list[Mark]:
+    def targets(self) -> list[Target]:
         """Return the targets Q1-Q5."""
         missed = int((fitness.failures(self.figures[:, None, :]).sum(axis=1) > 0).sum())
         rules = self.controller.system.rules
         unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
-        energy = Mark(
+        energy = Target(
             'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
         )
         return [
-            Mark('Q1', 'starts that miss a condition', '', 0, missed),
+            Target('Q1', 'starts that miss a condition', '', 0, missed),
             energy,
-            *self._test_marks(),
-            *self._settled_marks(),
-            Mark('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
+            *self._test_targets(),
+            *self._settled_targets(),
+            Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
         ]
 
-    def _test_marks(self) -> Iterator[Mark]:
+    def _test_targets(self) -> Iterator[Target]:
         for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
             place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
-            yield Mark('Q3', f'{name}: largest |position|, last 200 s', 'm', distance, place)
+            yield Target('Q3', f'{name}: largest |position|, last 200 s', 'm', distance, place)
             limit = fitness.MAX_TEST_SPEED_M_S
-            yield Mark('Q3', f'{name}: largest speed, last 200 s', 'm/s', limit, speed)
+            yield Target('Q3', f'{name}: largest speed, last 200 s', 'm/s', limit, speed)
 
-    def _settled_marks(self) -> Iterator[Mark]:
+    def _settled_targets(self) -> Iterator[Target]:
         what = 'undisturbed, 300-400 s: largest'
         force = float(self.figures[:, LATE_FORCE].max())
         speed = float(self.figures[:, LATE_SPEED].max())
-        yield Mark('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
-        yield Mark('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
+        yield Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
+        yield Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
 
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:

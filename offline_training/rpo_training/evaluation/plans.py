@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core.baselines import Mpc
 from rpo_core.metrics import MAX_SLEW_N_S
-from rpo_training.optimal import reach_of
+from rpo_training.evaluation.optimal import reach_of
 
 Floats = NDArray[np.float64]
 

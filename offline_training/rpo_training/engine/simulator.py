@@ -22,8 +22,9 @@ from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import ARRIVAL_WINDOW_S, window_ticks
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
-from rpo_training import batch, lanes
-from rpo_training.genes import Ints, Population
+from rpo_training.engine import lanes
+from rpo_training.engine import tick as batch
+from rpo_training.search.genes import Ints, Population
 
 Floats = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The training of a fuzzy controller: its search, its simulator, and what its folder holds.
 
-Beside what every search leaves (`rpo_training.search_run`): `config.yaml`, `history.csv`, and of a
+Beside what every search leaves (`rpo_training.search.run`): `config.yaml`, `history.csv`, and of a
 front one file for each point and `front.csv`.
 """
 
@@ -19,17 +19,18 @@ from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController, load_fuzzy
 from rpo_core.scenario import load_set
-from rpo_training import config as configs
-from rpo_training.assessment import assess
-from rpo_training.config import TrainingConfig
-from rpo_training.evaluation import Simulator
-from rpo_training.fitness import CONDITIONS, Fitness, Scores
-from rpo_training.genes import Population
-from rpo_training.ledger import versions, write_aside
-from rpo_training.race import TableRace
-from rpo_training.remote import ClusterSimulator
-from rpo_training.search import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
-from rpo_training.search_run import SearchRun
+from rpo_training.cluster.simulator import ClusterSimulator
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation.assessment import assess
+from rpo_training.outputs import write_aside
+from rpo_training.search import config as configs
+from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
+from rpo_training.search.checkpoint import versions
+from rpo_training.search.config import TrainingConfig
+from rpo_training.search.fitness import CONDITIONS, Fitness, Scores
+from rpo_training.search.genes import Population
+from rpo_training.search.race import TableRace
+from rpo_training.search.run import SearchRun
 
 Floats = NDArray[np.float64]
 
@@ -130,17 +131,17 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         rows = csv.writer(text, lineterminator='\n')
         rows.writerow(_COLUMNS)
         best, evaluations = np.full(6, np.inf), 0
-        for number, marks in enumerate(self.ledger.marks):
-            evaluations += len(marks)
-            first = marks[int(marks[:, 0].argmin())]
+        for number, scores in enumerate(self.checkpoint.scores):
+            evaluations += len(scores)
+            first = scores[int(scores[:, 0].argmin())]
             best = first if first[0] < best[0] else best
             rows.writerow(
                 [
                     number,
                     evaluations,
                     repr(float(best[0])),
-                    float(marks[:, 0].mean()),
-                    float(marks[:, 0].std()),
+                    float(scores[:, 0].mean()),
+                    float(scores[:, 0].std()),
                     float(best[1]),
                     *best[2:5].astype(int),
                     float(best[5]),
@@ -159,8 +160,8 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'algorithm': config.algorithm,
             'seed': config.seed,
             'scenario': config.scenario,
-            'generations': len(self.ledger.marks) - 1,
-            'evaluations': self.ledger.evaluations,
+            'generations': len(self.checkpoint.scores) - 1,
+            'evaluations': self.checkpoint.evaluations,
             'stopped': self.search.stopped,
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
@@ -169,23 +170,23 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'versions': versions(),
         }
         found = population.controller(0, name)
-        provenance['targets'] = {mark.what: mark.reached for mark in assess(found).marks()}
+        provenance['targets'] = {target.what: target.reached for target in assess(found).targets()}
         return replace(found, provenance=provenance)
 
     def _save_front(self) -> None:
         """Write the penalty-free controllers of which none is better in both objectives."""
-        genes, marks = np.concatenate(self._genes), np.concatenate(self.ledger.marks)
-        clean = np.flatnonzero(marks[:, 2:5].sum(axis=1) == 0)
-        order = clean[np.lexsort((marks[clean, 5], marks[clean, 1]))]
+        genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
+        clean = np.flatnonzero(scores[:, 2:5].sum(axis=1) == 0)
+        order = clean[np.lexsort((scores[clean, 5], scores[clean, 1]))]
         text = io.StringIO()
         rows = csv.writer(text, lineterminator='\n')
         rows.writerow(['controller', 'mean_energy_n2s', 'mean_arrival_s'])
         soonest, count = np.inf, 0
         for index in order:
-            if marks[index, 5] < soonest:
-                soonest = marks[index, 5]
+            if scores[index, 5] < soonest:
+                soonest = scores[index, 5]
                 name = f'{self.config.name}_{count:03d}'
                 self.save(self.controller(genes[index], name))
-                rows.writerow([name, float(marks[index, 1]), float(soonest)])
+                rows.writerow([name, float(scores[index, 1]), float(soonest)])
                 count += 1
         write_aside(self.folder / FRONT, lambda file: file.write(text.getvalue().encode()))

@@ -22,13 +22,13 @@ from rpo_core import files
 from rpo_core.baselines import Baseline, Model
 from rpo_core.scenario import load_set
 from rpo_core.validation import choice, mapping, real, whole
-from rpo_training.baseline_batch import BaselineSimulator
-from rpo_training.designs import DESIGNS, Design
-from rpo_training.fitness import CONDITIONS, Fitness, FitnessSettings
-from rpo_training.genetic import GaSettings
-from rpo_training.ledger import versions
-from rpo_training.search import CmaSearch, CmaSettings, Search
-from rpo_training.search_run import SearchRun
+from rpo_training.baselines.simulator import BaselineSimulator
+from rpo_training.baselines.tuning_spaces import DESIGNS, Design
+from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
+from rpo_training.search.checkpoint import versions
+from rpo_training.search.fitness import CONDITIONS, Fitness, FitnessSettings
+from rpo_training.search.genetic import GaSettings
+from rpo_training.search.run import SearchRun
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
 class TuningConfig:
     """All that decides the outcome of a tuning.
 
-    disturbance : weight [N^2 s] of how far the paper's test is missed, see `rpo_training.fitness`;
+    disturbance : weight [N^2 s] of how far the paper's test is missed, see `search.fitness`;
         0, as the fuzzy controllers were trained: the test is not flown
     """
 
@@ -142,7 +142,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
             'algorithm': 'cmaes',
             'seed': self.config.seed,
             'scenario': SCENARIO,
-            'evaluations': self.ledger.evaluations,
+            'evaluations': self.checkpoint.evaluations,
             'stopped': self.search.stopped,
             'searched_fitness_n2s': float(self.best[0]),
             'fitness_n2s': float(scores.fitness[0]),

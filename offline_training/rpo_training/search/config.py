@@ -13,11 +13,11 @@ import yaml
 
 from rpo_core import files
 from rpo_core.validation import InputError, choice, mapping, shown, text, whole
-from rpo_training.fitness import FitnessSettings
-from rpo_training.genes import GeneSpace
-from rpo_training.genetic import GaSettings
-from rpo_training.race import RaceSettings
-from rpo_training.search import CmaSettings
+from rpo_training.search.algorithms import CmaSettings
+from rpo_training.search.fitness import FitnessSettings
+from rpo_training.search.genes import GeneSpace
+from rpo_training.search.genetic import GaSettings
+from rpo_training.search.race import RaceSettings
 
 SCHEMA = 'rpo/training/1'
 
