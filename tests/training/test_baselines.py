@@ -18,11 +18,11 @@ from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training.baselines import tuning_spaces
-from rpo_training.baselines.simulator import BaselineSimulator
 from rpo_training.baselines.tuning import BUDGET, Tuning, TuningConfig
 from rpo_training.campaign import config, run_batch, single
 from rpo_training.cli import app
-from rpo_training.engine.simulator import case_of_flights, case_of_set
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import comparison, comparison_table, optimal, plans
 
 TRAINING = load_set('paper_training')
@@ -32,12 +32,12 @@ NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
 # Bits.
 
 
-def test_figures_in_bulk_are_those_of_the_core():
+def test_metrics_in_bulk_are_those_of_the_core():
     baselines = [load_controller(name) for name in NAMES]
     base = replace(TRAINING.base, duration_s=50.0)
     training = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
     tests = [replace(load_scenario(n), duration_s=40.0) for n in ('paper_test', 'paper_test_phase')]
-    with BaselineSimulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
+    with Simulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
         undisturbed, disturbed = simulator.fly(baselines)
     for baseline, starts, pushed in zip(baselines, undisturbed, disturbed, strict=True):
         for row, scenario, late_s in (
@@ -51,7 +51,10 @@ def test_figures_in_bulk_are_those_of_the_core():
             np.testing.assert_allclose(row[:4], expected, rtol=1e-11, atol=1e-15)
             if late_s:
                 late = metrics.window(flight, late_s)
-                assert (row[4], row[6]) == (late.position_m, late.force_n)
+                assert row[metrics.LATE_POSITION] == late.position_m
+                assert row[metrics.LATE_FORCE] == late.force_n
+                case = case_of_flights(tests, late_s)
+                np.testing.assert_array_equal(row, metrics.row_of(flight, case.windows))
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -134,7 +137,7 @@ def test_a_plan_beyond_a_limit_is_counted():
 
 def test_shipped_baselines_are_as_good_as_they_say():
     tuned = [load_controller(n) for n in (*NAMES, 'pd_disturbed') if n != 'drift']
-    with BaselineSimulator([case_of_set(TRAINING)]) as simulator:
+    with Simulator([case_of_set(TRAINING)]) as simulator:
         (figures,) = simulator.fly(tuned)
     for baseline, rows in zip(tuned, figures, strict=True):
         made = baseline.provenance
@@ -233,7 +236,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     def fly_again(*_):
         raise AssertionError('what is kept is not flown again')
 
-    monkeypatch.setattr(comparison, 'figures_of', fly_again)
+    monkeypatch.setattr(comparison, 'metrics_of', fly_again)
     monkeypatch.setattr(comparison.execution, 'fly_unit', fly_again)
     again = compare('drift', name)
     assert again.exit_code == 0, again.output

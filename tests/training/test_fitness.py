@@ -11,14 +11,15 @@ import scipy.linalg
 from rpo_core import metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training.engine.simulator import LATE_POSITION, LATE_SPEED, Simulator
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.optimal import least_energy
 from rpo_training.search import corners
 from rpo_training.search.fitness import Fitness, FitnessSettings, excess
-from rpo_training.search.genes import population_of
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, axis_positions_m=(-50.0, 5.0, 100.0))
@@ -125,9 +126,9 @@ def test_an_assessment_is_consistent_with_the_core():
     missed = sum(
         not all(metrics.of_flight(fly(s, HANDMADE)).conditions) for s in TRAINING.scenarios()[::6]
     )
-    rows = np.flatnonzero((found.figures[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
+    rows = np.flatnonzero((found.metrics[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
     assert len(rows) == missed
     assert targets['Q1', 'starts that miss a condition'].reached >= missed
-    assert (found.figures[:, 0] > found.least).all() or not targets[
+    assert (found.metrics[:, 0] > found.least).all() or not targets[
         'Q1', 'starts that miss a condition'
     ].holds

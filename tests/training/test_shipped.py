@@ -10,12 +10,13 @@ import pytest
 from rpo_core import metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_scenario
-from rpo_training.engine.simulator import LATE_POSITION, LATE_SPEED, Simulator
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
 from rpo_training.search import config as configs
 from rpo_training.search import corners
-from rpo_training.search.genes import population_of
 from rpo_training.search.training import Training
 
 EXPECTED = Path(__file__).with_name('expected')

@@ -22,7 +22,6 @@ from rpo_core import files
 from rpo_core.baselines import Baseline, Model
 from rpo_core.scenario import load_set
 from rpo_core.validation import choice, mapping, real, whole
-from rpo_training.baselines.simulator import BaselineSimulator
 from rpo_training.baselines.tuning_spaces import DESIGNS, Design
 from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.search.checkpoint import versions
@@ -103,7 +102,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
         searched = replace(SEARCHED, disturbance=self.config.disturbance)
-        return Fitness(load_set(SCENARIO), searched, workers, BaselineSimulator)
+        return Fitness(load_set(SCENARIO), searched, workers)
 
     @property
     def design(self) -> Design:
@@ -133,7 +132,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
     def found(self) -> Baseline:
         """Return the best so far, its provenance filled in."""
         found = self.make(self.best_genes)
-        judge = Fitness(load_set(SCENARIO), FitnessSettings(), 1, BaselineSimulator)
+        judge = Fitness(load_set(SCENARIO), FitnessSettings(), 1)
         with judge.simulator:
             scores = judge.score([found])
         provenance = {

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from rpo_core import files
-from rpo_core.baselines import Baseline
+from rpo_core import files, metrics
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
+from rpo_core.controller_file import ControllerFile
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
@@ -60,20 +60,8 @@ KINDS = {
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
-FIGURES = {
-    'energy_n2s': 'N^2 s',
-    'arrival_speed_m_s': 'm/s',
-    'slew_n_s': 'N/s',
-    'arrival_distance_m': 'm',
-    'late_position_m': 'm',
-    'late_velocity_m_s': 'm/s',
-    'late_force_n': 'N',
-    'arrival_time_s': 's',
-    'delta_v_m_s': 'm/s',
-}
-"""Figures of a run, the smaller the better: those of `rpo_core.metrics` over the forces flown, the
-largest values of an axis over the last 200 s, the time after which every axis stays within 0.5 m,
-and the integral of |f_x| + |f_y| + |f_z| over the mass."""
+METRICS = {name: unit for name, unit in metrics.UNITS.items() if name != 'late_speed_m_s'}
+"""Metrics of a run, over the forces applied; late is the last 200 s."""
 
 
 @dataclass(frozen=True)
@@ -142,9 +130,9 @@ def parse(document: Any) -> CampaignConfig:
     if data['schema'] != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], KINDS)
-    success = mapping('success', data['success'], [], FIGURES)
+    success = mapping('success', data['success'], [], METRICS)
     if not success:
-        raise InputError(f'`success` must limit at least one of {", ".join(FIGURES)}; got none')
+        raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
     with within('faults'):
         lossy = faults.parse(data['faults']) if 'faults' in data else None
     return CampaignConfig(
@@ -156,7 +144,7 @@ def parse(document: Any) -> CampaignConfig:
         sampling=data.get('sampling', SAMPLINGS[0]),
         dispersions={name: _dispersion(name, dispersions[name]) for name in dispersions},
         success={
-            name: real(f'success.{name}', limit, FIGURES[name], least=0.0)
+            name: real(f'success.{name}', limit, METRICS[name], least=0.0)
             for name, limit in success.items()
         },
         faults=lossy,
@@ -219,7 +207,7 @@ class Campaign:
     texts: tuple[str, str, str]
 
     def __post_init__(self) -> None:
-        if isinstance(self.controller, Baseline):
+        if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
         if not self.scenario.is_ideal:
             raise InputError(

@@ -5,32 +5,35 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import metrics
 from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
-from rpo_core.metrics import ARRIVAL_WINDOW_S, CLAIM_WINDOW_S, window_ticks
-from rpo_training.campaign import baselines, loops
-from rpo_training.campaign.config import FIGURES, Campaign
-from rpo_training.campaign.faults import Faults
-from rpo_training.campaign.sampling import PARAMETERS, STRATA, Runs, draw
-from rpo_training.engine import lanes
-from rpo_training.search.genes import population_of
+from rpo_core.metrics import row_of, windows_of
+from rpo_training.campaign.config import METRICS, Campaign
+from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
+from rpo_training.campaign.single import fly_run
+from rpo_training.engine import lanes, tick
+from rpo_training.engine.population import population_of
+from rpo_training.engine.support import announce, why_not
+from rpo_training.engine.tick import AXES, RUNS
 
 Floats = NDArray[np.float64]
 
 UNIT = 200
 """Runs of a unit; a whole number of them is one Latin hypercube."""
 
-assert STRATA % UNIT == 0 and UNIT % loops.RUNS == 0
+assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
-COLUMNS = (*PARAMETERS, *FIGURES, *FINAL)
-"""Columns of results: what was drawn, figures, final state."""
+COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
+"""Columns of results: what was drawn, metrics, final state."""
+
+_FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
 _local = threading.local()
 
@@ -51,90 +54,119 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     return dict(zip(COLUMNS, _fly(campaign, draw(campaign, first, count)), strict=True))
 
 
-def _fly(campaign: Campaign, runs: Runs) -> Floats:
-    figures = np.empty((len(runs.numbers), loops.OUTCOMES))
-    loop = make_loop(campaign)
-    w, line = _scratch(), loops.make_line(loop)
-    fly, law = _flown_by(campaign.controller)
-    for start in range(0, len(figures), loops.RUNS):
-        fleet = make_fleet(campaign, runs, start)
-        fly(fleet, law, loop, w, line)
-        loops.outcomes(w, fleet.masses, loop, figures[start : start + loops.RUNS])
-    return np.ascontiguousarray(np.hstack([runs.parameters, figures]).T)
+def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
+    rows = np.empty((len(drawn.numbers), tick.COLUMNS))
+    final = np.empty((len(rows), 6))
+    reason = why_not(campaign.scenario, campaign.controller)
+    if reason:
+        announce(reason)
+        _fly_singly(campaign, drawn, rows, final)
+    else:
+        _fly_side_by_side(campaign, drawn, rows, final)
+    return np.ascontiguousarray(np.hstack([drawn.parameters, rows[:, _FROM_ROW], final]).T)
+
+
+def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+    """Fly run after run through `rpo_core.flight.fly`."""
+    for i, number in enumerate(drawn.numbers.tolist()):
+        flight = fly_run(campaign, number)
+        rows[i] = row_of(flight, quiet=int(drawn.delays[i]))
+        final[i] = flight.states[-1]
+
+
+def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+    scenario, windows = campaign.scenario, windows_of(campaign.scenario)
+    plant, control = tick.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
+    w = _scratch()
+    for first in range(0, len(rows), RUNS):
+        some = slice(first, first + RUNS)
+        batch = make_batch(campaign, drawn, first)
+        tick.fly(batch, control, plant, windows, w, None, None)
+        tick.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
 
 
 def _scratch() -> Floats:
     """Return this thread's scratch."""
-    if not hasattr(_local, 'rows'):
-        _local.rows = lanes.make_scratch(loops.ROWS)
-    return _local.rows
+    if not hasattr(_local, 'w'):
+        _local.w = lanes.make_scratch(tick.ROWS)
+    return _local.w
 
 
-def _flown_by(controller: AnyController) -> tuple[Callable[..., None], Any]:
-    """Return the loop that flies a controller, and its law."""
+def _control(controller: AnyController) -> tick.Control:
     if isinstance(controller, Baseline):
-        return baselines.fly, controller.law
-    controller = only_fuzzy(controller)
-    law, members = lanes.make_law(controller.system.samples), population_of(controller)
-    lanes.set_law(law, members.scales[0], members.functions[0], members.rules[0])
-    return loops.fly, law
+        return tick.Control(None, controller.law)
+    fuzzy = only_fuzzy(controller)
+    return tick.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
 
 
-def make_loop(campaign: Campaign) -> loops.Loop:
-    """Return what all runs of a campaign share."""
-    config, scenario = campaign.config, campaign.scenario
-    harmonics = scenario.disturbance.harmonics
-    return loops.Loop(
-        times=scenario.times_s[:-1],
-        dt=scenario.dt_s,
-        limit=scenario.max_force_n,
-        noise=np.array(
-            [
-                config.spread('navigation_position_noise_m')[0],
-                config.spread('navigation_velocity_noise_m_s')[0],
-            ]
-        ),
-        slots=config.most_delay + 1,
-        axes=np.array(['xyz'.index(h.axis) for h in harmonics], np.int64),
-        sines=np.array([h.function == 'sin' for h in harmonics], np.bool_),
-        tail=window_ticks(scenario, ARRIVAL_WINDOW_S),
-        late=window_ticks(scenario, CLAIM_WINDOW_S),
-        faulty=config.faults is not None,
-        faults=(config.faults or Faults()).fates,
+def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> tick.Runs:
+    """Return up to 40 runs from index `first`; lanes without a run rest."""
+    n = min(RUNS, len(drawn.numbers) - first)
+    chosen = slice(first, first + n)
+
+    def padded(values: NDArray[Any]) -> NDArray[Any]:
+        full = np.zeros((RUNS, *values.shape[1:]), values.dtype)
+        full[:n] = values[chosen]
+        return full
+
+    starts = padded(drawn.starts)
+    keys = np.ascontiguousarray(padded(drawn.keys).T)
+    steps = [drawn.step(i, campaign.scenario.dt_s) for i in range(first, first + n)]
+    rest = np.zeros((RUNS - n, 26))
+    return tick.Runs(
+        planar=starts[:, [0, 1, 3, 4]].copy(),
+        vertical=starts[:, [2, 5]].copy(),
+        navigation=tick.Navigation(padded(drawn.biases), _noise(campaign), keys),
+        link=_link(campaign, keys),
+        thrusters=_thrusters(campaign, drawn, first, n),
+        waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
+        steps=np.vstack([np.array(steps).reshape(n, 26), rest]),
     )
 
 
-def make_fleet(campaign: Campaign, runs: Runs, start: int) -> loops.Fleet:
-    """Return up to 40 runs from index `start`; lanes without a run rest."""
-    nominal = campaign.scenario.disturbance
-    n = min(loops.RUNS, len(runs.numbers) - start)
-    chosen = slice(start, start + n)
+def _noise(campaign: Campaign) -> Floats:
+    names = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
+    return np.array([campaign.config.spread(name)[0] for name in names])
 
-    def padded(*shape: int) -> Floats:
-        return np.zeros((loops.RUNS, *shape))
 
-    fleet = loops.Fleet(
-        starts=padded(6),
-        biases=padded(6),
-        keys=np.zeros((2, loops.RUNS), np.int64),
-        delays=np.zeros(loops.RUNS, np.int64),
-        masses=padded() + 1.0,
-        thrust=padded(9),
-        steps=padded(26),
-        constant=np.zeros((3, loops.RUNS)),
-        waves=np.zeros((len(nominal.harmonics), 3, loops.RUNS)),
+def _link(campaign: Campaign, keys: NDArray[np.int64]) -> tick.Link | None:
+    if campaign.config.faults is None:
+        return None
+    fates = campaign.config.faults.fates
+    depth = 2 * fates.late_by + 1
+    return tick.Link(
+        fates,
+        keys,
+        past=np.empty((depth, AXES)),
+        lateness=np.empty((depth, RUNS), np.int64),
+        latest=np.empty(RUNS, np.int64),
+        held=np.empty(AXES),
     )
-    fleet.starts[:n], fleet.biases[:n] = runs.starts[chosen], runs.biases[chosen]
-    fleet.keys[:, :n], fleet.delays[:n] = runs.keys[chosen].T, runs.delays[chosen]
-    fleet.masses[:n] = runs.masses_kg[chosen]
-    share, phase, frequency = runs.parameters[chosen, 19:22].T
-    for axis, constant in enumerate(nominal.constant_n):
-        fleet.constant[axis, :n] = constant * (1.0 + share)
-    for wave, h in zip(fleet.waves, nominal.harmonics, strict=True):
+
+
+def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> tick.Thrusters:
+    delays, matrix = np.zeros(RUNS, np.int64), np.zeros((RUNS, 9))
+    delays[:n] = drawn.delays[first : first + n]
+    for s in range(n):
+        matrix[s] = drawn.thrust(first + s).ravel()
+    return tick.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, AXES)))
+
+
+def _waves(campaign: Campaign, drawn: Floats) -> tick.Waves:
+    """Return the disturbance of runs whose share, phase and frequency (3, n) were drawn."""
+    scenario, (share, phase, frequency) = campaign.scenario, drawn
+    n, harmonics = len(share), scenario.disturbance.harmonics
+    constant, waves = np.zeros((3, RUNS)), np.zeros((len(harmonics), 3, RUNS))
+    for axis, nominal in enumerate(scenario.disturbance.constant_n):
+        constant[axis, :n] = nominal * (1.0 + share)
+    for wave, h in zip(waves, harmonics, strict=True):
         wave[0, :n] = h.amplitude_n * (1.0 + share)
         wave[1, :n] = h.angular_rate_rad_s * (1.0 + frequency)
         wave[2, :n] = h.phase_rad + phase
-    for s in range(n):
-        fleet.thrust[s] = runs.thrust(start + s).ravel()
-        fleet.steps[s] = runs.step(start + s, campaign.scenario.dt_s)
-    return fleet
+    return tick.Waves(
+        scenario.times_s[:-1],
+        constant,
+        waves,
+        np.array(['xyz'.index(h.axis) for h in harmonics], np.int64),
+        np.array([h.function == 'sin' for h in harmonics], np.bool_),
+    )

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STRATA = 1000
-"""Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
+"""DrawnRuns of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
 _DRAWN = [name for name, kind in KINDS.items() if kind.distributions != ('white',)]
 _OFFSETS = dict(zip(_DRAWN, np.cumsum([0, *(KINDS[n].components for n in _DRAWN)]), strict=False))
@@ -44,11 +44,11 @@ PARAMETERS = (
     'orbit_radius_m',
     'delay_ticks',
 )
-"""Columns of `Runs.parameters`."""
+"""Columns of `DrawnRuns.parameters`."""
 
 
-class Runs(NamedTuple):
-    """Runs as they are flown.
+class DrawnRuns(NamedTuple):
+    """DrawnRuns as they are flown.
 
     numbers : (n,) int
     parameters : (n, 24), see `PARAMETERS`
@@ -113,7 +113,7 @@ def rotation(vector_rad: Floats) -> Floats:
     return np.eye(3) + c1 * cross + c2 * square
 
 
-def draw(campaign: Campaign, first: int, count: int) -> Runs:
+def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
     """Return `count` runs from number `first`."""
     config, scenario = campaign.config, campaign.scenario
     numbers = np.arange(first, first + count)
@@ -149,7 +149,7 @@ def draw(campaign: Campaign, first: int, count: int) -> Runs:
             off('delay_ticks'),
         ]
     )
-    return Runs(numbers, parameters, _keys(campaign, numbers))
+    return DrawnRuns(numbers, parameters, _keys(campaign, numbers))
 
 
 def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:

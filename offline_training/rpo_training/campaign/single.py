@@ -16,7 +16,7 @@ from rpo_core.stage import Place, Signal, Stage
 from rpo_core.thrusters import Thrusters
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import Channel
-from rpo_training.campaign.sampling import Runs, draw
+from rpo_training.campaign.sampling import DrawnRuns, draw
 
 
 def fly_run(campaign: Campaign, number: int) -> Flight:
@@ -70,14 +70,14 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
     )
 
 
-def _thrusters(dispersed: Collection[str], runs: Runs) -> list[Thrusters]:
+def _thrusters(dispersed: Collection[str], runs: DrawnRuns) -> list[Thrusters]:
     if not {'thrust_share', 'misalignment_deg', 'delay_ticks'} & set(dispersed):
         return []
     x, y, z = (tuple(row) for row in runs.thrust(0).tolist())
     return [Thrusters((x, y, z), int(runs.delays[0]))]
 
 
-def _navigation(campaign: Campaign, runs: Runs) -> list[Navigation]:
+def _navigation(campaign: Campaign, runs: DrawnRuns) -> list[Navigation]:
     config = campaign.config
     if not any(name.startswith('navigation_') for name in config.dispersions):
         return []

@@ -195,7 +195,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     from rich.table import Table
 
     from rpo_core.validation import InputError
-    from rpo_training.campaign.config import FIGURES
+    from rpo_training.campaign.config import METRICS
     from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
 
@@ -208,7 +208,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
         table.add_column(heading, justify='right' if heading else 'left')
     for name, (value,) in columns.items():
         limit = chosen.config.success.get(name)
-        unit = FIGURES.get(name, '')
+        unit = METRICS.get(name, '')
         table.add_row(name, f'{value:.6g} {unit}', '' if limit is None else f'{limit:g}')
     Console().print(table)
     _compare(flight, columns, store, number)

@@ -68,17 +68,18 @@ def _targets(found: Assessment) -> Table:
 
 
 def _bindings(found: Assessment) -> str:
-    from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
-    figures, bindings = found.figures, found.binding
+    rows, bindings = found.metrics, found.binding
+    worst = rows.max(axis=0)
     counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
     least = float(found.least.mean())
     return (
         f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
         f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
-        f'{figures[-1, ENERGY]:.3f} = {figures[-1, ENERGY] / found.least[-1]:.2f} x\n'
-        f'worst start: speed {figures[:, SPEED].max():.4f} m/s, slew {figures[:, SLEW].max():.4f} '
-        f'N/s, distance {figures[:, DISTANCE].max():.4f} m; condition nearest its limit: {counts}'
+        f'{rows[-1, ENERGY]:.3f} = {rows[-1, ENERGY] / found.least[-1]:.2f} x\n'
+        f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
+        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; condition nearest its limit: {counts}'
     )
 
 
@@ -96,20 +97,20 @@ _HEADINGS = (
 
 
 def _rows(found: Assessment) -> list[list[str]]:
-    from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     return [
         [
             *(f'{r:g}' for r in start),
             f'{row[ENERGY]:.4f}',
             f'{row[ENERGY] / least:.3f}',
-            f'{row[SPEED]:.5f}',
+            f'{row[ARRIVAL_SPEED]:.5f}',
             f'{row[SLEW]:.5f}',
-            f'{row[DISTANCE]:.5f}',
+            f'{row[ARRIVAL_DISTANCE]:.5f}',
             binding,
         ]
         for start, row, least, binding in zip(
-            found.starts, found.figures, found.least, found.binding, strict=True
+            found.starts, found.metrics, found.least, found.binding, strict=True
         )
     ]
 

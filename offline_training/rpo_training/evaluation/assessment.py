@@ -12,22 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
-from rpo_core.scenario import load_scenario, load_set
-from rpo_training.engine.simulator import (
-    DISTANCE,
+from rpo_core.metrics import (
+    ARRIVAL_DISTANCE,
+    ARRIVAL_SPEED,
     ENERGY,
     LATE_FORCE,
     LATE_POSITION,
     LATE_SPEED,
     SLEW,
-    SPEED,
-    Simulator,
-    case_of_flights,
-    case_of_set,
 )
+from rpo_core.scenario import load_scenario, load_set
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.optimal import least_energy
 from rpo_training.search import fitness
-from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 
@@ -52,33 +51,33 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True)
 class Assessment:
-    """Figures of one controller.
+    """What one controller reaches.
 
-    starts : (n, 3) initial positions [m]; figures : (n, 8), see `rpo_training.evaluation`
+    starts : (n, 3) initial positions [m]; metrics : (n, columns), see `rpo_core.metrics.UNITS`
     least : (n,) least energy possible [N^2 s]
-    tests : (2, 8) figures of the paper's test, offset and phase reading
+    tests : (2, columns) metrics of the paper's test, offset and phase reading
     """
 
     controller: FuzzyController
     starts: Floats
-    figures: Floats
+    metrics: Floats
     least: Floats
     tests: Floats
 
     @property
     def mean_energy_n2s(self) -> float:
         """Mean J over the starts."""
-        return float(fitness.mean(self.figures[:, ENERGY]))
+        return float(fitness.mean(self.metrics[:, ENERGY]))
 
     @property
     def binding(self) -> list[str]:
         """The condition nearest to its limit, per start."""
-        shares = self.figures[:, [SPEED, SLEW, DISTANCE]] / fitness.LIMITS
+        shares = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]] / fitness.LIMITS
         return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
 
     def targets(self) -> list[Target]:
         """Return the targets Q1-Q5."""
-        missed = int((fitness.failures(self.figures[:, None, :]).sum(axis=1) > 0).sum())
+        missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())
         rules = self.controller.system.rules
         unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
         energy = Target(
@@ -101,8 +100,8 @@ class Assessment:
 
     def _settled_targets(self) -> Iterator[Target]:
         what = 'undisturbed, 300-400 s: largest'
-        force = float(self.figures[:, LATE_FORCE].max())
-        speed = float(self.figures[:, LATE_SPEED].max())
+        force = float(self.metrics[:, LATE_FORCE].max())
+        speed = float(self.metrics[:, LATE_SPEED].max())
         yield Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
         yield Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
 

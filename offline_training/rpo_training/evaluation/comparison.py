@@ -24,31 +24,23 @@ from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
 from rpo_core import files, metrics
-from rpo_core.baselines import Baseline, Mpc
+from rpo_core.baselines import Mpc
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.flight import Flight, fly
 from rpo_core.interfaces import NAVIGATION_STATE
+from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.baselines.simulator import BaselineSimulator
 from rpo_training.campaign import config, execution, run_batch, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
-from rpo_training.engine.simulator import (
-    ARRIVAL,
-    DISTANCE,
-    ENERGY,
-    SLEW,
-    Case,
-    Simulator,
-    case_of_set,
-)
+from rpo_training.engine.cases import Case, case_of_set
+from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import plans
 from rpo_training.evaluation.optimal import least_constrained
 from rpo_training.outputs import write_aside
 from rpo_training.search import fitness
-from rpo_training.search.genes import population_of
 
 Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
@@ -205,16 +197,16 @@ class Comparison:
     def _flown(self, controller: AnyController) -> dict[str, Any]:
         """Return what the starts and the tests say."""
         self.report(f'{controller.name}: training starts and tests', 0, 1)
-        figures = figures_of(controller, self.case, self.workers)
-        missed = fitness.failures(figures[:, None, :]).sum(axis=1) > 0
+        rows = metrics_of(controller, self.case, self.workers)
+        missed = fitness.failures(rows[:, None, :]).sum(axis=1) > 0
         return {
-            'mean_energy_n2s': float(fitness.mean(figures[:, ENERGY])),
-            'starts': len(figures),
+            'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
+            'starts': len(rows),
             'met': int((~missed).sum()),
-            'distance_m': float(fitness.mean(figures[:, DISTANCE])),
-            'worst_distance_m': float(figures[:, DISTANCE].max()),
-            'slew_n_s': float(figures[:, SLEW].max()),
-            'settled_s': float(fitness.mean(figures[:, ARRIVAL])),
+            'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
+            'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
+            'slew_n_s': float(rows[:, SLEW].max()),
+            'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
             'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
         }
 
@@ -251,14 +243,9 @@ def _seen(flights: Sequence[Flight]) -> Floats:
     return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
 
 
-def figures_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
-    """Return the figures (starts, 8) of any controller, see `rpo_training.batch.combine`."""
-    if isinstance(controller, FuzzyController):
-        with Simulator([case], workers, controller.system.samples) as simulator:
-            return np.asarray(simulator.fly(population_of(controller))[0][0])
-    if not isinstance(controller, Baseline):
-        raise InputError(f'controller {controller.name} must be fuzzy or a baseline')
-    with BaselineSimulator([case], workers) as simulator:
+def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
+    """Return the metrics (starts, columns) of a controller, see `rpo_core.metrics.UNITS`."""
+    with Simulator([case], workers) as simulator:
         return np.asarray(simulator.fly([controller])[0][0])
 
 

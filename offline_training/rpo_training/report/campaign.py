@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
 from rpo_log import style
-from rpo_training.campaign.config import FIGURES, KINDS
+from rpo_training.campaign.config import KINDS, METRICS
 from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import PARAMETERS
 from rpo_training.campaign.statistics import (
@@ -242,7 +242,7 @@ def _configuration(store: Store) -> list[Block]:
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (name, f'≤ {limit:g} {_unit(FIGURES[name])}') for name, limit in config.success.items()
+        (name, f'≤ {limit:g} {_unit(METRICS[name])}') for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
     return [

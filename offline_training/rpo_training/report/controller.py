@@ -11,10 +11,10 @@ from rpo_core import files
 from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN
 from rpo_core.fuzzy import WORDS
+from rpo_core.metrics import ENERGY
 from rpo_log import style
 from rpo_training.analysis.certificate import Certificate, certify
 from rpo_training.analysis.rule_base import activities, warnings
-from rpo_training.engine.simulator import ENERGY
 from rpo_training.evaluation.assessment import Assessment, assess
 from rpo_training.report import baseline
 from rpo_training.report import controller_figures as figures
@@ -63,7 +63,7 @@ def _flights(found: Assessment) -> list[Block]:
         )
         for target in found.targets()
     )
-    worst = found.figures[:, ENERGY].max()
+    worst = found.metrics[:, ENERGY].max()
     return [
         Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
         Picture(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS
+from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 from rpo_log import style
 from rpo_training.analysis import surface
-from rpo_training.engine.simulator import DISTANCE, ENERGY, SLEW, SPEED
 from rpo_training.evaluation.assessment import Assessment
 from rpo_training.report.surface_figures import draw_force, force_bar
 from rpo_training.search import fitness
@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 
 _SLICES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _CONDITIONS = {
-    'mean speed, last 30 s': SPEED,
+    'mean speed, last 30 s': ARRIVAL_SPEED,
     'slew': SLEW,
-    'mean distance, last 30 s': DISTANCE,
+    'mean distance, last 30 s': ARRIVAL_DISTANCE,
 }
 
 
@@ -106,7 +106,7 @@ def starts(found: Assessment) -> Any:
     for (name, column), limit, colour in zip(
         _CONDITIONS.items(), fitness.LIMITS, style.AXES, strict=True
     ):
-        share = np.sort(found.figures[:, column]) / limit
+        share = np.sort(found.metrics[:, column]) / limit
         conditions.step(share, count, where='post', color=colour, label=name)
     conditions.axvline(
         1.0, color=style.LIGHT['ink'], linestyle=(0, (4, 3)), linewidth=1.0, label='limit'
@@ -119,7 +119,7 @@ def starts(found: Assessment) -> Any:
 
 
 def _energies(axes: Any, found: Assessment) -> None:
-    energy = found.figures[:, ENERGY]
+    energy = found.metrics[:, ENERGY]
     axes.plot(found.least, energy, 'o', color=style.LIGHT['x'], markersize=4, label='a start')
     most = np.array([0.0, 1.05 * found.least.max()])
     for factor in (1, 2):

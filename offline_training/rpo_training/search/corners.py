@@ -16,7 +16,7 @@ from itertools import product
 
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.scenario import Scenario, load_scenario
-from rpo_training.engine.simulator import Case, case_of_flights
+from rpo_training.engine.cases import Case, case_of_flights
 
 POSITION_M, VELOCITY_M_S = 5.0, 0.04
 """The start is off by so much on every axis, and moves on in that direction."""

@@ -24,31 +24,27 @@ from numpy.typing import NDArray
 
 from rpo_core.baselines import Baseline
 from rpo_core.metrics import (
+    ARRIVAL_DISTANCE,
+    ARRIVAL_SPEED,
+    ARRIVAL_TIME,
     CLAIM_POSITION_M,
     CLAIM_VELOCITY_M_S,
-    MAX_ARRIVAL_DISTANCE_M,
-    MAX_ARRIVAL_SPEED_M_S,
-    MAX_SLEW_N_S,
-    PENALTY,
-)
-from rpo_core.scenario import ScenarioSet, load_scenario
-from rpo_core.validation import InputError, choice, real
-from rpo_training.engine.simulator import (
-    ARRIVAL,
-    DISTANCE,
     ENERGY,
     LATE_FORCE,
     LATE_POSITION,
     LATE_SPEED,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+    PENALTY,
     SLEW,
-    SPEED,
-    Case,
-    Simulator,
-    case_of_flights,
-    case_of_set,
 )
+from rpo_core.scenario import ScenarioSet, load_scenario
+from rpo_core.validation import InputError, choice, real
+from rpo_training.engine.cases import Case, case_of_flights, case_of_set
+from rpo_training.engine.population import Population
+from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
-from rpo_training.search.genes import Population
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +52,7 @@ CONDITIONS = ('speed', 'slew', 'arrival')
 """The paper's two, and ours."""
 
 LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
-_COLUMNS = [SPEED, SLEW, DISTANCE]
+_COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
 
 AT_LIMIT = 0.1
 """Share of the penalty that the graded one takes just beyond a limit."""
@@ -122,9 +118,9 @@ class Scores(NamedTuple):
         return np.asarray(self.failures.sum(axis=1) == 0)
 
 
-def failures(figures: Floats) -> NDArray[np.int64]:
-    """Return the starts (..., 3) of figures (..., starts, 4) that miss each condition."""
-    return (figures[..., _COLUMNS] > LIMITS).sum(axis=-2)
+def failures(rows: Floats) -> NDArray[np.int64]:
+    """Return how many starts (..., 3) of metrics (..., starts, columns) miss each condition."""
+    return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 
 def mean(values: Floats) -> Floats:
@@ -145,7 +141,7 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
 class Fitness:
     """Judges populations on a scenario set; holds the simulator that flies them.
 
-    make_simulator : of other controllers than fuzzy ones
+    make_simulator : of cases and a number of workers, where it is not `Simulator`
     """
 
     def __init__(
@@ -188,13 +184,13 @@ class Fitness:
             fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
         if settings.robustness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
-        return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL]))
+        return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL_TIME]))
 
-    def _penalties(self, figures: Floats) -> Floats:
-        """Return the penalty (n, starts) of figures (n, starts, 4)."""
+    def _penalties(self, rows: Floats) -> Floats:
+        """Return the penalty (n, starts) of rows of metrics (n, starts, columns)."""
         used = 3 if self.settings.arrival else 2
         limits = LIMITS[:used] * (1.0 - self.settings.margin)
-        values = figures[..., _COLUMNS[:used]]
+        values = rows[..., _COLUMNS[:used]]
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':
             missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)

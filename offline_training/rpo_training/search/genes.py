@@ -12,17 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
 from rpo_core.validation import InputError, choice, real
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from rpo_training.engine.population import Floats, Ints, Population, functions_of
 
 RULES = ('free', 'odd', 'odd-monotone')
 """Rule spaces: the paper's 15 of a transpose-symmetric table; 6 of an odd one; those, monotone."""
@@ -33,44 +28,6 @@ _ODD = [(row, column) for row, column in _FREE if row + column < 4]
 _DECIMALS = 4
 _SMALLEST = 0.01  # half-width, centre
 _LEAN = 0.99  # share of its bound that a left foot can reach
-
-
-class Population(NamedTuple):
-    """Controllers as arrays.
-
-    scales : (n, 3) position [m], velocity [m/s], force [N]
-    functions : (n, 15) p1-p15
-    rules : (n, 25) codes 0..4 = LN..LP, row by row
-    """
-
-    scales: Floats
-    functions: Floats
-    rules: Ints
-
-    def controller(self, index: int, name: str) -> FuzzyController:
-        """Return one member as a controller without provenance."""
-        feet = self.functions[index].reshape(3, 5).tolist()
-        position, velocity, force = (MembershipFunctions(*row) for row in feet)
-        rules = RuleTable.from_codes(self.rules[index].reshape(5, 5))
-        scales = self.scales[index].tolist()
-        return FuzzyController(name, FuzzySystem(position, velocity, force, rules), *scales)
-
-
-def population_of(*controllers: FuzzyController) -> Population:
-    """Return controllers as arrays."""
-    return Population(
-        np.array([c.scales for c in controllers]),
-        np.array([_functions(c.system) for c in controllers]),
-        np.array([c.system.rules.codes.ravel() for c in controllers]),
-    )
-
-
-def _functions(system: FuzzySystem) -> list[float]:
-    return [
-        value
-        for part in (system.position, system.velocity, system.force)
-        for value in (part.z_half_width, part.sp_left, part.sp_centre, part.sp_right, part.lp_left)
-    ]
 
 
 @dataclass(frozen=True)
@@ -179,7 +136,7 @@ class GeneSpace:
         for value, (least, most) in zip(controller.scales, self._scales, strict=False):
             if least < most:
                 genes.append((value - least) / (most - least))
-        genes += _encode_functions(np.array(_functions(controller.system)), self.complete)
+        genes += _encode_functions(np.array(functions_of(controller.system)), self.complete)
         words = 3 if self.rules == 'odd-monotone' else 5
         codes = controller.system.rules.codes
         genes += [(codes[cell] + 0.5) / words for cell in (_FREE if self.rules == 'free' else _ODD)]

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rpo_core.controller import FuzzyController, load_fuzzy
 from rpo_core.scenario import load_set
 from rpo_training.cluster.simulator import ClusterSimulator
+from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
 from rpo_training.outputs import write_aside
@@ -28,7 +29,6 @@ from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSe
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.config import TrainingConfig
 from rpo_training.search.fitness import CONDITIONS, Fitness, Scores
-from rpo_training.search.genes import Population
 from rpo_training.search.race import TableRace
 from rpo_training.search.run import SearchRun
 

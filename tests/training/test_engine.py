@@ -14,10 +14,11 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.engine import lanes
-from rpo_training.engine import tick as batch
-from rpo_training.engine.simulator import Simulator, case_of_flights, case_of_set
-from rpo_training.search.genes import GeneSpace, population_of
+from rpo_training.engine import lanes, tick
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.search.genes import GeneSpace
 
 TRAINING = load_set('paper_training')
 
@@ -29,29 +30,19 @@ def random_controllers(rules: str, count: int, seed: int):
 
 
 def law_of(controller):
-    law = lanes.make_law(controller.system.samples)
-    population = population_of(controller)
-    lanes.set_law(law, population.scales[0], population.functions[0], population.rules[0])
-    return law
+    return population_of(controller).law(0, controller.system.samples)
 
 
 def recorded(controller, case, loops):
     """Return states (starts, N+1, 6) and forces (starts, N+1, 3), each start from its lanes."""
-    p, q = len(loops.block.planar), len(loops.block.vertical)
-    ticks = case.times.horizon
+    p, q = len(loops.runs.planar), len(loops.runs.vertical)
+    ticks, tail = case.windows.horizon, case.windows.tail
     states, forces = np.empty((ticks + 1, 2 * p + q, 2)), np.empty((ticks + 1, 2 * p + q))
-    batch.record(
-        loops.block,
-        law_of(controller),
-        case.base.max_force_n,
-        case.base.step,
-        ticks,
-        lanes.make_scratch(batch.ROWS),
-        states,
-        forces,
-    )
-    for row in loops.rows:
-        i, j = divmod(int(row), q)
+    control, w = tick.Control(law_of(controller)), lanes.make_scratch(tick.ROWS)
+    norms = np.empty((2, tail, lanes.STRIDE))
+    tick.fly(loops.runs, control, case.plant, case.windows, w, norms, (states, forces))
+    for pair in loops.pairs:
+        i, j = divmod(int(pair), q)
         axes = [i, p + i, 2 * p + j]
         yield np.concatenate([states[:, axes, 0], states[:, axes, 1]], axis=1), forces[:, axes]
 
@@ -86,20 +77,22 @@ def test_a_disturbed_flight_has_the_bits_of_the_core():
         np.testing.assert_array_equal(states, flight.states)
         np.testing.assert_array_equal(forces, flight.forces_n)
     with Simulator([case], 1) as simulator:
-        figures = simulator.fly(population_of(controller))[0][0]
-    for row, scenario in zip(figures, flights, strict=True):
-        late = metrics.window(fly(scenario, controller), 20.0)
-        assert row[4] == late.position_m
-        assert row[5] >= late.velocity_m_s
-        assert row[6] == late.force_n
+        rows = simulator.fly(population_of(controller))[0][0]
+    for row, scenario in zip(rows, flights, strict=True):
+        flight = fly(scenario, controller)
+        np.testing.assert_array_equal(row, metrics.row_of(flight, case.windows))
+        late = metrics.window(flight, 20.0)
+        assert row[metrics.LATE_POSITION] == late.position_m
+        assert row[metrics.LATE_VELOCITY] == late.velocity_m_s <= row[metrics.LATE_SPEED]
+        assert row[metrics.LATE_FORCE] == late.force_n
 
 
 @pytest.mark.parametrize('rules', ['odd', 'odd-monotone'])
 def test_an_odd_law_needs_half_the_loops(rules):
     controller = random_controllers(rules, 1, 5)[0]
     case = case_of_set(replace(TRAINING, base=replace(TRAINING.base, duration_s=40.0)))
-    assert (len(case.full.block.planar), len(case.full.block.vertical)) == (36, 6)
-    assert (len(case.half.block.planar), len(case.half.block.vertical)) == (18, 3)
+    assert (len(case.full.runs.planar), len(case.full.runs.vertical)) == (36, 6)
+    assert (len(case.half.runs.planar), len(case.half.runs.vertical)) == (18, 3)
     for whole, half in zip(
         recorded(controller, case, case.full), recorded(controller, case, case.half), strict=True
     ):
@@ -108,19 +101,22 @@ def test_an_odd_law_needs_half_the_loops(rules):
 
 
 @pytest.mark.parametrize('rules', ['free', 'odd'])
-def test_figures_are_those_of_the_core(rules):
+def test_metrics_are_those_of_the_core(rules):
     controllers = random_controllers(rules, 4, 11)
     case = case_of_set(TRAINING, horizon_s=220.0, late_s=10.0)
     with Simulator([case], 2) as simulator:
-        figures = simulator.fly(population_of(*controllers))[0]
+        found = simulator.fly(population_of(*controllers))[0]
     for index in (0, 100, 173, 215):
-        for controller, rows in zip(controllers, figures, strict=True):
+        for controller, rows in zip(controllers, found, strict=True):
             scenario = TRAINING.scenarios()[index]
             f = metrics.of_flight(fly(scenario, controller))
             expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
             np.testing.assert_allclose(rows[index, :4], expected, rtol=1e-12)
-            late = metrics.window(fly(replace(scenario, duration_s=220.0), controller), 10.0)
-            assert (rows[index, 4], rows[index, 6]) == (late.position_m, late.force_n)
+            longer = fly(replace(scenario, duration_s=220.0), controller)
+            np.testing.assert_array_equal(rows[index], metrics.row_of(longer, case.windows))
+            late = metrics.window(longer, 10.0)
+            assert rows[index, metrics.LATE_POSITION] == late.position_m
+            assert rows[index, metrics.LATE_FORCE] == late.force_n
 
 
 def test_results_do_not_depend_on_the_number_of_threads():
@@ -152,7 +148,7 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
         rng.choice(corners, (2, count)),
         rng.uniform(-1.0, 1.0, (2, count)),
     )
-    rows = lanes.make_scratch(batch.ROWS)
+    rows = lanes.make_scratch(tick.ROWS)
     rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
