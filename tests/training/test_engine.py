@@ -14,7 +14,7 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.engine import lanes, tick
+from rpo_training.engine import lanes, parts, tick
 from rpo_training.engine.cases import case_of_flights, case_of_set
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
@@ -38,7 +38,7 @@ def recorded(controller, case, loops):
     p, q = len(loops.runs.planar), len(loops.runs.vertical)
     ticks, tail = case.windows.horizon, case.windows.tail
     states, forces = np.empty((ticks + 1, 2 * p + q, 2)), np.empty((ticks + 1, 2 * p + q))
-    control, w = tick.Control(law_of(controller)), lanes.make_scratch(tick.ROWS)
+    control, w = parts.Control(law_of(controller)), lanes.make_scratch(parts.ROWS)
     norms = np.empty((2, tail, lanes.STRIDE))
     tick.fly(loops.runs, control, case.plant, case.windows, w, norms, (states, forces))
     for pair in loops.pairs:
@@ -148,7 +148,7 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
         rng.choice(corners, (2, count)),
         rng.uniform(-1.0, 1.0, (2, count)),
     )
-    rows = lanes.make_scratch(tick.ROWS)
+    rows = lanes.make_scratch(parts.ROWS)
     rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]

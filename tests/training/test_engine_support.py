@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from campaign_documents import write_campaign
+from campaign_documents import SHORT, write_campaign
 
-from rpo_core import metrics
+from rpo_core import metrics, stage
 from rpo_core.baselines import Pd
 from rpo_core.controller import load_controller
 from rpo_core.controller_file import ControllerStage
 from rpo_core.flight import fly
+from rpo_core.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import load_scenario, load_set
+from rpo_core.stage import Place, Section, Stage
 from rpo_training.campaign import config, run_batch, single
 from rpo_training.engine import support
 from rpo_training.engine.cases import case_of_flights, case_of_set
@@ -53,6 +55,31 @@ class Halved(Pd):
         return LaggedStage(super().stage(dt_s))
 
 
+@dataclass(frozen=True)
+class Lag:
+    """Settings of a stage that no part of the engine knows."""
+
+    share: float = 0.5
+
+
+class LagStage(Stage):
+    """The force follows the command by a share of the difference at each tick."""
+
+    name, inputs, outputs = 'lag', (COMMAND,), (APPLIED_FORCE,)
+    memory_ticks = None
+
+    def __init__(self, lag, _scenario):
+        self.share = lag.share
+
+    def reset(self):
+        self.last = (0.0, 0.0, 0.0)
+
+    def step(self, tick, *inputs):
+        pairs = zip(self.last, inputs[0], strict=True)
+        self.last = tuple(old + self.share * (new - old) for old, new in pairs)
+        return (self.last,)
+
+
 @pytest.fixture(autouse=True)
 def forget():
     support._announced.clear()
@@ -86,6 +113,20 @@ def test_a_campaign_of_a_stranger_has_the_same_columns_and_says_so_once(tmp_path
     assert (
         said.count('\n') == 1 and 'lagged has a stage of its own' in said and 'one by one' in said
     )
+
+
+def test_a_section_of_a_plug_in_flies_in_a_campaign(tmp_path, monkeypatch, capfd):
+    monkeypatch.setitem(stage.sections(), 'lag', Section('lag', Lag, Place.LINK, LagStage))
+    scenario = tmp_path / 'lagging.yaml'
+    scenario.write_text(SHORT + 'lag: {share: 0.25}\n')
+    campaign = config.load(write_campaign(tmp_path, scenario=str(scenario)), controller='pd')
+    assert support.why_not(campaign.scenario, campaign.controller).endswith('has a section `lag`')
+    columns = run_batch.fly_runs(campaign, 7, 1)
+    flight = single.fly_run(campaign, 7)
+    assert flight.scenario.section(Lag) == Lag(0.25)
+    final = [columns[name][0] for name in run_batch.FINAL]
+    np.testing.assert_array_equal(final, flight.states[-1])
+    assert 'section `lag`' in capfd.readouterr().err
 
 
 def test_both_ways_give_the_same_rows(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from rpo_core.controller import load_fuzzy
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training.engine import lanes, tick
+from rpo_training.engine import lanes, parts, tick
 from rpo_training.engine.cases import case_of_set
 from rpo_training.engine.population import population_of
 
@@ -90,7 +90,7 @@ class _Lanes:
 
     def __init__(self, controller: str, errors: Floats) -> None:
         loaded = load_fuzzy(controller)
-        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(tick.ROWS)
+        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(parts.ROWS)
         lanes.set_law(self.law, *(field[0] for field in population_of(loaded)))
         self.errors, self.outputs = errors, np.empty(errors.shape[1])
 
@@ -222,15 +222,15 @@ def breakdown(count: int = 20_000) -> dict[str, float]:
     """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
     case = case_of_set(load_set('paper_training'))
     runs, axes = case.full.runs, 80  # 78 axes in whole SIMD registers
-    law, rows = lanes.make_law(101), lanes.make_scratch(tick.ROWS)
+    law, rows = lanes.make_law(101), lanes.make_scratch(parts.ROWS)
     lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
-    tick.place(rows, runs)
+    parts.place(rows, runs)
     p, q = len(runs.planar), len(runs.vertical)
     arguments = (rows, axes, law, p, q, case.base.step)
     times = {}
     for part, name in enumerate(BREAKDOWN):
         _repeat(part, 1, *arguments)
-        tick.place(rows, runs)
+        parts.place(rows, runs)
         rate = _measure(partial(_repeat, part, count, *arguments), count * axes)
         times[name] = 1e9 / rate
     return times

@@ -209,7 +209,7 @@ class Campaign:
     def __post_init__(self) -> None:
         if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
-        if not self.scenario.is_ideal:
+        if self.scenario.thrusters or self.scenario.navigation:
             raise InputError(
                 '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
                 f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'

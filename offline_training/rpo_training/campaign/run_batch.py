@@ -17,10 +17,10 @@ from rpo_core.metrics import row_of, windows_of
 from rpo_training.campaign.config import METRICS, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
-from rpo_training.engine import lanes, tick
+from rpo_training.engine import counters, lanes, parts, tick
+from rpo_training.engine.parts import AXES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.support import announce, why_not
-from rpo_training.engine.tick import AXES, RUNS
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    rows = np.empty((len(drawn.numbers), tick.COLUMNS))
+    rows = np.empty((len(drawn.numbers), counters.COLUMNS))
     final = np.empty((len(rows), 6))
     reason = why_not(campaign.scenario, campaign.controller)
     if reason:
@@ -76,30 +76,30 @@ def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Float
 
 def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
     scenario, windows = campaign.scenario, windows_of(campaign.scenario)
-    plant, control = tick.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
+    plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
     w = _scratch()
     for first in range(0, len(rows), RUNS):
         some = slice(first, first + RUNS)
         batch = make_batch(campaign, drawn, first)
         tick.fly(batch, control, plant, windows, w, None, None)
-        tick.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
+        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
 
 
 def _scratch() -> Floats:
     """Return this thread's scratch."""
     if not hasattr(_local, 'w'):
-        _local.w = lanes.make_scratch(tick.ROWS)
+        _local.w = lanes.make_scratch(parts.ROWS)
     return _local.w
 
 
-def _control(controller: AnyController) -> tick.Control:
+def _control(controller: AnyController) -> parts.Control:
     if isinstance(controller, Baseline):
-        return tick.Control(None, controller.law)
+        return parts.Control(None, controller.law)
     fuzzy = only_fuzzy(controller)
-    return tick.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
+    return parts.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
 
 
-def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> tick.Runs:
+def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
     """Return up to 40 runs from index `first`; lanes without a run rest."""
     n = min(RUNS, len(drawn.numbers) - first)
     chosen = slice(first, first + n)
@@ -113,10 +113,10 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> tick.Runs:
     keys = np.ascontiguousarray(padded(drawn.keys).T)
     steps = [drawn.step(i, campaign.scenario.dt_s) for i in range(first, first + n)]
     rest = np.zeros((RUNS - n, 26))
-    return tick.Runs(
+    return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),
         vertical=starts[:, [2, 5]].copy(),
-        navigation=tick.Navigation(padded(drawn.biases), _noise(campaign), keys),
+        navigation=parts.Navigation(padded(drawn.biases), _noise(campaign), keys),
         link=_link(campaign, keys),
         thrusters=_thrusters(campaign, drawn, first, n),
         waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
@@ -129,12 +129,12 @@ def _noise(campaign: Campaign) -> Floats:
     return np.array([campaign.config.spread(name)[0] for name in names])
 
 
-def _link(campaign: Campaign, keys: NDArray[np.int64]) -> tick.Link | None:
+def _link(campaign: Campaign, keys: NDArray[np.int64]) -> parts.Link | None:
     if campaign.config.faults is None:
         return None
     fates = campaign.config.faults.fates
     depth = 2 * fates.late_by + 1
-    return tick.Link(
+    return parts.Link(
         fates,
         keys,
         past=np.empty((depth, AXES)),
@@ -144,15 +144,15 @@ def _link(campaign: Campaign, keys: NDArray[np.int64]) -> tick.Link | None:
     )
 
 
-def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> tick.Thrusters:
+def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> parts.Thrusters:
     delays, matrix = np.zeros(RUNS, np.int64), np.zeros((RUNS, 9))
     delays[:n] = drawn.delays[first : first + n]
     for s in range(n):
         matrix[s] = drawn.thrust(first + s).ravel()
-    return tick.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, AXES)))
+    return parts.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, AXES)))
 
 
-def _waves(campaign: Campaign, drawn: Floats) -> tick.Waves:
+def _waves(campaign: Campaign, drawn: Floats) -> parts.Waves:
     """Return the disturbance of runs whose share, phase and frequency (3, n) were drawn."""
     scenario, (share, phase, frequency) = campaign.scenario, drawn
     n, harmonics = len(share), scenario.disturbance.harmonics
@@ -163,7 +163,7 @@ def _waves(campaign: Campaign, drawn: Floats) -> tick.Waves:
         wave[0, :n] = h.amplitude_n * (1.0 + share)
         wave[1, :n] = h.angular_rate_rad_s * (1.0 + frequency)
         wave[2, :n] = h.phase_rad + phase
-    return tick.Waves(
+    return parts.Waves(
         scenario.times_s[:-1],
         constant,
         waves,

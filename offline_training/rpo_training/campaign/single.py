@@ -63,10 +63,9 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
         mass_kg=row[6],
         orbit_radius_m=row[22],
         disturbance=runs.disturbance(0, nominal.disturbance),
-        sections=(
-            *_thrusters(campaign.config.dispersions, runs),
-            *_navigation(campaign, runs),
-        ),
+    ).equipped(
+        *_thrusters(campaign.config.dispersions, runs),
+        *_navigation(campaign, runs),
     )
 
 

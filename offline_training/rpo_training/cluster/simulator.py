@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_training.cluster import pool
-from rpo_training.engine import tick
+from rpo_training.engine import counters
 from rpo_training.engine.cases import Case
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
@@ -49,7 +49,7 @@ class ClusterSimulator:
     """
 
     def __init__(self, cases: Sequence[Case], workers: int, address: str) -> None:
-        self._shapes = [(len(case.starts), tick.COLUMNS) for case in cases]
+        self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
         self._cases = pickle.dumps(tuple(cases))
         self._mark = hashlib.sha256(self._cases + os.urandom(16)).hexdigest()[:16]
         self._stack = ExitStack()

@@ -17,7 +17,7 @@ from rpo_core.metrics import ARRIVAL_WINDOW_S, Windows, window_ticks
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_training.engine import lanes
-from rpo_training.engine.tick import RUNS, Plant, Runs
+from rpo_training.engine.parts import RUNS, Plant, Runs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,7 +21,7 @@ from rpo_core.controller import Controller, FuzzyController
 from rpo_core.flight import fly
 from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
-from rpo_training.engine import lanes, tick
+from rpo_training.engine import counters, lanes, parts, tick
 from rpo_training.engine.cases import Case
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
@@ -60,7 +60,7 @@ class Simulator:
 
     def _fly(self, candidates: Population | Sequence[Controller], over: Over) -> list[Floats]:
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
-        found = [np.empty((n, len(case.starts), tick.COLUMNS)) for case in self.cases]
+        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
 
         def one(index: int) -> None:
             for case, rows in zip(self.cases, found, strict=True):
@@ -87,8 +87,8 @@ class Simulator:
         """Return this thread's scratch: rows of lanes, norms of the tail, metrics of all pairs."""
         local = self._local
         if not hasattr(local, 'w'):
-            local.w = lanes.make_scratch(tick.ROWS)
-            local.pairs = np.empty((lanes.STRIDE**2, tick.COLUMNS))
+            local.w = lanes.make_scratch(parts.ROWS)
+            local.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
             local.norms = np.empty((2, 0, lanes.STRIDE))
         if local.norms.shape[1] < tail:
             local.norms = np.empty((2, tail, lanes.STRIDE))
@@ -100,20 +100,20 @@ class Simulator:
         w, norms, pairs = self._scratch(case.windows.tail)
         crossed = case.half if population.is_odd(index) else case.full
         law = population.law(index, samples)
-        tick.fly(crossed.runs, tick.Control(law), case.plant, case.windows, w, norms, None)
+        tick.fly(crossed.runs, parts.Control(law), case.plant, case.windows, w, norms, None)
         p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
-        tick.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
+        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
         rows[:] = pairs[crossed.pairs]
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
         w, _, _ = self._scratch(0)
-        masses, final = np.full(tick.RUNS, case.base.mass_kg), np.empty((tick.RUNS, 6))
-        control = tick.Control(None, baseline.law)
-        for first, runs in zip(range(0, len(rows), tick.RUNS), case.paired, strict=True):
+        masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
+        control = parts.Control(None, baseline.law)
+        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired, strict=True):
             tick.fly(runs, control, case.plant, case.windows, w, None, None)
-            some = rows[first : first + tick.RUNS]
-            tick.finish_paired(case.plant, masses, case.windows, w, some, final)
+            some = rows[first : first + parts.RUNS]
+            counters.finish_paired(case.plant, masses, case.windows, w, some, final)
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

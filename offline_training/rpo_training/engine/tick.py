@@ -2,187 +2,34 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tick of many flights side by side, lane by lane: the bits of `rpo_core.flight.fly`.
 
-Under Clohessy-Wiltshire z is decoupled from x and y, and a fuzzy controller acts axis by axis. So
-runs are planar (x, y) and vertical (z) loops; their axes are lanes x..., y..., z... of the scratch
-(`rpo_training.engine.lanes`). Either every planar loop is crossed with every vertical one (a set of
-starts has few distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and
-the run may have parts that couple axes or differ from run to run.
-
-A part that is None is not compiled: each kernel that takes it returns at once, which numba sees
-from its type. Nothing is allocated while flying.
+`fly` shows the tick; each kernel is one part of it. Nothing is allocated while flying.
 """
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import Any, NamedTuple
-
-from rpo_core import metrics
 from rpo_core.baseline_kernels import baseline_force
 from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
-from rpo_core.metrics import AxisSums, fill_row, larger, last_outside, norm, with_square
 from rpo_core.noise import six_normals
-from rpo_training.engine.lanes import E_R, E_V, FIRST_FREE, OUTPUT, STRIDE, compiled, infer_lanes
-from rpo_training.engine.link import LOST, lateness
-
-RUNS = 40
-"""Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
-
-AXES = 3 * RUNS
-
-# Rows of the scratch, after those of the inference.
-R, V, SEEN_R, SEEN_V, FORCE, BEFORE, PUSH = ((FIRST_FREE + row) * STRIDE for row in range(7))
-SUM_R, SUM_V, QUIET, BIAS_R, BIAS_V, NOISE_R, NOISE_V = (
-    (FIRST_FREE + 7 + row) * STRIDE for row in range(7)
+from rpo_training.engine.counters import count_force, count_state, keep_norms
+from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
+from rpo_training.engine.link import lateness
+from rpo_training.engine.parts import (
+    AXES,
+    BIAS_R,
+    BIAS_V,
+    FORCE,
+    MATRIX,
+    NOISE_R,
+    NOISE_V,
+    PUSH,
+    RUNS,
+    SEEN_R,
+    SEEN_V,
+    STEP,
+    R,
+    V,
+    place,
 )
-ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
-    (FIRST_FREE + 14 + row) * STRIDE for row in range(7)
-)
-MATRIX = (FIRST_FREE + 21) * STRIDE  # 9 rows
-STEP = (FIRST_FREE + 30) * STRIDE  # 26 rows
-ROWS = FIRST_FREE + 30 + len(CwStep._fields)
-
-
-class Navigation(NamedTuple):
-    """Errors of navigation.
-
-    biases : (40, 6) [m, m/s]; noise : (2,) 1 sigma [m], [m/s]; keys : (2, 40) of the noise
-    """
-
-    biases: Any
-    noise: Any
-    keys: Any
-
-
-class Link(NamedTuple):
-    """Messages lost or late between plant and controller, and the answers on their way.
-
-    faults : `rpo_training.engine.link.Fates`; keys : (2, 40)
-    past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and when they come
-    latest, held : (40,), (120,) tick of the latest answer that has come, and the answer
-    """
-
-    faults: Any
-    keys: Any
-    past: Any
-    lateness: Any
-    latest: Any
-    held: Any
-
-
-class Thrusters(NamedTuple):
-    """How thrusters are late and off.
-
-    delays : (40,) ticks; matrix : (40, 9), given = matrix x saturated command
-    queue : (longest delay + 1, 120) saturated commands
-    """
-
-    delays: Any
-    matrix: Any
-    queue: Any
-
-
-class Waves(NamedTuple):
-    """The disturbance as its constant part and harmonics, of each run.
-
-    times : (ticks,) [s]; constant : (3, 40) [N]
-    waves : (harmonics, 3, 40) amplitude [N], rate [rad/s], phase [rad]
-    axes, sines : (harmonics,) axis 0..2 of each, and whether it is a sine
-    """
-
-    times: Any
-    constant: Any
-    waves: Any
-    axes: Any
-    sines: Any
-
-
-class Runs(NamedTuple):
-    """Runs that fly side by side; all parts from `navigation` on may be None.
-
-    planar : (P, 4) starts x, y, vx, vy [m, m/s]; vertical : (Q, 2) starts z, vz
-    table : (ticks, 2 P + Q) disturbance [N], lanes x..., y..., z...; or (1, ...), always the same
-    steps : (40, 26) fields of CwStep, where they are not the plant's
-    """
-
-    planar: Any
-    vertical: Any
-    navigation: Any = None
-    link: Any = None
-    thrusters: Any = None
-    table: Any = None
-    waves: Any = None
-    steps: Any = None
-
-
-class Control(NamedTuple):
-    """A controller: `lanes.Law`, which acts axis by axis; or a BaselineLaw, for paired runs."""
-
-    fuzzy: Any = None
-    baseline: Any = None
-
-
-class Plant(NamedTuple):
-    """What all runs share: largest force of an axis [N], tick [s], CwStep or None."""
-
-    limit: float
-    dt: float
-    step: Any = None
-
-
-@compiled
-def place(w, runs):  # type: ignore[no-untyped-def]
-    """Put runs at their starts, with nothing on its way."""
-    w[:] = 0.0
-    p, q = len(runs.planar), len(runs.vertical)
-    for i in range(p):
-        w[R + i], w[R + p + i], w[V + i], w[V + p + i] = runs.planar[i]
-    for i in range(q):
-        w[R + 2 * p + i], w[V + 2 * p + i] = runs.vertical[i]
-    _place_navigation(w, runs.navigation)
-    _place_link(runs.link)
-    _place_thrusters(w, runs.thrusters)
-    _place_steps(w, runs.steps)
-
-
-@compiled
-def _place_navigation(w, navigation):  # type: ignore[no-untyped-def]
-    if navigation is None:
-        return
-    for s in range(RUNS):
-        for axis in range(3):
-            w[BIAS_R + axis * RUNS + s] = navigation.biases[s, axis]
-            w[BIAS_V + axis * RUNS + s] = navigation.biases[s, 3 + axis]
-
-
-@compiled
-def _place_link(link):  # type: ignore[no-untyped-def]
-    if link is None:
-        return
-    link.past[:] = link.held[:] = 0.0
-    link.lateness[:] = LOST
-    link.latest[:] = -1
-
-
-@compiled
-def _place_thrusters(w, thrusters):  # type: ignore[no-untyped-def]
-    if thrusters is None:
-        return
-    thrusters.queue[:] = 0.0
-    for s in range(RUNS):
-        for axis in range(3):
-            w[QUIET + axis * RUNS + s] = thrusters.delays[s]
-        for i in range(9):
-            w[MATRIX + i * STRIDE + s] = thrusters.matrix[s, i]
-
-
-@compiled
-def _place_steps(w, steps):  # type: ignore[no-untyped-def]
-    if steps is None:
-        return
-    for s in range(RUNS):
-        for i in range(26):
-            w[STEP + i * STRIDE + s] = steps[s, i]
 
 
 @compiled
@@ -395,55 +242,6 @@ def step_each(w, steps):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
-    """Count row FORCE: saturated and late, before the thrusters' errors."""
-    if tick < windows.ticks:
-        for s in range(n):
-            force = w[FORCE + s]
-            w[ENERGY + s] = with_square(w[ENERGY + s], force)
-            w[EFFORT + s] += abs(force)
-            change = force - w[BEFORE + s] if tick > w[QUIET + s] else 0.0
-            w[SLEW + s] = larger(w[SLEW + s], change)
-            w[BEFORE + s] = force
-    if tick >= windows.horizon - windows.late:
-        for s in range(n):
-            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s])
-
-
-@compiled
-def count_state(w, n, tick, windows):  # type: ignore[no-untyped-def]
-    """Count rows R and V, after the step of a tick."""
-    if tick < windows.ticks:
-        for s in range(n):
-            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[R + s])
-    if tick >= windows.horizon - windows.late:
-        for s in range(n):
-            w[LATE_R + s] = larger(w[LATE_R + s], w[R + s])
-            w[LATE_V + s] = larger(w[LATE_V + s], w[V + s])
-
-
-@compiled
-def keep_norms(w, p, q, tick, windows, norms):  # type: ignore[no-untyped-def]
-    """Keep squared norms of the tail for `finish_crossed`, or add up those of paired runs."""
-    if not windows.ticks - windows.tail <= tick < windows.ticks:
-        return
-    if norms is None:
-        for s in range(RUNS):
-            y, z = s + RUNS, s + 2 * RUNS
-            w[SUM_R + s] += norm(w[R + s], w[R + y], w[R + z])
-            w[SUM_V + s] += norm(w[V + s], w[V + y], w[V + z])
-        return
-    row = tick - (windows.ticks - windows.tail)
-    for i in range(p):
-        norms[0, row, i] = w[R + i] * w[R + i] + w[R + p + i] * w[R + p + i]
-        norms[1, row, i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
-    for i in range(q):
-        s = 2 * p + i
-        norms[0, row, p + i] = w[R + s] * w[R + s]
-        norms[1, row, p + i] = w[V + s] * w[V + s]
-
-
-@compiled
 def keep_trace(w, n, tick, trace):  # type: ignore[no-untyped-def]
     """Keep states and commands where somebody wants to see them."""
     if trace is None:
@@ -493,72 +291,3 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     if trace is not None:
         answer(w, n, windows.horizon, navigation, fuzzy, baseline)
         keep_trace(w, n, windows.horizon, trace)
-
-
-@compiled
-def _sums(w, s):  # type: ignore[no-untyped-def]
-    return AxisSums(
-        w[ENERGY + s],
-        w[EFFORT + s],
-        w[SLEW + s],
-        w[LATE_R + s],
-        w[LATE_V + s],
-        w[LATE_F + s],
-        w[OUTSIDE + s],
-    )
-
-
-@compiled
-def _sum_norms(w, p, vertical, tail, norms):  # type: ignore[no-untyped-def]
-    for i in range(p):
-        w[SUM_R + i] = w[SUM_V + i] = 0.0
-    for tick in range(tail):
-        distance, speed = norms[0, tick, vertical], norms[1, tick, vertical]
-        for i in range(p):
-            w[SUM_R + i] += sqrt(norms[0, tick, i] + distance)
-            w[SUM_V + i] += sqrt(norms[1, tick, i] + speed)
-
-
-@compiled
-def finish_crossed(p, q, plant, mass, windows, w, norms, rows):  # type: ignore[no-untyped-def]
-    """Pair every planar with every vertical loop: rows of metrics (P * Q, columns), z fastest."""
-    for j in range(q):
-        z = 2 * p + j
-        _sum_norms(w, p, p + j, windows.tail, norms)
-        for i in range(p):
-            fill_row(
-                rows[i * q + j],
-                _sums(w, i),
-                _sums(w, p + i),
-                _sums(w, z),
-                w[SUM_R + i],
-                w[SUM_V + i],
-                windows.tail,
-                plant.dt,
-                mass,
-            )
-
-
-@compiled
-def finish_paired(plant, masses, windows, w, rows, final):  # type: ignore[no-untyped-def]
-    """Fill rows of metrics (n, columns) and final states (n, 6) of the first n runs."""
-    for s in range(len(rows)):
-        y, z = s + RUNS, s + 2 * RUNS
-        fill_row(
-            rows[s],
-            _sums(w, s),
-            _sums(w, y),
-            _sums(w, z),
-            w[SUM_R + s],
-            w[SUM_V + s],
-            windows.tail,
-            plant.dt,
-            masses[s],
-        )
-        for axis in range(3):
-            final[s, axis] = w[R + axis * RUNS + s]
-            final[s, 3 + axis] = w[V + axis * RUNS + s]
-
-
-COLUMNS = len(metrics.UNITS)
-"""Columns of a row of metrics."""
