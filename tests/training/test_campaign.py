@@ -120,7 +120,7 @@ def test_every_dispersion_changes_the_flight(write, name, sampling_name):
 
 @pytest.mark.parametrize('axis', range(3))
 @pytest.mark.parametrize(
-    'name', [name for name, kind in config.KINDS.items() if kind.components == 3]
+    'name', [name for name, quantity in config.QUANTITIES.items() if quantity.components == 3]
 )
 def test_every_component_acts(write, name, axis):
     spread = [0.0, 0.0, 0.0]

@@ -227,7 +227,7 @@ def test_the_command_flies_repeats_and_refuses(write, tmp_path):
 
 def test_the_shipped_campaign_is_valid():
     campaign = config.load(SHIPPED)
-    assert set(campaign.config.dispersions) == set(config.KINDS)  # shows every one
+    assert set(campaign.config.dispersions) == set(config.QUANTITIES)  # shows every one
     again = config.Campaign.of_texts(campaign.texts, ('a', 'b', 'c'))
     assert again.config == campaign.config
     assert replace(again.config, seed=2) != campaign.config

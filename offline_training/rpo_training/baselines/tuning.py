@@ -22,7 +22,7 @@ from rpo_core import files
 from rpo_core.baselines import Baseline, Model
 from rpo_core.scenario import load_set
 from rpo_core.validation import choice, mapping, real, whole
-from rpo_training.baselines.tuning_spaces import DESIGNS, Design
+from rpo_training.baselines.tuning_spaces import TUNING_SPACES, TuningSpace
 from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.fitness import CONDITIONS, Fitness, FitnessSettings
@@ -56,7 +56,7 @@ class TuningConfig:
     sigma: float = 0.2
 
     def __post_init__(self) -> None:
-        choice('kind', self.kind, DESIGNS)
+        choice('kind', self.kind, TUNING_SPACES)
         whole('seed', self.seed, least=0, most=2**63 - 1)
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
         real('disturbance', self.disturbance, 'N^2 s', least=0.0, most=1e6)
@@ -94,10 +94,10 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         return yaml.safe_dump(asdict(self.config), sort_keys=False)
 
     def make_search(self) -> Search:
-        """Return the search over the design's knobs, from the middle of each."""
+        """Return the search over the space, from the middle of each."""
         own = self.config
         settings = CmaSettings(population=20, sigma=own.sigma, evaluations=own.evaluations)
-        return CmaSearch(settings, own.seed, np.full(len(self.design.knobs), 0.5))
+        return CmaSearch(settings, own.seed, np.full(len(self.space.parameters), 0.5))
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
@@ -105,9 +105,9 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         return Fitness(load_set(SCENARIO), searched, workers)
 
     @property
-    def design(self) -> Design:
-        """The knobs of the kind, and what they make."""
-        return DESIGNS[self.config.kind]
+    def space(self) -> TuningSpace:
+        """The parameters of the kind, and what they make."""
+        return TUNING_SPACES[self.config.kind]
 
     @cached_property
     def model(self) -> Model:
@@ -126,7 +126,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     def make(self, genes: Floats) -> Baseline:
         """Return the baseline of a chromosome, without provenance."""
-        made = self.design.make(self.design.values(genes), self.model)
+        made = self.space.make(self.space.values(genes), self.model)
         return replace(made, name=self.config.name)
 
     def found(self) -> Baseline:
@@ -149,4 +149,4 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
             'starts_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
             'versions': versions(),
         }
-        return replace(found, description=self.design.description, provenance=provenance)
+        return replace(found, description=self.space.description, provenance=provenance)

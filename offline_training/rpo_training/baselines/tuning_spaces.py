@@ -21,7 +21,7 @@ PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 """States of the two decoupled parts of the relative motion."""
 
 
-class Knob(NamedTuple):
+class Parameter(NamedTuple):
     """A tuned number and its range, searched on a logarithmic scale."""
 
     name: str
@@ -29,18 +29,18 @@ class Knob(NamedTuple):
     most: float
 
 
-class Design(NamedTuple):
+class TuningSpace(NamedTuple):
     """What is tuned of a kind, and how a baseline is made of it."""
 
-    knobs: tuple[Knob, ...]
+    parameters: tuple[Parameter, ...]
     make: Callable[[Mapping[str, float], Model], Baseline]
     description: str
 
     def values(self, genes: Floats) -> dict[str, float]:
-        """Return the numbers of a chromosome (knobs,) in [0, 1]."""
+        """Return the numbers of a chromosome (parameters,) in [0, 1]."""
         return {
-            knob.name: float(f'{knob.least * (knob.most / knob.least) ** gene:.{_DIGITS}g}')
-            for knob, gene in zip(self.knobs, genes.tolist(), strict=True)
+            p.name: float(f'{p.least * (p.most / p.least) ** gene:.{_DIGITS}g}')
+            for p, gene in zip(self.parameters, genes.tolist(), strict=True)
         }
 
 
@@ -69,28 +69,28 @@ def _lqr(values: Mapping[str, float], model: Model) -> Lqr:
     return Lqr(name='lqr', model=model, gains=gains, **values)  # type: ignore[arg-type]
 
 
-DESIGNS: Mapping[str, Design] = {
-    Pd.kind: Design(
-        (Knob('position_gain_n_m', 1e-4, 1.0), Knob('velocity_gain_n_s_m', 1e-2, 20.0)),
+TUNING_SPACES: Mapping[str, TuningSpace] = {
+    Pd.kind: TuningSpace(
+        (Parameter('position_gain_n_m', 1e-4, 1.0), Parameter('velocity_gain_n_s_m', 1e-2, 20.0)),
         lambda values, _model: Pd(name='pd', **values),  # type: ignore[arg-type]
         'Saturated proportional-derivative law, axis by axis.',
     ),
-    Lqr.kind: Design(
-        (Knob('position_weight', 1e-9, 1e-2), Knob('velocity_weight', 1e-7, 10.0)),
+    Lqr.kind: TuningSpace(
+        (Parameter('position_weight', 1e-9, 1e-2), Parameter('velocity_weight', 1e-7, 10.0)),
         _lqr,
         'Infinite-horizon linear quadratic regulator of the discrete relative dynamics.',
     ),
-    Mpc.kind: Design(
-        (Knob('horizon_s', 100.0, 200.0), Knob('least_time_to_go_s', 2.0, 60.0)),
+    Mpc.kind: TuningSpace(
+        (Parameter('horizon_s', 100.0, 200.0), Parameter('least_time_to_go_s', 2.0, 60.0)),
         lambda values, model: Mpc(name='mpc', model=model, **values),  # type: ignore[arg-type]
         'Shrinking-horizon least-energy transfer to rest, planned anew at every tick.',
     ),
-    PotentialField.kind: Design(
+    PotentialField.kind: TuningSpace(
         (
-            Knob('approach_speed_m_s', 0.1, 10.0),
-            Knob('rounding_radius_m', 0.1, 500.0),
-            Knob('switching_gain_n', 1e-3, 1.0),
-            Knob('boundary_layer_m_s', 1e-3, 10.0),
+            Parameter('approach_speed_m_s', 0.1, 10.0),
+            Parameter('rounding_radius_m', 0.1, 500.0),
+            Parameter('switching_gain_n', 1e-3, 1.0),
+            Parameter('boundary_layer_m_s', 1e-3, 10.0),
         ),
         lambda values, model: PotentialField(
             name='apf_smc',
@@ -100,4 +100,4 @@ DESIGNS: Mapping[str, Design] = {
         'Artificial potential field tracked by sliding mode with a boundary layer.',
     ),
 }
-"""Kind -> design; drift has nothing to tune."""
+"""Kind -> tuning space; drift has nothing to tune."""

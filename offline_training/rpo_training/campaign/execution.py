@@ -63,8 +63,8 @@ def _fly(
     with closing(source):  # type: ignore[type-var]
         for unit, results in source:
             store.put(unit, results)
-            figures = dict(zip(COLUMNS, results, strict=True))
-            progress(results.shape[1], int(successes(campaign.config, figures).sum()))
+            columns = dict(zip(COLUMNS, results, strict=True))
+            progress(results.shape[1], int(successes(campaign.config, columns).sum()))
     store.finish(document(rates(store), spreads(store)))
 
 

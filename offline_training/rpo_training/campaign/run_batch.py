@@ -18,7 +18,7 @@ from rpo_training.campaign.config import METRICS, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
 from rpo_training.engine import counters, lanes, parts, tick
-from rpo_training.engine.parts import AXES, RUNS
+from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.support import announce, why_not
 
@@ -137,10 +137,10 @@ def _link(campaign: Campaign, keys: NDArray[np.int64]) -> parts.Link | None:
     return parts.Link(
         fates,
         keys,
-        past=np.empty((depth, AXES)),
+        past=np.empty((depth, PAIRED_LANES)),
         lateness=np.empty((depth, RUNS), np.int64),
         latest=np.empty(RUNS, np.int64),
-        held=np.empty(AXES),
+        held=np.empty(PAIRED_LANES),
     )
 
 
@@ -149,7 +149,7 @@ def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> part
     delays[:n] = drawn.delays[first : first + n]
     for s in range(n):
         matrix[s] = drawn.thrust(first + s).ravel()
-    return parts.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, AXES)))
+    return parts.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, PAIRED_LANES)))
 
 
 def _waves(campaign: Campaign, drawn: Floats) -> parts.Waves:

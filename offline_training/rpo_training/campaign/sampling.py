@@ -15,7 +15,7 @@ from scipy.stats import qmc
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep
-from rpo_training.campaign.config import CUT, KINDS, Campaign
+from rpo_training.campaign.config import CUT, QUANTITIES, Campaign
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -23,9 +23,11 @@ Ints = NDArray[np.int64]
 STRATA = 1000
 """DrawnRuns of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
-_DRAWN = [name for name, kind in KINDS.items() if kind.distributions != ('white',)]
-_OFFSETS = dict(zip(_DRAWN, np.cumsum([0, *(KINDS[n].components for n in _DRAWN)]), strict=False))
-DIMENSIONS = sum(KINDS[name].components for name in _DRAWN)
+_DRAWN = [name for name, quantity in QUANTITIES.items() if quantity.distributions != ('white',)]
+_OFFSETS = dict(
+    zip(_DRAWN, np.cumsum([0, *(QUANTITIES[n].components for n in _DRAWN)]), strict=False)
+)
+DIMENSIONS = sum(QUANTITIES[name].components for name in _DRAWN)
 """Numbers drawn per run, dispersed or not: adding a dispersion leaves the others' draws alone."""
 
 _HYPERCUBE, _RUN, _NOISE = 0, 1, 2  # first words of the spawn keys of the seed sequences
@@ -121,7 +123,7 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
 
     def off(name: str) -> Floats:
         """Deviations (n, components) of a quantity."""
-        offset, components = _OFFSETS[name], KINDS[name].components
+        offset, components = _OFFSETS[name], QUANTITIES[name].components
         u = unit[:, offset : offset + components]
         found = config.dispersions.get(name)
         if found is None:

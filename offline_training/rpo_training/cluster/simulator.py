@@ -63,12 +63,12 @@ class ClusterSimulator:
         self._stack.close()
 
     def fly(self, population: Population) -> list[Floats]:
-        """Return the figures (members, starts, 8) of each case."""
+        """Return the metrics (members, starts, columns) of each case."""
         n = len(population.scales)
         outcomes = [np.empty((n, *shape)) for shape in self._shapes]
         size = -(-n // (SHARES * pool.threads(self._client)))
-        for first, figures in pool.results(self._client, fly_remote, self._tasks(population, size)):
-            for outcome, part in zip(outcomes, figures, strict=True):
+        for first, rows in pool.results(self._client, fly_remote, self._tasks(population, size)):
+            for outcome, part in zip(outcomes, rows, strict=True):
                 outcome[first : first + len(part)] = part
         return outcomes
 

@@ -99,21 +99,21 @@ def _sweep(chosen: Campaign, runs: int) -> None:
     from rich.table import Table
 
     from rpo_training.campaign.faults import Faults
-    from rpo_training.campaign.sweep import KINDS, PERCENTS, Sweep
+    from rpo_training.campaign.sweep import FAULTS, PERCENTS, Sweep
 
     config, base = chosen.config, chosen.config.faults or Faults()
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('flying', total=len(KINDS) * len(PERCENTS))
+        task = bar.add_task('flying', total=len(FAULTS) * len(PERCENTS))
         sweep = Sweep(chosen, runs, lambda: bar.advance(task))
-        found = {kind: sweep.rows(kind) for kind in KINDS}
-        edges = {kind: sweep.edge(kind, found[kind]) for kind in KINDS}
+        found = {kind: sweep.rows(kind) for kind in FAULTS}
+        edges = {kind: sweep.edge(kind, found[kind]) for kind in FAULTS}
     typer.echo(
         f'{config.name}: {config.controller}, free running; % of {runs} flights that succeed,\n'
         f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
         f'a force counts for {base.stale_after_ticks} ticks'
     )
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('share %', *(h for kind in KINDS for h in (kind, 'Wilson 95 %', 'alone'))):
+    for heading in ('share %', *(h for kind in FAULTS for h in (kind, 'Wilson 95 %', 'alone'))):
         table.add_column(heading, justify='right', no_wrap=True)
     for rows in zip(*found.values(), strict=True):
         cells = [str(rows[0].percent)]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rpo_training.evaluation.comparison import Row
+    from rpo_training.evaluation.comparison import ComparedController
 
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
@@ -98,7 +98,7 @@ class _Display:
         self._what = what
 
 
-def _print(rows: Sequence[Row], said: Sequence[str]) -> None:
+def _print(rows: Sequence[ComparedController], said: Sequence[str]) -> None:
     from textwrap import fill
 
     from rich.box import SIMPLE_HEAD

@@ -75,7 +75,7 @@ def _report(run: Path) -> Path:
 
 def markdown(found: Comparison) -> str:
     """Return the tables; they are printed as they stand in the documentation."""
-    from rpo_training.truth.two_body import AXES
+    from rpo_training.truth.two_body import AXIS_NAMES
 
     scenario = found.scenario
     lines = [
@@ -96,8 +96,8 @@ def markdown(found: Comparison) -> str:
         f'Drifting freely for {scenario.duration_s:g} s from rest at a distance, error of the '
         'linear plant (SciPy):',
         '',
-        '| distance | ' + ' | '.join(f'along {axis}' for axis in AXES) + ' |',
-        '|---|' + '---|' * len(AXES),
+        '| distance | ' + ' | '.join(f'along {axis}' for axis in AXIS_NAMES) + ' |',
+        '|---|' + '---|' * len(AXIS_NAMES),
     ]
     for growth in found.growth:
         cells = (f'{error:.2g} m' for error in growth.position_m)

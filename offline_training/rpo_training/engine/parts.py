@@ -23,7 +23,7 @@ from rpo_training.engine.link import LOST
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
 
-AXES = 3 * RUNS
+PAIRED_LANES = 3 * RUNS
 
 # Rows of the scratch, after those of the inference.
 R, V, SEEN_R, SEEN_V, FORCE, BEFORE, PUSH = ((FIRST_FREE + row) * STRIDE for row in range(7))

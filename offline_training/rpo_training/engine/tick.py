@@ -14,13 +14,13 @@ from rpo_training.engine.counters import count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
 from rpo_training.engine.link import lateness
 from rpo_training.engine.parts import (
-    AXES,
     BIAS_R,
     BIAS_V,
     FORCE,
     MATRIX,
     NOISE_R,
     NOISE_V,
+    PAIRED_LANES,
     PUSH,
     RUNS,
     SEEN_R,
@@ -44,7 +44,7 @@ def measure(w, tick, navigation):  # type: ignore[no-untyped-def]
             x = six_normals(tick, int(first[s]), int(second[s]))
             w[NOISE_R + s], w[NOISE_R + RUNS + s], w[NOISE_R + 2 * RUNS + s] = x[0], x[1], x[2]
             w[NOISE_V + s], w[NOISE_V + RUNS + s], w[NOISE_V + 2 * RUNS + s] = x[3], x[4], x[5]
-    for s in range(AXES):
+    for s in range(PAIRED_LANES):
         w[SEEN_R + s] = measured(w[R + s], w[BIAS_R + s], sigma_r, w[NOISE_R + s])
         w[SEEN_V + s] = measured(w[V + s], w[BIAS_V + s], sigma_v, w[NOISE_V + s])
 
@@ -102,7 +102,7 @@ def hold(w, tick, link):  # type: ignore[no-untyped-def]
         return
     faults, depth, first, second = link.faults, len(link.past), link.keys[0], link.keys[1]
     slot = tick % depth
-    for s in range(AXES):
+    for s in range(PAIRED_LANES):
         link.past[slot, s] = w[FORCE + s]
     for s in range(RUNS):
         link.lateness[slot, s] = lateness(tick, int(first[s]), int(second[s]), faults)
@@ -133,7 +133,7 @@ def delay(w, tick, thrusters):  # type: ignore[no-untyped-def]
     queue, slots = thrusters.queue, len(thrusters.queue)
     if slots == 1:
         return
-    for s in range(AXES):
+    for s in range(PAIRED_LANES):
         queue[tick % slots, s] = w[FORCE + s]
     for s in range(RUNS):
         slot = (tick + slots - thrusters.delays[s]) % slots

@@ -66,7 +66,7 @@ class Test:
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedController:
     """A controller.
 
     mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
@@ -130,7 +130,7 @@ class Comparison:
         """The training starts."""
         return case_of_set(load_set(STARTS))
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[ComparedController]:
         """Return all controllers, flying what is not kept."""
         least = self.least()
         return [self._row(campaign, least) for campaign in self.campaigns]
@@ -167,7 +167,7 @@ class Comparison:
             write_aside(path, lambda file: file.write(text.encode()))
         return found
 
-    def _row(self, campaign: Campaign, least: float) -> Row:
+    def _row(self, campaign: Campaign, least: float) -> ComparedController:
         controller = campaign.controller
         text = controllers.dumps(controller)
         name = controller.name
@@ -180,7 +180,7 @@ class Comparison:
                 [text, *self._shared, *campaign.texts],
                 lambda: self._plans(controller, campaign),
             )
-        return Row(
+        return ComparedController(
             name=name,
             kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
             ratio=flown['mean_energy_n2s'] / least,

@@ -15,7 +15,7 @@ from typing import Any
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
-from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, Row
+from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, ComparedController
 from rpo_training.outputs import write_aside
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
@@ -25,7 +25,7 @@ Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
 
 
-def overview(rows: Sequence[Row]) -> Table:
+def overview(rows: Sequence[ComparedController]) -> Table:
     """Return what matters most."""
     return [
         (
@@ -54,7 +54,7 @@ def overview(rows: Sequence[Row]) -> Table:
     ]
 
 
-def tests(rows: Sequence[Row]) -> Table:
+def tests(rows: Sequence[ComparedController]) -> Table:
     """Return the paper's test in both readings."""
     figures = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
     readings = ('offset', 'phase')
@@ -74,8 +74,8 @@ def tests(rows: Sequence[Row]) -> Table:
     return lines
 
 
-def notes(rows: Sequence[Row], least: float, campaign: str) -> list[str]:
-    """Return what the columns mean, with the figures that were computed for it."""
+def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> list[str]:
+    """Return what the columns mean, with the numbers that were computed for it."""
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
     window = f'{CLAIM_WINDOW_S:g}'
     said = [
@@ -102,7 +102,7 @@ def notes(rows: Sequence[Row], least: float, campaign: str) -> list[str]:
     return said
 
 
-def markdown(rows: Sequence[Row], least: float, campaign: str) -> str:
+def markdown(rows: Sequence[ComparedController], least: float, campaign: str) -> str:
     """Return the tables and their notes as Markdown."""
     parts = [_as_markdown(overview(rows)), _as_markdown(tests(rows))]
     parts.append([f'- {note}' for note in notes(rows, least, campaign)])
@@ -114,8 +114,8 @@ def _as_markdown(table: Table) -> list[str]:
     return [f'| {" | ".join(line)} |' for line in (table[0], rule, *table[1:])]
 
 
-def as_csv(rows: Sequence[Row]) -> str:
-    """Return all figures as CSV, unrounded."""
+def as_csv(rows: Sequence[ComparedController]) -> str:
+    """Return all numbers as CSV, unrounded."""
     flat = [_flat(asdict(row)) for row in rows]
     names = list(dict.fromkeys(name for line in flat for name in line))
     text = io.StringIO()
@@ -134,7 +134,9 @@ def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
     return flat
 
 
-def write(rows: Sequence[Row], least: float, campaign: str, folder: Path) -> list[Path]:
+def write(
+    rows: Sequence[ComparedController], least: float, campaign: str, folder: Path
+) -> list[Path]:
     """Write compare.md, compare.csv and compare.json; return their paths."""
     document = {
         'least_mean_energy_n2s': least,
@@ -156,7 +158,7 @@ def _write(path: Path, text: str) -> Path:
 
 
 def put_into(path: Path, table: str) -> None:
-    """Put the table between the marks of a document; a new document is the table alone.
+    """Put the table between the markers of a document; a new document is the table alone.
 
     Raises
     ------

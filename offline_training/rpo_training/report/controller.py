@@ -16,8 +16,7 @@ from rpo_log import style
 from rpo_training.analysis.certificate import Certificate, certify
 from rpo_training.analysis.rule_base import activities, warnings
 from rpo_training.evaluation.assessment import Assessment, assess
-from rpo_training.report import baseline
-from rpo_training.report import controller_figures as figures
+from rpo_training.report import baseline, controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
@@ -68,7 +67,7 @@ def _flights(found: Assessment) -> list[Block]:
         Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
         Picture(
             'starts',
-            figures.starts(found),
+            controller_plots.starts(found),
             f'The {len(found.starts)} training starts. Left, energy flown beside the least that '
             'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
             'starts stay below a share of the limit of each condition.',
@@ -82,7 +81,7 @@ def _functions(controller: FuzzyController) -> Picture:
     position, velocity, force = controller.scales
     return Picture(
         'membership_functions',
-        figures.membership_functions(controller),
+        controller_plots.membership_functions(controller),
         'Membership functions: '
         + ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
         + '. Errors beyond the edge count as the edge.',
@@ -104,7 +103,7 @@ def _rules(controller: FuzzyController) -> list[Block]:
     return [
         Picture(
             'rules',
-            figures.rules(controller),
+            controller_plots.rules(controller),
             'The rule table: the word of the force for each pair of words.',
             'The rule table; the table below has the same words.',
         ),
@@ -120,7 +119,7 @@ def _rules(controller: FuzzyController) -> list[Block]:
 def _surface(controller: FuzzyController) -> Picture:
     return Picture(
         'surface',
-        figures.control_surface(controller),
+        controller_plots.control_surface(controller),
         'The force over position and velocity error (target at rest minus chaser), and sections '
         'through it at five velocity errors.',
         'Force over both errors: positive where they are, through zero at the target.',

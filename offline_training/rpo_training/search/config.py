@@ -4,14 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from rpo_core import files
+from rpo_core.codec import to_mapping
 from rpo_core.validation import InputError, choice, mapping, shown, text, whole
 from rpo_training.search.algorithms import CmaSettings
 from rpo_training.search.fitness import FitnessSettings
@@ -94,13 +95,7 @@ keeps the paper's claims where things are not as they were in training. `front`:
 
 def to_document(config: TrainingConfig) -> dict[str, Any]:
     """Return the configuration as the document that `parse` reads."""
-    return {'schema': SCHEMA, **_plain(asdict(config))}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, (tuple, list)) else value
+    return {'schema': SCHEMA, **to_mapping(config)}
 
 
 def dumps(config: TrainingConfig) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rpo_log import style
-from rpo_training.truth.two_body import AXES, Comparison
+from rpo_training.truth.two_body import AXIS_NAMES, Comparison
 
 
 def draw(found: Comparison, path: Path) -> None:
@@ -40,7 +40,7 @@ def _over_distance(axes: Any, found: Comparison) -> None:
     for axis, (colour, line) in enumerate(zip(style.AXES, ('o-', 'o-', 's--'), strict=True)):
         errors = np.array([g.position_m[axis] for g in found.growth])
         axes.loglog(
-            distances, errors, line, color=colour, label=f'along {AXES[axis]}', markersize=4
+            distances, errors, line, color=colour, label=f'along {AXIS_NAMES[axis]}', markersize=4
         )
     axes.set(
         xlabel='distance at the start [m]',

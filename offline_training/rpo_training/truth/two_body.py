@@ -32,7 +32,7 @@ Truth = Callable[[Scenario, Floats], Floats]
 """From a scenario and the forces (N, 3) [N] given in its ticks to the states (N + 1, 6)."""
 
 DISTANCES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
-AXES = ('R-bar', 'V-bar', 'H-bar')
+AXIS_NAMES = ('R-bar', 'V-bar', 'H-bar')
 
 _TOLERANCE = 1e-13
 

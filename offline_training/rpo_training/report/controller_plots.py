@@ -15,7 +15,7 @@ from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 from rpo_log import style
 from rpo_training.analysis import surface
 from rpo_training.evaluation.assessment import Assessment
-from rpo_training.report.surface_figures import draw_force, force_bar
+from rpo_training.report.surface_plots import draw_force, force_bar
 from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]

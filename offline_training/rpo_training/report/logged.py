@@ -17,7 +17,7 @@ LEAST_TICKS = 10
 
 
 @dataclass(frozen=True)
-class Flown:
+class LoggedFlight:
     """A flight beside its plan.
 
     flight : as far as the log shows it without a gap; its scenario ends there
@@ -35,12 +35,12 @@ class Flown:
         return not self.gaps
 
 
-def flown(log: RunLog) -> Flown:
+def logged_flight(log: RunLog) -> LoggedFlight:
     """Return what a log shows; LogError if that is less than `LEAST_TICKS` from the start."""
     planned = scenario_of(log)
     ticks = _shown_ticks(log)
     if log.complete or ticks < LEAST_TICKS:
-        return Flown(flight_of(log), planned, ())
+        return LoggedFlight(flight_of(log), planned, ())
     shown = slice(0, ticks + 1)
     disturbances = log.disturbances_n
     flight = Flight(
@@ -49,7 +49,7 @@ def flown(log: RunLog) -> Flown:
         log.forces_n[shown],
         np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
     )
-    return Flown(flight, planned, log.gaps)
+    return LoggedFlight(flight, planned, log.gaps)
 
 
 def _shown_ticks(log: RunLog) -> int:

@@ -16,7 +16,7 @@ from rpo_core.flight import Flight
 from rpo_log import style
 from rpo_log.report import by_axis, limit_lines
 from rpo_training.report.approach import Aids
-from rpo_training.report.surface_figures import draw_force, force_bar
+from rpo_training.report.surface_plots import draw_force, force_bar
 
 Floats = NDArray[np.float64]
 
