@@ -14,11 +14,11 @@ from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
-from rpo_training.assessment import assess
 from rpo_training.campaign import config
-from rpo_training.campaign.fleet import fly_runs
-from rpo_training.comparison import figures_of
-from rpo_training.evaluation import case_of_set
+from rpo_training.campaign.run_batch import fly_runs
+from rpo_training.engine.cases import case_of_set
+from rpo_training.evaluation.assessment import assess
+from rpo_training.evaluation.comparison import metrics_of
 
 _CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
 
@@ -30,7 +30,7 @@ def main() -> None:
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
-    figures_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
+    metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 
 
 if __name__ == '__main__':

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from core_oracles import grade, mamdani, triangles
-from core_strategies import functions, systems
+from core_strategies import systems
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo_core import explain
 from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import WORDS, MembershipFunctions, RuleTable
+from rpo_core.fuzzy import WORDS, MembershipFunctions
 from rpo_core.validation import InputError
 
 component = st.floats(-300, 300)
@@ -80,44 +80,3 @@ def test_without_a_rule_there_is_no_force(handmade):
 def test_states_outside_the_domain_are_refused(handmade, state, message):
     with pytest.raises(InputError, match=message):
         explain.decisions(handmade, state)
-
-
-@given(functions, st.floats(0, 1))
-def test_holes_are_where_no_word_fits(parts, size):
-    inside = any(low <= size <= high for low, high in explain.holes(parts))
-    edge = any(abs(size - foot) < 1e-12 for hole in explain.holes(parts) for foot in hole)
-    assert edge or inside == (parts.grades(size).max() == 0.0)
-
-
-def test_shipped_rules_have_no_warnings(handmade):
-    assert explain.warnings(handmade.system) == ()
-
-
-def test_every_fault_has_its_warning(handmade):
-    def said(**parts):
-        return ' | '.join(explain.warnings(replace(handmade.system, **parts)))
-
-    codes = handmade.system.rules.codes.copy()
-    codes[4, 4] = 3
-    assert (
-        'as the position error grows from (velocity LP, position SP) to (velocity LP, '
-        'position LP), the force falls from LP to SP'
-    ) in said(rules=RuleTable.from_codes(codes))
-    assert 'no word fits a position error whose size is between 0.2 and 0.3' in said(
-        position=MembershipFunctions(0.2, 0.3, 0.4, 0.9, 0.5)
-    )
-    # SP lies under LP, and the two say the same of a large velocity error: SP never decides.
-    nested = said(position=MembershipFunctions(0.5, 0.3, 1.0, 1.0, 0.2))
-    assert 'rule (velocity LP, position SP) → LP never decides' in nested
-    assert 'position word SP has a vertical edge' in nested
-    assert 'force words SN and SP fall between the output samples' in said(
-        force=MembershipFunctions(0.1, 0.303, 0.305, 0.307, 0.4)
-    )
-
-
-def test_shares_of_the_square_add_up(handmade):
-    found = explain.activities(handmade.system)
-    assert [(rule.velocity, rule.position) for rule in found] == [
-        (row, column) for row in WORDS for column in WORDS
-    ]
-    assert all(0 < rule.decides <= rule.fires <= 1 for rule in found)

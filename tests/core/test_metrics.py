@@ -49,7 +49,9 @@ def test_energy_counts_what_the_thrusters_gave(tiny):
 def test_slew_is_between_commands_flown(tiny):
     # 0.2 in x and 0.4 in y, then 0.3, 0.1 and 0.2; over 2 s; neither the first nor the last counts
     assert metrics.of_flight(tiny).slew_n_s == pytest.approx(0.4 / 2, abs=1e-15)
-    assert metrics.slew_n_s(np.array([[0.5, 0.5, 0.5]]), 0.1) == 0.0
+    one = replace(tiny, scenario=replace(tiny.scenario, duration_s=2.0), states=tiny.states[:2])
+    one = replace(one, forces_n=tiny.forces_n[:2])
+    assert metrics.of_flight(one).slew_n_s == 0.0  # the step from rest alone
 
 
 def test_arrival_means_are_of_norms_and_leave_the_start_out(tiny):

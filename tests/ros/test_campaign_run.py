@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from rpo_log.reader import read_run
 from rpo_log.verify import verify
 from rpo_training.campaign import config
-from rpo_training.campaign.fleet import FINAL, fly_runs
+from rpo_training.campaign.run_batch import FINAL, fly_runs
 from rpo_training.cli import app
 from tools.node_processes import node_processes
 

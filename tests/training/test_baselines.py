@@ -17,12 +17,13 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training import comparison, comparison_table, designs, optimal, planning
-from rpo_training.baseline_batch import BaselineSimulator
-from rpo_training.campaign import config, fleet, single
+from rpo_training.baselines import tuning_spaces
+from rpo_training.baselines.tuning import BUDGET, Tuning, TuningConfig
+from rpo_training.campaign import config, run_batch, single
 from rpo_training.cli import app
-from rpo_training.evaluation import case_of_flights, case_of_set
-from rpo_training.tuning import BUDGET, Tuning, TuningConfig
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation import comparison, comparison_table, optimal, plans
 
 TRAINING = load_set('paper_training')
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
@@ -31,12 +32,12 @@ NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
 # Bits.
 
 
-def test_figures_in_bulk_are_those_of_the_core():
+def test_metrics_in_bulk_are_those_of_the_core():
     baselines = [load_controller(name) for name in NAMES]
     base = replace(TRAINING.base, duration_s=50.0)
     training = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
     tests = [replace(load_scenario(n), duration_s=40.0) for n in ('paper_test', 'paper_test_phase')]
-    with BaselineSimulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
+    with Simulator([training, case_of_flights(tests, 20.0)], 2) as simulator:
         undisturbed, disturbed = simulator.fly(baselines)
     for baseline, starts, pushed in zip(baselines, undisturbed, disturbed, strict=True):
         for row, scenario, late_s in (
@@ -50,16 +51,19 @@ def test_figures_in_bulk_are_those_of_the_core():
             np.testing.assert_allclose(row[:4], expected, rtol=1e-11, atol=1e-15)
             if late_s:
                 late = metrics.window(flight, late_s)
-                assert (row[4], row[6]) == (late.position_m, late.force_n)
+                assert row[metrics.LATE_POSITION] == late.position_m
+                assert row[metrics.LATE_FORCE] == late.force_n
+                case = case_of_flights(tests, late_s)
+                np.testing.assert_array_equal(row, metrics.row_of(flight, case.windows))
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_a_dispersed_run_has_the_bits_of_the_core(name, tmp_path):
     campaign = config.load(write_campaign(tmp_path, controller=name))
-    found = fleet.fly_runs(campaign, 0, 42)
+    found = run_batch.fly_runs(campaign, 0, 42)
     for number in (0, 41):
         flight = single.fly_run(campaign, number)
-        final = [found[column][number] for column in fleet.FINAL]
+        final = [found[column][number] for column in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         energy = metrics.of_flight(flight).energy_n2s
         assert found['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
@@ -80,7 +84,7 @@ def test_the_first_plan_is_the_optimum_to_rest():
     base = replace(TRAINING.base, initial_position_m=(100.0, -50.0, 5.0))
     best = optimal.to_rest(base, coast_s=base.duration_s - mpc.horizon_s)
     ticks = round(mpc.horizon_s / base.dt_s)
-    (plan,) = planning.plans(mpc, np.array([base.start]), 0)
+    (plan,) = plans.plans(mpc, np.array([base.start]), 0)
     np.testing.assert_allclose(plan, best.forces_n[:ticks], rtol=0, atol=1e-12)
     change = round((mpc.horizon_s - mpc.least_time_to_go_s) / base.dt_s)
     flown = fly(base, mpc).forces_n[:change]
@@ -106,8 +110,8 @@ def test_where_no_limit_binds_the_quadratic_program_says_the_same():
     mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
     state = np.array([5.0, -3.0, 2.0, 0.02, -0.03, 0.01])
     for tick in (0, 30):
-        (plan,) = planning.plans(mpc, state[None], tick)
-        assert planning.peaks_of(plan[None], mpc)[0]
+        (plan,) = plans.plans(mpc, state[None], tick)
+        assert plans.peaks_of(plan[None], mpc)[0]
         solved = by_solver(mpc, state, len(plan))
         np.testing.assert_allclose(plan, solved, rtol=0, atol=1e-6)
         np.testing.assert_allclose(
@@ -118,12 +122,12 @@ def test_where_no_limit_binds_the_quadratic_program_says_the_same():
 def test_a_plan_beyond_a_limit_is_counted():
     mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
     far = np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    (plan,) = planning.plans(mpc, far[None], 0)
+    (plan,) = plans.plans(mpc, far[None], 0)
     assert np.abs(plan).max() > mpc.max_force_n  # 6 m r / T^2 = 0.55 N
     solved = by_solver(mpc, far, 60)
     assert np.abs(solved).max() <= mpc.max_force_n + 1e-6
     assert (solved**2).sum() > (plan**2).sum()
-    found = planning.peaks(mpc, far[None, None], 1)
+    found = plans.peaks(mpc, far[None, None], 1)
     assert (found.plans, found.within) == (1, 0)
     assert found.force_n == np.abs(plan).max()
 
@@ -133,7 +137,7 @@ def test_a_plan_beyond_a_limit_is_counted():
 
 def test_shipped_baselines_are_as_good_as_they_say():
     tuned = [load_controller(n) for n in (*NAMES, 'pd_disturbed') if n != 'drift']
-    with BaselineSimulator([case_of_set(TRAINING)]) as simulator:
+    with Simulator([case_of_set(TRAINING)]) as simulator:
         (figures,) = simulator.fly(tuned)
     for baseline, rows in zip(tuned, figures, strict=True):
         made = baseline.provenance
@@ -145,7 +149,7 @@ def test_shipped_baselines_are_as_good_as_they_say():
 
 def test_shipped_lqr_gains_are_those_of_its_weights():
     lqr = load_controller('lqr')
-    gains = designs.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
+    gains = tuning_spaces.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
     np.testing.assert_allclose(lqr.gains, gains, rtol=1e-9, atol=1e-12)
 
 
@@ -160,7 +164,7 @@ def test_an_interrupted_tuning_goes_on_to_the_same_baseline(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         Tuning.create(settings, tmp_path / 'cut', 2).run(interrupt)
     again = Tuning.resume(tmp_path / 'cut', 2)
-    assert len(again.ledger.marks) == 1
+    assert len(again.checkpoint.scores) == 1
     assert again.run() == whole
     files = [(tmp_path / name / 'pd.yaml').read_bytes() for name in ('whole', 'cut')]
     assert files[0] == files[1]
@@ -218,7 +222,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert baseline['mean_energy_n2s'] == load_controller(name).provenance['mean_energy_n2s']
     assert baseline['ratio'] == baseline['mean_energy_n2s'] / 2.5
     assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
-    columns = fleet.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
+    columns = run_batch.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
     assert drift['kept'] == (columns['late_position_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
     assert baseline['tests']['paper_test']['position_m'] == late.position_m
@@ -232,8 +236,8 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     def fly_again(*_):
         raise AssertionError('what is kept is not flown again')
 
-    monkeypatch.setattr(comparison, 'figures_of', fly_again)
-    monkeypatch.setattr(comparison.flying, 'fly_unit', fly_again)
+    monkeypatch.setattr(comparison, 'metrics_of', fly_again)
+    monkeypatch.setattr(comparison.execution, 'fly_unit', fly_again)
     again = compare('drift', name)
     assert again.exit_code == 0, again.output
     rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
-from rpo_training import marked
+from rpo_training import outputs
 from rpo_training.bench import flying, machine, ros, table
 from rpo_training.cli import app
 
@@ -28,9 +28,9 @@ def bench(load=0.1):
 def test_the_page_keeps_its_text_and_has_the_last_table(tmp_path):
     page = tmp_path / 'page.md'
     page.write_text('# Speed\n\nBefore.\n')
-    marked.put(page, 'rpo bench --write', table.markdown(bench(3.0)))
+    outputs.put(page, 'rpo bench --write', table.markdown(bench(3.0)))
     page.write_text(page.read_text() + '\nAfter.\n')
-    marked.put(page, 'rpo bench --write', table.markdown(bench()))
+    outputs.put(page, 'rpo bench --write', table.markdown(bench()))
     text = page.read_text()
     assert text.startswith('# Speed\n\nBefore.\n') and text.endswith('\nAfter.\n')
     assert text.count('| P1 | inference | ≥ 2 × | 4/s | 1/s | 4 × | held |') == 1

@@ -14,7 +14,7 @@ from scipy import stats
 
 from rpo_core import metrics
 from rpo_core.flight import fly as fly_core
-from rpo_training.campaign import config, fleet, sampling, single, statistics
+from rpo_training.campaign import config, run_batch, sampling, single, statistics
 
 
 @pytest.fixture
@@ -24,27 +24,33 @@ def write(tmp_path):
 
 
 def all_columns(campaign):
-    results = [fleet.fly_unit(campaign, u) for u in range(fleet.units(campaign.config.runs))]
-    return dict(zip(fleet.COLUMNS, np.hstack(results), strict=True))
+    results = [
+        run_batch.fly_unit(campaign, u) for u in range(run_batch.units(campaign.config.runs))
+    ]
+    return dict(zip(run_batch.COLUMNS, np.hstack(results), strict=True))
 
 
 # Bits.
 
 
-def test_every_run_has_the_bits_and_figures_of_the_core(write):
+def test_every_run_has_the_bits_and_metrics_of_the_core(write):
     campaign = config.load(write())
     columns = all_columns(campaign)
     for number in (0, 1, 39, 40, 89):
         flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in fleet.FINAL]
+        final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         figures, late = metrics.of_flight(flight), metrics.window(flight, metrics.CLAIM_WINDOW_S)
         delay = int(columns['delay_ticks'][number])
+        changes = np.abs(np.diff(flight.saturated_forces_n[delay:], axis=0))
+        row = metrics.row_of(flight, quiet=delay)
+        for name, value in zip(metrics.UNITS, row, strict=True):
+            assert name == 'late_speed_m_s' or columns[name][number] == value
         expected = {
             'energy_n2s': figures.energy_n2s,
             'arrival_speed_m_s': figures.arrival_speed_m_s,
             'arrival_distance_m': figures.arrival_distance_m,
-            'slew_n_s': metrics.slew_n_s(flight.saturated_forces_n[delay:], 0.1),
+            'slew_n_s': changes.max() / 0.1,
             'late_position_m': late.position_m,
             'late_velocity_m_s': late.velocity_m_s,
             'late_force_n': late.force_n,
@@ -62,7 +68,7 @@ def test_without_dispersions_it_is_the_flight_of_the_core(write):
     for run in (single.fly_run(campaign, 5), single.fly_run(campaign, 70)):
         np.testing.assert_array_equal(run.states, flight.states)
         np.testing.assert_array_equal(run.forces_n[:-1], flight.forces_n[:-1])
-    final = [all_columns(campaign)[name][11] for name in fleet.FINAL]
+    final = [all_columns(campaign)[name][11] for name in run_batch.FINAL]
     np.testing.assert_array_equal(final, flight.states[-1])
 
 
@@ -70,8 +76,8 @@ def test_a_run_does_not_depend_on_what_flies_beside_it(write):
     campaign = config.load(write())
     columns = all_columns(campaign)
     for first, count in ((17, 1), (17, 2), (3, 45)):
-        some = fleet.fly_runs(campaign, first, count)
-        for name in fleet.COLUMNS:
+        some = run_batch.fly_runs(campaign, first, count)
+        for name in run_batch.COLUMNS:
             np.testing.assert_array_equal(some[name], columns[name][first : first + count])
 
 
@@ -82,8 +88,8 @@ def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
     path = write(scenario=str(blink), runs=3)
     code = (
         'import hashlib, sys\n'
-        'from rpo_training.campaign import config, fleet\n'
-        'results = fleet.fly_unit(config.load(sys.argv[1]), 0)\n'
+        'from rpo_training.campaign import config, run_batch\n'
+        'results = run_batch.fly_unit(config.load(sys.argv[1]), 0)\n'
         'print(hashlib.sha256(results.tobytes()).hexdigest())\n'
     )
     command = [sys.executable, '-W', 'error', '-c', code, str(path)]
@@ -114,14 +120,14 @@ def test_every_dispersion_changes_the_flight(write, name, sampling_name):
 
 @pytest.mark.parametrize('axis', range(3))
 @pytest.mark.parametrize(
-    'name', [name for name, kind in config.KINDS.items() if kind.components == 3]
+    'name', [name for name, quantity in config.QUANTITIES.items() if quantity.components == 3]
 )
 def test_every_component_acts(write, name, axis):
     spread = [0.0, 0.0, 0.0]
     spread[axis] = 0.01
     one = all_columns(config.load(write(dispersions={name: {'uniform': spread}}, runs=8)))
     none = all_columns(config.load(write(dispersions={}, runs=8)))
-    assert any((one[final] != none[final]).all() for final in fleet.FINAL)
+    assert any((one[final] != none[final]).all() for final in run_batch.FINAL)
 
 
 def test_the_effects_are_those_of_physics(write):
@@ -133,7 +139,7 @@ def test_the_effects_are_those_of_physics(write):
         np.testing.assert_allclose(matrix @ runs.parameters[i, 10:13], runs.parameters[i, 10:13])
     quarter = sampling.rotation(np.array([0.0, 0.0, np.pi / 2]))  # about z: x goes to y
     np.testing.assert_allclose(quarter @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
-    forward = sampling.Runs(runs.numbers, runs.parameters.copy(), runs.keys)
+    forward = sampling.DrawnRuns(runs.numbers, runs.parameters.copy(), runs.keys)
     forward.parameters[0, 7:13] = [0.1, 0.0, 0.0, 0.0, 0.0, np.pi / 2]
     np.testing.assert_allclose(forward.thrust(0) @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
     assert runs.step(0, 0.1).vxfx == pytest.approx(0.1 / runs.masses_kg[0], rel=1e-5)

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 from rpo_core.validation import InputError
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.free_running import FreeRunningPlant
-from rpo_training.campaign import config, faults, fleet, sampling, single, sweep
+from rpo_training.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_training.cli import app
+from rpo_training.engine import link
 
 LOSSY = {
     'state_loss': 0.3,
@@ -24,7 +25,7 @@ LOSSY = {
 
 
 def columns_of(campaign, count=40):
-    return fleet.fly_runs(campaign, 0, count)
+    return run_batch.fly_runs(campaign, 0, count)
 
 
 def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
@@ -32,7 +33,7 @@ def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
     columns = columns_of(campaign)
     for number in (0, 7, 39):
         flight = single.fly_run(campaign, number)
-        final = [columns[name][number] for name in fleet.FINAL]
+        final = [columns[name][number] for name in run_batch.FINAL]
         np.testing.assert_array_equal(final, flight.states[-1])
         energy = (flight.saturated_forces_n**2).sum() * 0.1
         assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
@@ -44,7 +45,7 @@ def test_it_is_what_the_free_running_plant_does(tmp_path):
     scenario, controller = single.scenario_of(campaign, 3), campaign.controller
     key = sampling.draw(campaign, 3, 1).keys[0].tolist()
     fates = [
-        faults.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
+        link.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
     ]
     plant = FreeRunningPlant(scenario, [CONTROL_FORCE, 'd'], stale_after_ticks=5)
     answers, stale = {}, 0
@@ -68,8 +69,8 @@ def test_every_fault_changes_the_flight_by_its_share(name, tmp_path):
     moved = columns_of(campaign)['final_x_m'] != columns_of(plain)['final_x_m']
     assert moved.all()
     fates = campaign.config.faults.fates
-    late = np.array([faults.lateness(t, 5, 6, fates) for t in range(5000)])
-    hit = (late == faults.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
+    late = np.array([link.lateness(t, 5, 6, fates) for t in range(5000)])
+    hit = (late == link.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
     assert hit.mean() == pytest.approx(0.4, abs=0.03)
     assert (late[~hit] == 0).all()
 

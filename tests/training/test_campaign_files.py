@@ -18,7 +18,7 @@ from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
-from rpo_training.campaign import config, fleet, flying
+from rpo_training.campaign import config, execution, run_batch
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
 
@@ -35,7 +35,7 @@ def write(tmp_path):
 def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_path):
     campaign = config.load(write(runs=1250))
     for name, workers in (('one', 1), ('two', 2)):
-        flying.fly(Store.create(tmp_path / name, campaign), workers)
+        execution.fly(Store.create(tmp_path / name, campaign), workers)
 
     class Interrupt(Exception):
         pass
@@ -45,14 +45,14 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
 
     store = Store.create(tmp_path / 'three', campaign)
     with pytest.raises(Interrupt):
-        flying.fly(store, 2, progress=stop)
+        execution.fly(store, 2, progress=stop)
     assert 0 < len(store.pending()) < 7
-    flying.fly(Store.open(tmp_path / 'three'), 1)
+    execution.fly(Store.open(tmp_path / 'three'), 1)
     for name in ('results.npz', 'summary.yaml', 'campaign.yaml'):
         contents = {(tmp_path / run / name).read_bytes() for run in ('one', 'two', 'three')}
         assert len(contents) == 1, name
     with np.load(tmp_path / 'one' / 'results.npz') as results:
-        assert set(results.files) == set(fleet.COLUMNS)
+        assert set(results.files) == set(run_batch.COLUMNS)
         assert results['mass_kg'].shape == (1250,)
     assert not list((tmp_path / 'one').glob('*.part'))
 
@@ -73,9 +73,9 @@ def test_a_killed_campaign_goes_on(write, tmp_path):
     process.communicate()
     assert process.returncode == -signal.SIGKILL, 'it had ended before'
     assert 0 < len(Store.open(folder).pending()) < 100
-    flying.fly(Store.open(folder))
-    expected = fleet.fly_runs(config.load(path), 19990, 10)
-    for name in fleet.COLUMNS:
+    execution.fly(Store.open(folder))
+    expected = run_batch.fly_runs(config.load(path), 19990, 10)
+    for name in run_batch.COLUMNS:
         np.testing.assert_array_equal(Store.open(folder).column(name)[-10:], expected[name])
 
 
@@ -111,10 +111,10 @@ def test_memory_is_flat(tmp_path, write):
     code = (
         'import resource, sys\n'
         'from pathlib import Path\n'
-        'from rpo_training.campaign import config, flying\n'
+        'from rpo_training.campaign import config, execution\n'
         'from rpo_training.campaign.store import Store\n'
         'campaign = config.load(sys.argv[1], runs=int(sys.argv[2]))\n'
-        'flying.fly(Store.create(Path(sys.argv[3]), campaign), 2)\n'
+        'execution.fly(Store.create(Path(sys.argv[3]), campaign), 2)\n'
         'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n'
     )
     path = write(scenario=str(scenario))
@@ -180,7 +180,7 @@ def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):
         Store.open(folder).alone(),
         pytest.raises(InputError, match='another process flies this campaign'),
     ):
-        flying.fly(Store.open(folder))
+        execution.fly(Store.open(folder))
     with (folder / 'done.part').open('ab') as file:
         file.write(b'\1')
     with pytest.raises(InputError, match='results are damaged'):
@@ -212,7 +212,7 @@ def test_the_command_flies_repeats_and_refuses(write, tmp_path):
     assert 'The bits are those of the core and of the campaign.' in again.output
     table = np.loadtxt(tmp_path / 'run.csv', delimiter=',', skiprows=1)
     np.testing.assert_array_equal(
-        table[-1, 1:7], [Store.open(Path(folder)).column(name)[7] for name in fleet.FINAL]
+        table[-1, 1:7], [Store.open(Path(folder)).column(name)[7] for name in run_batch.FINAL]
     )
     for arguments, said in (
         ([path, '--run', '90'], '`--run` must be at most 89'),
@@ -227,7 +227,7 @@ def test_the_command_flies_repeats_and_refuses(write, tmp_path):
 
 def test_the_shipped_campaign_is_valid():
     campaign = config.load(SHIPPED)
-    assert set(campaign.config.dispersions) == set(config.KINDS)  # shows every one
+    assert set(campaign.config.dispersions) == set(config.QUANTITIES)  # shows every one
     again = config.Campaign.of_texts(campaign.texts, ('a', 'b', 'c'))
     assert again.config == campaign.config
     assert replace(again.config, seed=2) != campaign.config

@@ -13,10 +13,10 @@ from clusters import cluster
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
-from rpo_training import cluster as cluster_module
-from rpo_training.campaign import config, flying
+from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
+from rpo_training.cluster import pool
 
 CAMPAIGN = """
 schema: rpo/campaign/1
@@ -41,7 +41,7 @@ def campaign(tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
-    flying.fly(Store.create(tmp_path / 'alone', campaign))
+    execution.fly(Store.create(tmp_path / 'alone', campaign))
     with cluster(2, tmp_path) as (address, (_, first, second)):
         store, came_in = Store.create(tmp_path / 'together', campaign), []
 
@@ -50,7 +50,7 @@ def test_a_killed_worker_changes_no_byte(campaign, tmp_path):
             if len(came_in) == 5:
                 first.send_signal(signal.SIGKILL)
 
-        flying.fly(store, address=address, progress=kill_after_some)
+        execution.fly(store, address=address, progress=kill_after_some)
         assert first.wait() == -signal.SIGKILL
         assert second.poll() is None
     assert sum(came_in) == campaign.config.runs
@@ -73,13 +73,13 @@ def test_a_killed_scheduler_is_one_sentence_and_nothing_is_lost(tmp_path):
                 scheduler.send_signal(signal.SIGKILL)
 
         with pytest.raises(InputError, match=f'cluster {address} was lost.*--resume'):
-            flying.fly(store, address=address, progress=kill_after_some)
+            execution.fly(store, address=address, progress=kill_after_some)
     assert len(Store.open(store.folder).pending()) == 5000 - len(came_in)
 
 
 @pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nowhere', 'http://127.0.0.1:9'])
 def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_module, 'CONNECT_S', 1)
+    monkeypatch.setattr(pool, 'CONNECT_S', 1)
     path = tmp_path / 'campaign.yaml'
     path.write_text(CAMPAIGN)
     arguments = ['campaign', str(path), '-o', str(tmp_path / 'f'), '--cluster', address]
@@ -90,15 +90,15 @@ def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monke
 
 
 def test_without_dask_it_says_what_to_install(campaign, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_module, 'find_spec', lambda name: None)
+    monkeypatch.setattr(pool, 'find_spec', lambda name: None)
     with pytest.raises(InputError, match='make setup LAYERS=campaign'):
-        flying.fly(Store.create(tmp_path / 'f', campaign), address='local')
+        execution.fly(Store.create(tmp_path / 'f', campaign), address='local')
 
 
 @pytest.mark.slow
 def test_a_local_cluster_flies_the_same_bytes(campaign, tmp_path):
-    flying.fly(Store.create(tmp_path / 'alone', campaign))
-    flying.fly(Store.create(tmp_path / 'local', campaign), 2, 'local')
+    execution.fly(Store.create(tmp_path / 'alone', campaign))
+    execution.fly(Store.create(tmp_path / 'local', campaign), 2, 'local')
     alone, local = ((tmp_path / run / 'results.npz').read_bytes() for run in ('alone', 'local'))
     assert alone == local
 

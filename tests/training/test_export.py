@@ -23,9 +23,8 @@ from typer.testing import CliRunner
 from rpo_core.controller import FuzzyController, load_controller, parse
 from rpo_core.fuzzy import FuzzySystem
 from rpo_core.validation import InputError
-from rpo_training import importing
 from rpo_training.cli import app
-from rpo_training.export import FORMATS, SUFFIXES, text_of
+from rpo_training.export import FORMATS, SUFFIXES, importing, text_of
 
 CONTROLLERS = ['trained', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 201)

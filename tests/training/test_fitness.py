@@ -11,14 +11,15 @@ import scipy.linalg
 from rpo_core import metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training import corners
-from rpo_training.assessment import assess
-from rpo_training.evaluation import LATE_POSITION, LATE_SPEED, Simulator
-from rpo_training.fitness import Fitness, FitnessSettings, excess
-from rpo_training.genes import population_of
-from rpo_training.optimal import least_energy
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation.assessment import assess
+from rpo_training.evaluation.optimal import least_energy
+from rpo_training.search import corners
+from rpo_training.search.fitness import Fitness, FitnessSettings, excess
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, axis_positions_m=(-50.0, 5.0, 100.0))
@@ -121,13 +122,13 @@ def test_the_least_energy_is_the_gramians():
 
 def test_an_assessment_is_consistent_with_the_core():
     found = assess(HANDMADE)
-    marks = {(mark.target, mark.what): mark for mark in found.marks()}
+    targets = {(target.name, target.what): target for target in found.targets()}
     missed = sum(
         not all(metrics.of_flight(fly(s, HANDMADE)).conditions) for s in TRAINING.scenarios()[::6]
     )
-    rows = np.flatnonzero((found.figures[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
+    rows = np.flatnonzero((found.metrics[::6, [1, 2, 3]] > [0.05, 0.1, 0.5]).any(axis=1))
     assert len(rows) == missed
-    assert marks['Q1', 'starts that miss a condition'].reached >= missed
-    assert (found.figures[:, 0] > found.least).all() or not marks[
+    assert targets['Q1', 'starts that miss a condition'].reached >= missed
+    assert (found.metrics[:, 0] > found.least).all() or not targets[
         'Q1', 'starts that miss a condition'
     ].holds

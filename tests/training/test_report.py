@@ -25,11 +25,11 @@ from rpo_core.validation import InputError
 from rpo_log import style
 from rpo_log.errors import LogError
 from rpo_log.reader import read_run
-from rpo_training import optimal
-from rpo_training.campaign import config, flying
+from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
-from rpo_training.report import approach, campaign, flown, page, recognise, run, sensitivity
+from rpo_training.evaluation import optimal
+from rpo_training.report import approach, campaign, logged, page, recognise, run, sensitivity
 from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
 
 UNITLESS = {'word of the position error', 'word of the velocity error', ''}
@@ -65,7 +65,7 @@ def store(tmp_path_factory):
     """A finished campaign of 90 runs."""
     path = tmp_path_factory.mktemp('campaign')
     store = Store.create(path / 'flown', config.load(write_campaign(path)))
-    flying.fly(store, 1)
+    execution.fly(store, 1)
     return store
 
 
@@ -159,13 +159,13 @@ def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
     lost = [m for m in messages if m[:2] != (FORCE, 100)]
     for name, sent, last in (('cut', messages, 120), ('hole', lost, 99)):
         short_run.write(tmp_path / name, sent)
-        shown = flown.flown(read_run(tmp_path / name))
+        shown = logged.logged_flight(read_run(tmp_path / name))
         assert not shown.whole and 'ends at tick 120 of 200' in '; '.join(shown.gaps)
         assert shown.flight.scenario.ticks == last and shown.planned.ticks == 200
         assert (shown.flight.states == short_run.flight.states[: last + 1]).all()
     short_run.write(tmp_path / 'stub', [m for m in messages if m[1] <= 5])
     with pytest.raises(LogError, match='must hold a whole flight'):
-        flown.flown(read_run(tmp_path / 'stub'))
+        logged.logged_flight(read_run(tmp_path / 'stub'))
 
 
 @pytest.mark.parametrize(('limit', 'kept'), [(1e6, '90 / 90'), (0.0, '0 / 90')])
@@ -209,12 +209,12 @@ def test_what_is_nothing_is_one_sentence(target, sentence):
 
 
 def test_folders_are_recognised(folder, store, tmp_path):
-    assert recognise.kind_of(str(folder)) is recognise.Kind.RUN
-    assert recognise.kind_of(str(folder / 'run.mcap')) is recognise.Kind.RUN
-    assert recognise.kind_of(str(store.folder)) is recognise.Kind.CAMPAIGN
-    assert recognise.kind_of('trained') is recognise.Kind.CONTROLLER
+    assert recognise.subject_of(str(folder)) is recognise.Subject.RUN
+    assert recognise.subject_of(str(folder / 'run.mcap')) is recognise.Subject.RUN
+    assert recognise.subject_of(str(store.folder)) is recognise.Subject.CAMPAIGN
+    assert recognise.subject_of('trained') is recognise.Subject.CONTROLLER
     with pytest.raises(InputError, match=r'must be the folder of a run .* or of a campaign'):
-        recognise.kind_of(str(tmp_path))
+        recognise.subject_of(str(tmp_path))
 
 
 def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_path):

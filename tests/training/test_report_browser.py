@@ -15,7 +15,7 @@ from pages import Page
 from test_report import check_page
 from typer.testing import CliRunner
 
-from rpo_training.campaign import config, flying
+from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
 from rpo_training.report import campaign, controller, page, run
@@ -47,7 +47,7 @@ def run_report(folder):
 
 def campaign_report(folder):
     store = Store.create(folder / 'flown', config.load(write_campaign(folder)))
-    flying.fly(store, 1)
+    execution.fly(store, 1)
     return campaign.report_of(store.folder)
 
 

@@ -10,13 +10,14 @@ import pytest
 from rpo_core import metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_scenario
-from rpo_training import config as configs
-from rpo_training import corners
-from rpo_training.assessment import assess
-from rpo_training.evaluation import LATE_POSITION, LATE_SPEED, Simulator
-from rpo_training.genes import population_of
-from rpo_training.training import Training
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation.assessment import assess
+from rpo_training.search import config as configs
+from rpo_training.search import corners
+from rpo_training.search.training import Training
 
 EXPECTED = Path(__file__).with_name('expected')
 
@@ -36,13 +37,14 @@ def test_a_file_is_as_good_as_it_says(name):
     controller = load_controller(name)
     found = assess(controller)
     assert found.mean_energy_n2s == controller.provenance['mean_energy_n2s']
-    reached = {mark.what: mark.reached for mark in found.marks()}
+    reached = {target.what: target.reached for target in found.targets()}
     assert reached == controller.provenance['targets']
     assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
 
 
 def test_trained_reaches_every_target():
-    assert [mark for mark in assess(load_controller('trained')).marks() if not mark.holds] == []
+    targets = assess(load_controller('trained')).targets()
+    assert [target for target in targets if not target.holds] == []
 
 
 @pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])

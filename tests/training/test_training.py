@@ -14,10 +14,10 @@ import pytest
 
 from rpo_core.controller import load_controller
 from rpo_core.validation import InputError
-from rpo_training import config as configs
-from rpo_training import ledger
-from rpo_training.genetic import AdaptiveFeasibleMutation, generator
-from rpo_training.training import Training
+from rpo_training.search import checkpoint
+from rpo_training.search import config as configs
+from rpo_training.search.genetic import AdaptiveFeasibleMutation, generator
+from rpo_training.search.training import Training
 
 SMALL = [
     'ga.generations=5',
@@ -182,7 +182,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(halfway):
 
 
 def test_a_checkpoint_of_another_version_is_refused(halfway, monkeypatch):
-    monkeypatch.setattr(ledger, 'versions', lambda: {'cma': '0.0'})
+    monkeypatch.setattr(checkpoint, 'versions', lambda: {'cma': '0.0'})
     with pytest.raises(InputError, match='was written with cma'):
         Training.resume(halfway)
 
@@ -244,7 +244,7 @@ def test_a_signal_stops_a_run_cleanly(number, tmp_path):
     assert process.returncode == 130
     assert 'Go on with: rpo train --resume' in errors
     assert 'Traceback' not in errors
-    assert len(Training.resume(tmp_path / 'run').ledger.marks) >= 1
+    assert len(Training.resume(tmp_path / 'run').checkpoint.scores) >= 1
 
 
 @pytest.mark.slow
@@ -265,7 +265,7 @@ def test_a_thread_that_dies_ends_the_run_and_loses_nothing(halfway, monkeypatch)
     def die(*_):
         raise MemoryError('no room')
 
-    monkeypatch.setattr(training.fitness.simulator, '_fly_one', die)
+    monkeypatch.setattr(training.fitness.simulator, '_fly_fuzzy', die)
     with pytest.raises(MemoryError, match='no room'):
         training.run()
     assert (halfway / 'checkpoint.npz').read_bytes() == before

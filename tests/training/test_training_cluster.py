@@ -10,10 +10,10 @@ from clusters import cluster
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
-from rpo_training import cluster as cluster_module
-from rpo_training import config as configs
 from rpo_training.cli import app
-from rpo_training.training import Training
+from rpo_training.cluster import pool
+from rpo_training.search import config as configs
+from rpo_training.search.training import Training
 
 pytestmark = pytest.mark.timeout(180)
 
@@ -56,7 +56,7 @@ def test_a_lost_scheduler_is_one_sentence_and_the_run_goes_on_elsewhere(tmp_path
         with pytest.raises(InputError, match=f'cluster {address} was lost.*--resume'):
             Training.create(configured(), folder, address=address).run(kill)
     again = Training.resume(folder, 2)
-    assert len(again.ledger.marks) == 5
+    assert len(again.checkpoint.scores) == 5
     again.run()
     assert contents(folder) == contents(tmp_path / 'alone')
 
@@ -69,7 +69,7 @@ def test_a_local_cluster_trains_the_same_bits(tmp_path):
 
 
 def test_a_cluster_that_does_not_answer_is_one_sentence_and_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster_module, 'CONNECT_S', 1)
+    monkeypatch.setattr(pool, 'CONNECT_S', 1)
     arguments = ['train', '-o', str(tmp_path / 'f'), '--cluster', 'tcp://127.0.0.1:9']
     result = CliRunner().invoke(app, arguments, env={'COLUMNS': '300'})
     assert result.exit_code == 2, result.output

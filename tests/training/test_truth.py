@@ -15,8 +15,8 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_core.thrusters import Thrusters
-from rpo_training import truth
 from rpo_training.cli import app
+from rpo_training.truth import two_body
 
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)
 
@@ -28,7 +28,7 @@ def test_a_chaser_on_its_own_circular_orbit_stays_on_it():
     other = cw.mean_motion(high)
     start = (1000.0, 0.0, 0.0), (0.0, (other - n) * high, 0.0)
     scenario = replace(SHORT, initial_position_m=start[0], initial_velocity_m_s=start[1])
-    states = truth.by_scipy(scenario, np.zeros((scenario.ticks, 3)))
+    states = two_body.by_scipy(scenario, np.zeros((scenario.ticks, 3)))
     angle = (other - n) * scenario.duration_s
     expected = high * np.cos(angle) - radius, high * np.sin(angle)
     np.testing.assert_allclose(states[-1, :2], expected, rtol=0, atol=2e-9)
@@ -41,25 +41,25 @@ def test_gravity_by_encke_is_the_difference_of_two_pulls():
         return -cw.MU_EARTH_M3_S2 * r / np.linalg.norm(r) ** 3
 
     expected = pull(target + offset) - pull(target)
-    np.testing.assert_allclose(truth.encke(offset, target), expected, rtol=1e-12)
+    np.testing.assert_allclose(two_body.encke(offset, target), expected, rtol=1e-12)
 
 
 def test_close_to_the_target_the_plant_is_right():
     """Errors of the second order, with forces and disturbance: 70 m away, micrometres in 8 s."""
     flight = fly(SHORT, load_controller('handmade'))
-    states = truth.by_scipy(SHORT, truth.total_forces_n(flight))
+    states = two_body.by_scipy(SHORT, two_body.total_forces_n(flight))
     errors = np.abs(flight.states - states).max(axis=0)
     assert (errors[:3] < 1e-5).all() and (errors[3:] < 1e-6).all()
     moved = np.abs(flight.states[-1] - flight.states[0]).max()
     assert moved > 1.0
     # a sign gone wrong costs centimetres
     wrong = np.diag([-1.0, 1.0, 1.0])
-    other = truth.by_scipy(SHORT, truth.total_forces_n(flight) @ wrong)
+    other = two_body.by_scipy(SHORT, two_body.total_forces_n(flight) @ wrong)
     assert np.abs(flight.states - other).max() > 0.01
 
 
 def test_the_error_grows_with_the_square_of_the_distance():
-    growth = truth.drift_errors(SHORT, 400.0)
+    growth = two_body.drift_errors(SHORT, 400.0)
     for near, far in pairwise(growth):
         ratio = far.position_m / near.position_m
         np.testing.assert_allclose(ratio, (far.distance_m / near.distance_m) ** 2, rtol=0.01)
@@ -70,8 +70,8 @@ def test_thrusters_give_what_the_scenario_says():
     scenario = SHORT.equipped(Thrusters(matrix, 2))
     flight = fly(scenario, load_controller('handmade'))
     expected = flight.saturated_forces_n @ np.array(matrix).T + flight.disturbances_n[:-1]
-    np.testing.assert_allclose(truth.total_forces_n(flight), expected, rtol=1e-15)
-    states = truth.by_scipy(scenario, truth.total_forces_n(flight))
+    np.testing.assert_allclose(two_body.total_forces_n(flight), expected, rtol=1e-15)
+    states = two_body.by_scipy(scenario, two_body.total_forces_n(flight))
     np.testing.assert_allclose(flight.states, states, rtol=0, atol=1e-5)
 
 
@@ -98,7 +98,7 @@ def test_basilisk_flies_what_scipy_flies():
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
     flight = fly(load_scenario('paper_test'), load_controller('trained'))
-    found = truth.compare(flight, 'test')
+    found = two_body.compare(flight, 'test')
     assert list(found.errors) == ['Basilisk', 'SciPy']
     assert found.disagreement_m < 1e-7
     for errors in found.errors.values():

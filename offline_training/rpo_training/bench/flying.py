@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_core.scenario import load_set
-from rpo_training.campaign import config, fleet, single
-from rpo_training.campaign.flying import fly
+from rpo_training.campaign import config, run_batch, single
+from rpo_training.campaign.execution import fly
 from rpo_training.campaign.store import Store
-from rpo_training.evaluation import Simulator, case_of_set
-from rpo_training.genes import GeneSpace
+from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.simulator import Simulator
+from rpo_training.search.genes import GeneSpace
 
 PAPER_BUDGET = 60 * 301
 """Controllers that the paper's genetic algorithm flies: 60, in the first and 300 generations."""
@@ -63,8 +64,8 @@ def training(
             simulator.fly(space.decode(rng.random((count, space.size))))
             said((first + count) / evaluations)
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-        axes = 2 * len(case.full.block.planar) + len(case.full.block.vertical)
-        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.times.horizon)
+        axes = 2 * len(case.full.runs.planar) + len(case.full.runs.vertical)
+        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.windows.horizon)
 
 
 class Dispersed(NamedTuple):
@@ -85,7 +86,7 @@ def campaign(
     said : is told the share that is flown
     """
     chosen = config.load(CAMPAIGN, runs=runs)
-    fleet.fly_runs(chosen, 0, 1)  # compiles
+    run_batch.fly_runs(chosen, 0, 1)  # compiles
     single.fly_run(chosen, 0)
     flown = 0
 

@@ -19,9 +19,9 @@ from rpo_core.controller import load_fuzzy
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
-from rpo_training import batch, lanes
-from rpo_training.evaluation import case_of_set
-from rpo_training.genes import population_of
+from rpo_training.engine import lanes, parts, tick
+from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.population import population_of
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ class _Lanes:
 
     def __init__(self, controller: str, errors: Floats) -> None:
         loaded = load_fuzzy(controller)
-        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(batch.ROWS)
+        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(parts.ROWS)
         lanes.set_law(self.law, *(field[0] for field in population_of(loaded)))
         self.errors, self.outputs = errors, np.empty(errors.shape[1])
 
@@ -201,7 +201,7 @@ BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and st
 
 
 @lanes.compiled
-def _repeat(part, count, w, n, law, block, limit, c):  # type: ignore[no-untyped-def]
+def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
     """Run one of `BREAKDOWN` over and over."""
     for _ in range(count):
         if part == 0:
@@ -214,22 +214,23 @@ def _repeat(part, count, w, n, law, block, limit, c):  # type: ignore[no-untyped
         elif part == 3:
             lanes.infer_lanes(w, n, law)
         else:
-            batch.command(w, n, law)
-            batch.step(w, block, 0, limit, c)
+            tick.command_fuzzy(w, n, law, None)
+            tick.step_alike(w, p, q, c)
 
 
 def breakdown(count: int = 20_000) -> dict[str, float]:
     """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
     case = case_of_set(load_set('paper_training'))
-    block, axes = case.full.block, 80  # 78 axes in whole SIMD registers
-    law, rows = lanes.make_law(101), lanes.make_scratch(batch.ROWS)
+    runs, axes = case.full.runs, 80  # 78 axes in whole SIMD registers
+    law, rows = lanes.make_law(101), lanes.make_scratch(parts.ROWS)
     lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
-    batch.place(rows, block)
-    arguments = (rows, axes, law, block, case.base.max_force_n, case.base.step)
+    parts.place(rows, runs)
+    p, q = len(runs.planar), len(runs.vertical)
+    arguments = (rows, axes, law, p, q, case.base.step)
     times = {}
     for part, name in enumerate(BREAKDOWN):
         _repeat(part, 1, *arguments)
-        batch.place(rows, block)
+        parts.place(rows, runs)
         rate = _measure(partial(_repeat, part, count, *arguments), count * axes)
         times[name] = 1e9 / rate
     return times

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_training.bench import flying, inference, machine, ros
-from rpo_training.ledger import write_aside
+from rpo_training.outputs import write_aside
 
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 180.0, 10.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from rpo_core import files
-from rpo_core.baselines import Baseline
+from rpo_core import files, metrics
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
+from rpo_core.controller_file import ControllerFile
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
@@ -32,7 +32,7 @@ CUT = 3.0
 MAX_RUNS = 100_000_000
 
 
-class Kind(NamedTuple):
+class Quantity(NamedTuple):
     """A quantity that can be dispersed; `most` is the largest deviation that makes sense."""
 
     components: int
@@ -42,38 +42,26 @@ class Kind(NamedTuple):
 
 
 _SPREADS = ('uniform', 'normal')
-KINDS = {
-    'initial_position_m': Kind(3, 'm', _SPREADS, 1e4),
-    'initial_velocity_m_s': Kind(3, 'm/s', _SPREADS, 1e2),
-    'mass_share': Kind(1, '', _SPREADS, 0.99),
-    'thrust_share': Kind(3, '', _SPREADS, 1.0),
-    'misalignment_deg': Kind(3, 'deg', _SPREADS, 90.0),
-    'navigation_position_bias_m': Kind(3, 'm', _SPREADS, 1e4),
-    'navigation_velocity_bias_m_s': Kind(3, 'm/s', _SPREADS, 1e2),
-    'disturbance_amplitude_share': Kind(1, '', _SPREADS, 1e3),
-    'disturbance_phase_rad': Kind(1, 'rad', _SPREADS, 10.0),
-    'disturbance_frequency_share': Kind(1, '', _SPREADS, 1e3),
-    'orbit_altitude_m': Kind(1, 'm', _SPREADS, 1e8),
-    'delay_ticks': Kind(1, 'ticks', ('whole',), 1000),
-    'navigation_position_noise_m': Kind(1, 'm', ('white',), 1e4),
-    'navigation_velocity_noise_m_s': Kind(1, 'm/s', ('white',), 1e2),
+QUANTITIES = {
+    'initial_position_m': Quantity(3, 'm', _SPREADS, 1e4),
+    'initial_velocity_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
+    'mass_share': Quantity(1, '', _SPREADS, 0.99),
+    'thrust_share': Quantity(3, '', _SPREADS, 1.0),
+    'misalignment_deg': Quantity(3, 'deg', _SPREADS, 90.0),
+    'navigation_position_bias_m': Quantity(3, 'm', _SPREADS, 1e4),
+    'navigation_velocity_bias_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
+    'disturbance_amplitude_share': Quantity(1, '', _SPREADS, 1e3),
+    'disturbance_phase_rad': Quantity(1, 'rad', _SPREADS, 10.0),
+    'disturbance_frequency_share': Quantity(1, '', _SPREADS, 1e3),
+    'orbit_altitude_m': Quantity(1, 'm', _SPREADS, 1e8),
+    'delay_ticks': Quantity(1, 'ticks', ('whole',), 1000),
+    'navigation_position_noise_m': Quantity(1, 'm', ('white',), 1e4),
+    'navigation_velocity_noise_m_s': Quantity(1, 'm/s', ('white',), 1e2),
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
-FIGURES = {
-    'energy_n2s': 'N^2 s',
-    'arrival_speed_m_s': 'm/s',
-    'slew_n_s': 'N/s',
-    'arrival_distance_m': 'm',
-    'late_position_m': 'm',
-    'late_velocity_m_s': 'm/s',
-    'late_force_n': 'N',
-    'arrival_time_s': 's',
-    'delta_v_m_s': 'm/s',
-}
-"""Figures of a run, the smaller the better: those of `rpo_core.metrics` over the forces flown, the
-largest values of an axis over the last 200 s, the time after which every axis stays within 0.5 m,
-and the integral of |f_x| + |f_y| + |f_z| over the mass."""
+METRICS = {name: unit for name, unit in metrics.UNITS.items() if name != 'late_speed_m_s'}
+"""Metrics of a run, over the forces applied; late is the last 200 s."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +86,7 @@ class Dispersion:
 class CampaignConfig:
     """All that decides the outcome of a campaign, but the scenario and the controller themselves.
 
-    success : figure -> limit; a run succeeds that keeps them all
+    success : metric -> limit; a run succeeds that keeps them all
     faults : of the messages between plant and controller, None without
     """
 
@@ -127,7 +115,7 @@ class CampaignConfig:
     def spread(self, name: str) -> tuple[float, ...]:
         """Return the spread of a quantity, zeros where it is not dispersed."""
         found = self.dispersions.get(name)
-        return found.spread if found else (0.0,) * KINDS[name].components
+        return found.spread if found else (0.0,) * QUANTITIES[name].components
 
     @property
     def most_delay(self) -> int:
@@ -141,10 +129,10 @@ def parse(document: Any) -> CampaignConfig:
     data = mapping('', document, ['schema', *names], ['seed', 'sampling', 'faults'])
     if data['schema'] != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
-    dispersions = mapping('dispersions', data['dispersions'], [], KINDS)
-    success = mapping('success', data['success'], [], FIGURES)
+    dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
+    success = mapping('success', data['success'], [], METRICS)
     if not success:
-        raise InputError(f'`success` must limit at least one of {", ".join(FIGURES)}; got none')
+        raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
     with within('faults'):
         lossy = faults.parse(data['faults']) if 'faults' in data else None
     return CampaignConfig(
@@ -156,7 +144,7 @@ def parse(document: Any) -> CampaignConfig:
         sampling=data.get('sampling', SAMPLINGS[0]),
         dispersions={name: _dispersion(name, dispersions[name]) for name in dispersions},
         success={
-            name: real(f'success.{name}', limit, FIGURES[name], least=0.0)
+            name: real(f'success.{name}', limit, METRICS[name], least=0.0)
             for name, limit in success.items()
         },
         faults=lossy,
@@ -164,26 +152,26 @@ def parse(document: Any) -> CampaignConfig:
 
 
 def _dispersion(name: str, value: Any) -> Dispersion:
-    kind, place = KINDS[name], f'dispersions.{name}'
-    data = mapping(place, value, [], kind.distributions)
+    quantity, place = QUANTITIES[name], f'dispersions.{name}'
+    data = mapping(place, value, [], quantity.distributions)
     if len(data) != 1:
         raise InputError(
-            f'`{place}` must give one of {", ".join(kind.distributions)}; got {shown(value)}'
+            f'`{place}` must give one of {", ".join(quantity.distributions)}; got {shown(value)}'
         )
     distribution, spread = next(iter(data.items()))
     place = f'{place}.{distribution}'
     if distribution == 'whole':
-        return Dispersion(distribution, (whole(place, spread, least=0, most=int(kind.most)),))
-    most = kind.most / (CUT if distribution == 'normal' else 1.0)
+        return Dispersion(distribution, (whole(place, spread, least=0, most=int(quantity.most)),))
+    most = quantity.most / (CUT if distribution == 'normal' else 1.0)
     if not isinstance(spread, list):
-        spread = [spread] * kind.components
-    if len(spread) != kind.components:
+        spread = [spread] * quantity.components
+    if len(spread) != quantity.components:
         raise InputError(
-            f'`{place}` must be one number or a list of {kind.components} in {kind.unit or "1"}; '
-            f'got {shown(spread)}'
+            f'`{place}` must be one number or a list of {quantity.components} in '
+            f'{quantity.unit or "1"}; got {shown(spread)}'
         )
     return Dispersion(
-        distribution, tuple(real(place, s, kind.unit, least=0.0, most=most) for s in spread)
+        distribution, tuple(real(place, s, quantity.unit, least=0.0, most=most) for s in spread)
     )
 
 
@@ -219,9 +207,9 @@ class Campaign:
     texts: tuple[str, str, str]
 
     def __post_init__(self) -> None:
-        if isinstance(self.controller, Baseline):
+        if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
-        if not self.scenario.is_ideal:
+        if self.scenario.thrusters or self.scenario.navigation:
             raise InputError(
                 '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
                 f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'
@@ -274,7 +262,7 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
 
         def off(name: str, sign: float = sign) -> tuple[float, ...]:
             found = config.dispersions.get(name)
-            extreme = found.extreme if found else (0.0,) * KINDS[name].components
+            extreme = found.extreme if found else (0.0,) * QUANTITIES[name].components
             return tuple(sign * e for e in extreme)
 
         share, phase, frequency = (

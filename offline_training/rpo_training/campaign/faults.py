@@ -4,21 +4,19 @@
 
 A tick has the newest force that has come by then: the answer to its own state or an
 older one, held. A force that answers a state of more than `stale_after_ticks` ago counts as zero.
-What becomes of the messages of a tick is a function of (key of the run, tick), by Philox4x32-10.
+What becomes of the messages of a tick is said by `rpo_training.engine.link`.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from rpo_core.kernels import Vector
 from rpo_core.link import Hits, Link
-from rpo_core.noise import kernel, philox
+from rpo_core.noise import philox
 from rpo_core.validation import InputError, mapping, real, whole
-
-LOST = -1
-"""What `lateness` says of an answer that never comes."""
+from rpo_training.engine.link import Fates
 
 STALE_AFTER_TICKS = 10
 LATE_BY_TICKS = 2
@@ -28,17 +26,6 @@ MOST_LATE_TICKS = 100
 
 SHARES = ('state_loss', 'state_delay', 'force_loss', 'force_delay')
 _WORDS = 2**32
-
-
-class Fates(NamedTuple):
-    """Faults as the kernels read them: thresholds of words of 32 bits, and ticks."""
-
-    state_loss: int
-    state_delay: int
-    force_loss: int
-    force_delay: int
-    late_by: int
-    stale_after: int
 
 
 @dataclass(frozen=True)
@@ -100,18 +87,6 @@ def to_document(faults: Faults) -> dict[str, Any]:
     if not faults.delays:
         del document['late_by_ticks']
     return document
-
-
-@kernel
-def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
-    """Ticks from state `tick` to the force that answers it; LOST if there is none."""
-    a, b, c, d = philox(tick, 2, 0, 0, k0, k1)
-    late = 0
-    if b < faults.state_delay:
-        late += faults.late_by
-    if d < faults.force_delay:
-        late += faults.late_by
-    return LOST if a < faults.state_loss or c < faults.force_loss else late
 
 
 def hits(tick: int, key: tuple[int, int], faults: Fates) -> tuple[Hits, Hits]:

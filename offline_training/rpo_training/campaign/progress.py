@@ -9,7 +9,7 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from rpo_training.campaign.fleet import UNIT
+from rpo_training.campaign.run_batch import UNIT
 from rpo_training.campaign.store import Store
 from rpo_training.display import Display
 

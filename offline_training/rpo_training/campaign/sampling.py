@@ -15,17 +15,19 @@ from scipy.stats import qmc
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep
-from rpo_training.campaign.config import CUT, KINDS, Campaign
+from rpo_training.campaign.config import CUT, QUANTITIES, Campaign
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STRATA = 1000
-"""Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
+"""DrawnRuns of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
-_DRAWN = [name for name, kind in KINDS.items() if kind.distributions != ('white',)]
-_OFFSETS = dict(zip(_DRAWN, np.cumsum([0, *(KINDS[n].components for n in _DRAWN)]), strict=False))
-DIMENSIONS = sum(KINDS[name].components for name in _DRAWN)
+_DRAWN = [name for name, quantity in QUANTITIES.items() if quantity.distributions != ('white',)]
+_OFFSETS = dict(
+    zip(_DRAWN, np.cumsum([0, *(QUANTITIES[n].components for n in _DRAWN)]), strict=False)
+)
+DIMENSIONS = sum(QUANTITIES[name].components for name in _DRAWN)
 """Numbers drawn per run, dispersed or not: adding a dispersion leaves the others' draws alone."""
 
 _HYPERCUBE, _RUN, _NOISE = 0, 1, 2  # first words of the spawn keys of the seed sequences
@@ -44,11 +46,11 @@ PARAMETERS = (
     'orbit_radius_m',
     'delay_ticks',
 )
-"""Columns of `Runs.parameters`."""
+"""Columns of `DrawnRuns.parameters`."""
 
 
-class Runs(NamedTuple):
-    """Runs as they are flown.
+class DrawnRuns(NamedTuple):
+    """DrawnRuns as they are flown.
 
     numbers : (n,) int
     parameters : (n, 24), see `PARAMETERS`
@@ -113,7 +115,7 @@ def rotation(vector_rad: Floats) -> Floats:
     return np.eye(3) + c1 * cross + c2 * square
 
 
-def draw(campaign: Campaign, first: int, count: int) -> Runs:
+def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
     """Return `count` runs from number `first`."""
     config, scenario = campaign.config, campaign.scenario
     numbers = np.arange(first, first + count)
@@ -121,7 +123,7 @@ def draw(campaign: Campaign, first: int, count: int) -> Runs:
 
     def off(name: str) -> Floats:
         """Deviations (n, components) of a quantity."""
-        offset, components = _OFFSETS[name], KINDS[name].components
+        offset, components = _OFFSETS[name], QUANTITIES[name].components
         u = unit[:, offset : offset + components]
         found = config.dispersions.get(name)
         if found is None:
@@ -149,7 +151,7 @@ def draw(campaign: Campaign, first: int, count: int) -> Runs:
             off('delay_ticks'),
         ]
     )
-    return Runs(numbers, parameters, _keys(campaign, numbers))
+    return DrawnRuns(numbers, parameters, _keys(campaign, numbers))
 
 
 def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:

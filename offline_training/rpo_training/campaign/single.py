@@ -16,7 +16,7 @@ from rpo_core.stage import Place, Signal, Stage
 from rpo_core.thrusters import Thrusters
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import Channel
-from rpo_training.campaign.sampling import Runs, draw
+from rpo_training.campaign.sampling import DrawnRuns, draw
 
 
 def fly_run(campaign: Campaign, number: int) -> Flight:
@@ -63,21 +63,20 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
         mass_kg=row[6],
         orbit_radius_m=row[22],
         disturbance=runs.disturbance(0, nominal.disturbance),
-        sections=(
-            *_thrusters(campaign.config.dispersions, runs),
-            *_navigation(campaign, runs),
-        ),
+    ).equipped(
+        *_thrusters(campaign.config.dispersions, runs),
+        *_navigation(campaign, runs),
     )
 
 
-def _thrusters(dispersed: Collection[str], runs: Runs) -> list[Thrusters]:
+def _thrusters(dispersed: Collection[str], runs: DrawnRuns) -> list[Thrusters]:
     if not {'thrust_share', 'misalignment_deg', 'delay_ticks'} & set(dispersed):
         return []
     x, y, z = (tuple(row) for row in runs.thrust(0).tolist())
     return [Thrusters((x, y, z), int(runs.delays[0]))]
 
 
-def _navigation(campaign: Campaign, runs: Runs) -> list[Navigation]:
+def _navigation(campaign: Campaign, runs: DrawnRuns) -> list[Navigation]:
     config = campaign.config
     if not any(name.startswith('navigation_') for name in config.dispersions):
         return []

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from rpo_training.campaign.config import FIGURES, CampaignConfig
+from rpo_training.campaign.config import METRICS, CampaignConfig
 from rpo_training.campaign.store import Store
 
 Floats = NDArray[np.float64]
@@ -38,13 +38,13 @@ def rate(name: str, kept: int, runs: int) -> Rate:
     return Rate(name, kept, runs, float(interval.low), float(interval.high))
 
 
-def successes(config: CampaignConfig, figures: dict[str, Floats]) -> NDArray[np.bool_]:
-    """Return which runs (n,) keep every limit; a figure that is not a number keeps none."""
-    return np.logical_and.reduce([figures[name] <= limit for name, limit in config.success.items()])
+def successes(config: CampaignConfig, columns: dict[str, Floats]) -> NDArray[np.bool_]:
+    """Return which runs (n,) keep every limit; a metric that is not a number keeps none."""
+    return np.logical_and.reduce([columns[name] <= limit for name, limit in config.success.items()])
 
 
 class Spread(NamedTuple):
-    """A figure over all runs; worst_run is its number, to be flown again."""
+    """A metric over all runs; worst_run is its number, to be flown again."""
 
     name: str
     unit: str
@@ -55,10 +55,10 @@ class Spread(NamedTuple):
 
 
 def spread(name: str, values: Floats) -> Spread:
-    """Return how a figure is distributed."""
+    """Return how a metric is distributed."""
     worst = int(np.argmax(values))
     quantiles = tuple(float(q) for q in np.quantile(values, QUANTILES))
-    return Spread(name, FIGURES[name], float(values.mean()), quantiles, float(values[worst]), worst)
+    return Spread(name, METRICS[name], float(values.mean()), quantiles, float(values[worst]), worst)
 
 
 def rates(store: Store) -> list[Rate]:
@@ -67,14 +67,14 @@ def rates(store: Store) -> list[Rate]:
     columns = {name: store.column(name) for name in config.success}
     found = [rate('success', int(successes(config, columns).sum()), config.runs)]
     for name, limit in config.success.items():
-        label = f'{name} <= {limit:g} {FIGURES[name]}'
+        label = f'{name} <= {limit:g} {METRICS[name]}'
         found.append(rate(label, int((columns[name] <= limit).sum()), config.runs))
     return found
 
 
 def spreads(store: Store) -> list[Spread]:
-    """Return how every figure is distributed; one column in memory at a time."""
-    return [spread(name, store.column(name)) for name in FIGURES]
+    """Return how every metric is distributed; one column in memory at a time."""
+    return [spread(name, store.column(name)) for name in METRICS]
 
 
 def document(found_rates: list[Rate], found_spreads: list[Spread]) -> dict[str, Any]:

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_core.validation import InputError
 from rpo_training.campaign.config import Campaign
-from rpo_training.campaign.fleet import COLUMNS, UNIT, units
-from rpo_training.cluster import versions
-from rpo_training.ledger import write_aside
+from rpo_training.campaign.run_batch import COLUMNS, UNIT, units
+from rpo_training.cluster.pool import versions
+from rpo_training.outputs import write_aside
 
 Floats = NDArray[np.float64]
 

@@ -14,17 +14,17 @@ import numpy as np
 
 from rpo_training.campaign.config import Campaign, CampaignConfig, dumps
 from rpo_training.campaign.faults import SHARES, Faults
-from rpo_training.campaign.fleet import COLUMNS, fly_unit, units
+from rpo_training.campaign.run_batch import COLUMNS, fly_unit, units
 from rpo_training.campaign.statistics import Rate, rate, successes
 
 STEP = 10
 PERCENTS = tuple(range(0, 101, STEP))
 
-KINDS = {'lost': ('state_loss', 'force_loss'), 'late': ('state_delay', 'force_delay')}
+FAULTS = {'lost': ('state_loss', 'force_loss'), 'late': ('state_delay', 'force_delay')}
 """What is swept: the share of states, and with it that of forces."""
 
 
-class Row(NamedTuple):
+class SweepPoint(NamedTuple):
     """Success at one share: of the campaign as it is dispersed, and of its scenario alone."""
 
     percent: int
@@ -60,16 +60,18 @@ class Sweep:
         self._alone = _with(campaign, replace(config, dispersions={}))
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), 'rpo-sweep')
 
-    def rows(self, kind: str) -> list[Row]:
+    def rows(self, kind: str) -> list[SweepPoint]:
         """Return the rows of a kind of fault."""
         return [self._row(kind, percent) for percent in PERCENTS]
 
-    def _row(self, kind: str, percent: int) -> Row:
-        row = Row(percent, self._rate(self._dispersed, kind, percent), self._bare(kind, percent))
+    def _row(self, kind: str, percent: int) -> SweepPoint:
+        row = SweepPoint(
+            percent, self._rate(self._dispersed, kind, percent), self._bare(kind, percent)
+        )
         self._said()
         return row
 
-    def edge(self, kind: str, rows: list[Row]) -> Edge:
+    def edge(self, kind: str, rows: list[SweepPoint]) -> Edge:
         """Return between which percentages the scenario alone ceases to succeed."""
         whole = [row.percent for row in rows if row.alone.kept == row.alone.runs]
         lost = [row.percent for row in rows if row.alone.kept == 0]
@@ -93,12 +95,12 @@ class Sweep:
     def _rate(self, campaign: Campaign, kind: str, percent: int) -> Rate:
         share, chosen = percent / 100.0, None
         if percent:
-            shares: dict[str, Any] = {name: share * (name in KINDS[kind]) for name in SHARES}
+            shares: dict[str, Any] = {name: share * (name in FAULTS[kind]) for name in SHARES}
             chosen = replace(self._base, **shares)
         flown = _with(campaign, replace(campaign.config, faults=chosen))
         parts = self._pool.map(lambda unit: fly_unit(flown, unit), range(units(flown.config.runs)))
-        figures = dict(zip(COLUMNS, np.hstack(list(parts)), strict=True))
-        return rate('success', int(successes(flown.config, figures).sum()), flown.config.runs)
+        columns = dict(zip(COLUMNS, np.hstack(list(parts)), strict=True))
+        return rate('success', int(successes(flown.config, columns).sum()), flown.config.runs)
 
 
 def _with(campaign: Campaign, config: CampaignConfig) -> Campaign:

@@ -59,7 +59,7 @@ def _all(output: Path, page: Path | None) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from rpo_training import marked
+    from rpo_training import outputs
     from rpo_training.bench import table
 
     with Progress(console=Console(stderr=True)) as bar:
@@ -74,7 +74,7 @@ def _all(output: Path, page: Path | None) -> None:
     _print(found)
     typer.echo(table.save(found, output))
     if page is not None:
-        marked.put(page, 'rpo bench --write', table.markdown(found))
+        outputs.put(page, 'rpo bench --write', table.markdown(found))
         typer.echo(page)
 
 

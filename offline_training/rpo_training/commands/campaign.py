@@ -99,21 +99,21 @@ def _sweep(chosen: Campaign, runs: int) -> None:
     from rich.table import Table
 
     from rpo_training.campaign.faults import Faults
-    from rpo_training.campaign.sweep import KINDS, PERCENTS, Sweep
+    from rpo_training.campaign.sweep import FAULTS, PERCENTS, Sweep
 
     config, base = chosen.config, chosen.config.faults or Faults()
     with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('flying', total=len(KINDS) * len(PERCENTS))
+        task = bar.add_task('flying', total=len(FAULTS) * len(PERCENTS))
         sweep = Sweep(chosen, runs, lambda: bar.advance(task))
-        found = {kind: sweep.rows(kind) for kind in KINDS}
-        edges = {kind: sweep.edge(kind, found[kind]) for kind in KINDS}
+        found = {kind: sweep.rows(kind) for kind in FAULTS}
+        edges = {kind: sweep.edge(kind, found[kind]) for kind in FAULTS}
     typer.echo(
         f'{config.name}: {config.controller}, free running; % of {runs} flights that succeed,\n'
         f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
         f'a force counts for {base.stale_after_ticks} ticks'
     )
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('share %', *(h for kind in KINDS for h in (kind, 'Wilson 95 %', 'alone'))):
+    for heading in ('share %', *(h for kind in FAULTS for h in (kind, 'Wilson 95 %', 'alone'))):
         table.add_column(heading, justify='right', no_wrap=True)
     for rows in zip(*found.values(), strict=True):
         cells = [str(rows[0].percent)]
@@ -147,7 +147,7 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 
 def _fly(store: Store, workers: int, cluster: str) -> None:
-    from rpo_training.campaign.flying import fly
+    from rpo_training.campaign.execution import fly
     from rpo_training.campaign.progress import CampaignDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -195,8 +195,8 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     from rich.table import Table
 
     from rpo_core.validation import InputError
-    from rpo_training.campaign.config import FIGURES
-    from rpo_training.campaign.fleet import fly_runs
+    from rpo_training.campaign.config import METRICS
+    from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
 
     if number >= chosen.config.runs:
@@ -208,7 +208,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
         table.add_column(heading, justify='right' if heading else 'left')
     for name, (value,) in columns.items():
         limit = chosen.config.success.get(name)
-        unit = FIGURES.get(name, '')
+        unit = METRICS.get(name, '')
         table.add_row(name, f'{value:.6g} {unit}', '' if limit is None else f'{limit:g}')
     Console().print(table)
     _compare(flight, columns, store, number)
@@ -223,7 +223,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
     from rpo_core import scenario
     from rpo_core.validation import InputError
     from rpo_training.campaign.single import scenario_of
-    from rpo_training.ledger import write_aside
+    from rpo_training.outputs import write_aside
 
     if chosen.config.faults is not None:
         if export is not None:
@@ -244,7 +244,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
     """Say that the core flew the same bits, and that they are those of the folder."""
     from rpo_core.validation import InputError
-    from rpo_training.campaign.fleet import FINAL
+    from rpo_training.campaign.run_batch import FINAL
 
     final = [float(columns[name][0]) for name in FINAL]
     same = final == flight.states[-1].tolist()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from rpo_training.comparison import Row
+    from rpo_training.evaluation.comparison import ComparedController
 
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
@@ -44,7 +44,7 @@ def compare(
 
     What was computed is kept: Ctrl-C stops cleanly, the same command goes on.
     """
-    from rpo_training import comparison, comparison_table
+    from rpo_training.evaluation import comparison, comparison_table
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     names = controllers or list(comparison.CONTROLLERS)
@@ -98,7 +98,7 @@ class _Display:
         self._what = what
 
 
-def _print(rows: Sequence[Row], said: Sequence[str]) -> None:
+def _print(rows: Sequence[ComparedController], said: Sequence[str]) -> None:
     from textwrap import fill
 
     from rich.box import SIMPLE_HEAD
@@ -106,7 +106,7 @@ def _print(rows: Sequence[Row], said: Sequence[str]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from rpo_training.comparison_table import overview, tests
+    from rpo_training.evaluation.comparison_table import overview, tests
 
     console = Console()
     console.width = max(console.width, _WIDTH)

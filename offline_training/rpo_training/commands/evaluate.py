@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rpo_training.assessment import Assessment
+    from rpo_training.evaluation.assessment import Assessment
 
 EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
@@ -33,13 +33,13 @@ def evaluate(
     from rich.console import Console
 
     from rpo_core.controller import load_fuzzy
-    from rpo_training.assessment import assess
+    from rpo_training.evaluation.assessment import assess
 
     console = Console()
     missed = False
     for name in controllers:
         found = assess(load_fuzzy(name), workers)
-        missed |= not all(mark.holds for mark in found.marks())
+        missed |= not all(target.holds for target in found.targets())
         console.print(_targets(found))
         console.print(_bindings(found), highlight=False)
         if starts:
@@ -56,29 +56,30 @@ def _targets(found: Assessment) -> Table:
     table = Table(title=f'{found.controller.name}: targets', title_justify='left')
     for heading in ('', 'what', 'limit', 'reached', ''):
         table.add_column(heading, justify='right' if heading in ('limit', 'reached') else 'left')
-    for mark in found.marks():
+    for target in found.targets():
         table.add_row(
-            mark.target,
-            mark.what,
-            f'{mark.limit:.4g} {mark.unit}',
-            f'{mark.reached:.4g} {mark.unit}',
-            'held' if mark.holds else 'MISSED',
+            target.name,
+            target.what,
+            f'{target.limit:.4g} {target.unit}',
+            f'{target.reached:.4g} {target.unit}',
+            'held' if target.holds else 'MISSED',
         )
     return table
 
 
 def _bindings(found: Assessment) -> str:
-    from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
-    figures, bindings = found.figures, found.binding
+    rows, bindings = found.metrics, found.binding
+    worst = rows.max(axis=0)
     counts = ', '.join(f'{name} {bindings.count(name)}' for name in sorted(set(bindings)))
     least = float(found.least.mean())
     return (
         f'mean J {found.mean_energy_n2s:.4f} N^2 s = {found.mean_energy_n2s / least:.2f} x the '
         f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
-        f'{figures[-1, ENERGY]:.3f} = {figures[-1, ENERGY] / found.least[-1]:.2f} x\n'
-        f'worst start: speed {figures[:, SPEED].max():.4f} m/s, slew {figures[:, SLEW].max():.4f} '
-        f'N/s, distance {figures[:, DISTANCE].max():.4f} m; condition nearest its limit: {counts}'
+        f'{rows[-1, ENERGY]:.3f} = {rows[-1, ENERGY] / found.least[-1]:.2f} x\n'
+        f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
+        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; condition nearest its limit: {counts}'
     )
 
 
@@ -96,20 +97,20 @@ _HEADINGS = (
 
 
 def _rows(found: Assessment) -> list[list[str]]:
-    from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED
+    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     return [
         [
             *(f'{r:g}' for r in start),
             f'{row[ENERGY]:.4f}',
             f'{row[ENERGY] / least:.3f}',
-            f'{row[SPEED]:.5f}',
+            f'{row[ARRIVAL_SPEED]:.5f}',
             f'{row[SLEW]:.5f}',
-            f'{row[DISTANCE]:.5f}',
+            f'{row[ARRIVAL_DISTANCE]:.5f}',
             binding,
         ]
         for start, row, least, binding in zip(
-            found.starts, found.figures, found.least, found.binding, strict=True
+            found.starts, found.metrics, found.least, found.binding, strict=True
         )
     ]
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from rpo_core.certificate import Certificate
     from rpo_core.controller import FuzzyController
     from rpo_core.explain import Decision
+    from rpo_training.analysis.certificate import Certificate
 
 EXAMPLES = """
 Examples: `rpo explain handmade` | `rpo explain handmade --certify` |
@@ -175,8 +175,8 @@ def _all_graded(grades: tuple[float, ...]) -> list[str]:
 
 
 def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> None:
-    from rpo_core.certificate import certify as examine
-    from rpo_core.explain import warnings
+    from rpo_training.analysis.certificate import certify as examine
+    from rpo_training.analysis.rule_base import warnings
 
     position, velocity, force = controller.scales
     console.print(f'[bold]{controller.name}[/bold]: {controller.description}', highlight=False)
@@ -202,8 +202,9 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
 def _rules(controller: FuzzyController) -> Table:
     from rich.table import Table
 
-    from rpo_core.explain import SPOKEN, activities
+    from rpo_core.explain import SPOKEN
     from rpo_core.fuzzy import WORDS
+    from rpo_training.analysis.rule_base import activities
 
     table = Table(title='Rules: force', title_justify='left')
     table.add_column('velocity error ↓  position error →')

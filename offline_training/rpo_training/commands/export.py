@@ -31,8 +31,8 @@ def export(
     """
     from rpo_core.controller import load_fuzzy
     from rpo_training.export import SUFFIXES, text_of
+    from rpo_training.export.importing import write
     from rpo_training.export.parts import identifier
-    from rpo_training.importing import write
 
     loaded = load_fuzzy(controller)
     text = text_of(loaded, to)

@@ -31,8 +31,8 @@ def import_controller(
     from dataclasses import replace
 
     from rpo_core.controller import dumps
-    from rpo_core.explain import warnings
-    from rpo_training.importing import load, write
+    from rpo_training.analysis.rule_base import warnings
+    from rpo_training.export.importing import load, write
 
     loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
     write(output, dumps(loaded))

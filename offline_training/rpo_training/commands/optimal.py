@@ -85,7 +85,7 @@ def _with_start(base: Scenario, text: str) -> Scenario:
 def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> None:
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
-    from rpo_training import optimal as limits
+    from rpo_training.evaluation import optimal as limits
 
     coast = limits.COAST_S
     flights = {'to rest at the end': limits.to_rest(scenario)}
@@ -136,7 +136,7 @@ def _of_set(starts: ScenarioSet) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from rpo_training import optimal as limits
+    from rpo_training.evaluation import optimal as limits
 
     base, positions = starts.base, starts.initial_positions_m
     states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])

@@ -41,9 +41,9 @@ def report(
     from rpo_training.report import recognise
     from rpo_training.report.page import write
 
-    kind = recognise.kind_of(target)
-    with Console(stderr=True).status(f'{target}: reporting this {kind.value}'):
-        made, folder, code = _OF[kind.value](target)
+    subject = recognise.subject_of(target)
+    with Console(stderr=True).status(f'{target}: reporting this {subject.value}'):
+        made, folder, code = _OF[subject.value](target)
         paths = write(made, output or folder)
     for path in paths:
         typer.echo(path)

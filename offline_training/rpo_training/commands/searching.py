@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from rpo_training.search_run import Config, Found, SearchRun
+    from rpo_training.search.run import Config, Found, SearchRun
 
 
 def fly(run: SearchRun[Config, Found]) -> Found:
     """Fly a run to its end, watched; return the best. Interrupted, say how to go on, and exit."""
-    from rpo_training.progress import TrainingDisplay
+    from rpo_training.search.progress import TrainingDisplay
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -25,7 +25,7 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     except KeyboardInterrupt:
         again = f'{run.command} {shlex.join(["--resume", str(run.folder)])}'
         typer.echo(
-            f'Interrupted after {len(run.ledger.marks)} generations, which are saved. '
+            f'Interrupted after {len(run.checkpoint.scores)} generations, which are saved. '
             f'Go on with: {again}',
             err=True,
         )

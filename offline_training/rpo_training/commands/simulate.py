@@ -25,7 +25,7 @@ def simulate(
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
 ) -> None:
-    """Fly one scenario without ROS: the bits that the nodes fly, and their figures."""
+    """Fly one scenario without ROS: the bits that the nodes fly, and their metrics."""
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
     from rpo_core.scenario import load_scenario

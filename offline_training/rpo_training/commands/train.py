@@ -14,8 +14,8 @@ from rpo_training.commands.searching import fly
 
 if TYPE_CHECKING:
     from rpo_core.controller import FuzzyController
-    from rpo_training.config import TrainingConfig
-    from rpo_training.training import Training
+    from rpo_training.search.config import TrainingConfig
+    from rpo_training.search.training import Training
 
 EXAMPLES = """
 Examples: `rpo train` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
@@ -50,8 +50,8 @@ def train(
 
     Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
     """
-    from rpo_training import config as configs
-    from rpo_training.training import Training
+    from rpo_training.search import config as configs
+    from rpo_training.search.training import Training
 
     if resume is not None:
         if any(option is not None for option in (config, seed, algorithm, settings, output)):
@@ -70,7 +70,7 @@ def train(
 
 def _base(preset: str, path: Path | None) -> TrainingConfig:
     from rpo_core.validation import choice
-    from rpo_training import config as configs
+    from rpo_training.search import config as configs
 
     if path is not None:
         return configs.load(path)

@@ -14,7 +14,7 @@ from rpo_core.files import DEFAULT_CONTROLLER
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
-    from rpo_training.truth import Comparison
+    from rpo_training.truth.two_body import Comparison
 
 EXAMPLES = """
 Examples: `rpo truth runs/first` | `rpo truth` | `rpo truth --scenario approach --controller
@@ -39,8 +39,8 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`), and by SciPy.
     """
-    from rpo_training import marked
-    from rpo_training.truth import TRUTHS, compare
+    from rpo_training import outputs
+    from rpo_training.truth.two_body import TRUTHS, compare
 
     names = [name for name in TRUTHS if name != 'Basilisk' or find_spec('Basilisk')]
     if 'Basilisk' not in names:
@@ -52,7 +52,7 @@ def truth(
     path = plot or (Path('runs/truth.png') if run is None else _report(run) / 'truth.png')
     _draw(found, path)
     if write is not None:
-        marked.put(write, 'rpo truth --write', text)
+        outputs.put(write, 'rpo truth --write', text)
         typer.echo(write)
 
 
@@ -75,7 +75,7 @@ def _report(run: Path) -> Path:
 
 def markdown(found: Comparison) -> str:
     """Return the tables; they are printed as they stand in the documentation."""
-    from rpo_training.truth import AXES
+    from rpo_training.truth.two_body import AXIS_NAMES
 
     scenario = found.scenario
     lines = [
@@ -96,8 +96,8 @@ def markdown(found: Comparison) -> str:
         f'Drifting freely for {scenario.duration_s:g} s from rest at a distance, error of the '
         'linear plant (SciPy):',
         '',
-        '| distance | ' + ' | '.join(f'along {axis}' for axis in AXES) + ' |',
-        '|---|' + '---|' * len(AXES),
+        '| distance | ' + ' | '.join(f'along {axis}' for axis in AXIS_NAMES) + ' |',
+        '|---|' + '---|' * len(AXIS_NAMES),
     ]
     for growth in found.growth:
         cells = (f'{error:.2g} m' for error in growth.position_m)
@@ -107,7 +107,7 @@ def markdown(found: Comparison) -> str:
 
 def _draw(found: Comparison, path: Path) -> None:
     from rpo_core.validation import InputError
-    from rpo_training.truth_picture import draw
+    from rpo_training.truth.picture import draw
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

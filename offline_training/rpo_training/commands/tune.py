@@ -37,7 +37,7 @@ def tune(
 
     Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
     """
-    from rpo_training.tuning import BUDGET, Tuning, TuningConfig
+    from rpo_training.baselines.tuning import BUDGET, Tuning, TuningConfig
 
     if (kind is None) == (resume is None):
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')

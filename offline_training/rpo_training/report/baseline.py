@@ -10,7 +10,7 @@ from rpo_core.scenario import load_scenario
 from rpo_log import report as log_report
 from rpo_log import style
 from rpo_training.report.blocks import Picture, Report, Section, Table
-from rpo_training.report.surface_figures import axis_forces
+from rpo_training.report.surface_plots import axis_forces
 
 SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
 

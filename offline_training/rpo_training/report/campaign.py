@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
 from rpo_log import style
-from rpo_training.campaign.config import FIGURES, KINDS
-from rpo_training.campaign.fleet import FINAL
+from rpo_training.campaign.config import METRICS, QUANTITIES
+from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import PARAMETERS
 from rpo_training.campaign.statistics import (
     QUANTILES,
@@ -24,7 +24,7 @@ from rpo_training.campaign.statistics import (
     successes,
 )
 from rpo_training.campaign.store import Store
-from rpo_training.report import campaign_figures, sensitivity
+from rpo_training.report import campaign_plots, sensitivity
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ def _success(found: list[Rate]) -> list[Block]:
     return [
         Picture(
             'success',
-            campaign_figures.rates(names, shares, low, high),
+            campaign_plots.rates(names, shares, low, high),
             'Share of runs that succeed, and that keep each condition alone.',
             '; '.join(f'{rate.name}: {_percent(rate)}' for rate in found) + '.',
         ),
@@ -119,7 +119,7 @@ def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
     return [
         Picture(
             'distributions',
-            campaign_figures.distributions(drawn, success),
+            campaign_plots.distributions(drawn, success),
             'How the figures are distributed; the last 0.05 % are beyond the right edge.',
             '; '.join(f'{s.name}: median {s.quantiles[0]:.3g} {_unit(s.unit)}' for s in found)
             + '.',
@@ -134,9 +134,9 @@ def _clouds(store: Store, success: Bools) -> Picture:
     bounds = limits.get('late_position_m'), limits.get('late_velocity_m_s')
     return Picture(
         'final_states',
-        campaign_figures.clouds(final, success, bounds),
+        campaign_plots.clouds(final, success, bounds),
         f'Relative position and velocity at the end of each run, in LVLH; of each kind the first '
-        f'{campaign_figures.MOST_POINTS}. Success is judged over the last 200 s, not at the end '
+        f'{campaign_plots.MOST_POINTS}. Success is judged over the last 200 s, not at the end '
         'alone, so a failure may end within the limit. A limit far outside of the cloud is not '
         'drawn.',
         f'Final states: the farthest is {np.linalg.norm(final[:, :3], axis=1).max():.3g} m from '
@@ -161,12 +161,14 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     level = sensitivity.chance_level(store.campaign.config.runs)
     first = next(iter(found))
     strongest = ', '.join(i.column for i in found[first][:3])
-    white = [n for n in store.campaign.config.dispersions if KINDS[n].distributions == ('white',)]
+    white = [
+        n for n in store.campaign.config.dispersions if QUANTITIES[n].distributions == ('white',)
+    ]
     note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
     return [
         Picture(
             'sensitivity',
-            campaign_figures.sensitivity(found, level),
+            campaign_plots.sensitivity(found, level),
             'Rank correlation (Spearman) of what was drawn with what came out, strongest on '
             f'{first} first. Within the grey band a dispersion without effect falls in '
             f'{100 * (1 - sensitivity.FALSE_ALARM):g} % of cases. The diamonds tell where a '
@@ -237,12 +239,12 @@ def _configuration(store: Store) -> list[Block]:
             name,
             dispersion.distribution,
             ', '.join(f'{s:g}' for s in sorted(set(dispersion.spread))),
-            KINDS[name].unit,
+            QUANTITIES[name].unit,
         )
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (name, f'≤ {limit:g} {_unit(FIGURES[name])}') for name, limit in config.success.items()
+        (name, f'≤ {limit:g} {_unit(METRICS[name])}') for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
     return [

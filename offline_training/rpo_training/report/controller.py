@@ -8,15 +8,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from rpo_core import files
-from rpo_core.certificate import Certificate, certify
 from rpo_core.controller import AnyController, FuzzyController, load_controller
-from rpo_core.explain import SPOKEN, activities, warnings
+from rpo_core.explain import SPOKEN
 from rpo_core.fuzzy import WORDS
+from rpo_core.metrics import ENERGY
 from rpo_log import style
-from rpo_training.assessment import Assessment, assess
-from rpo_training.evaluation import ENERGY
-from rpo_training.report import baseline
-from rpo_training.report import controller_figures as figures
+from rpo_training.analysis.certificate import Certificate, certify
+from rpo_training.analysis.rule_base import activities, warnings
+from rpo_training.evaluation.assessment import Assessment, assess
+from rpo_training.report import baseline, controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
@@ -40,10 +40,10 @@ def _fuzzy(controller: FuzzyController) -> Report:
             Section('Control surface', (_surface(controller),)),
             Section('Certificate', tuple(_certificate(certificate))),
         )
-    held = sum(mark.holds for mark in found.marks())
+    held = sum(target.holds for target in found.targets())
     return Report(
         f'Controller {controller.name}',
-        f'{controller.description} {held} of {len(found.marks())} targets held; mean J of '
+        f'{controller.description} {held} of {len(found.targets())} targets held; mean J of '
         f'{len(found.starts)} starts {found.mean_energy_n2s:.4g} N²s; the certificate '
         f'{"holds" if certificate.holds else "fails"}.',
         sections,
@@ -54,20 +54,20 @@ def _flights(found: Assessment) -> list[Block]:
     least = float(found.least.mean())
     rows = tuple(
         (
-            mark.target,
-            mark.what,
-            f'≤ {mark.limit:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
-            f'{mark.reached:.4g} {mark.unit}'.replace('N^2 s', 'N²s'),
-            'held' if mark.holds else 'MISSED',
+            target.name,
+            target.what,
+            f'≤ {target.limit:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
+            f'{target.reached:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
+            'held' if target.holds else 'MISSED',
         )
-        for mark in found.marks()
+        for target in found.targets()
     )
-    worst = found.figures[:, ENERGY].max()
+    worst = found.metrics[:, ENERGY].max()
     return [
         Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
         Picture(
             'starts',
-            figures.starts(found),
+            controller_plots.starts(found),
             f'The {len(found.starts)} training starts. Left, energy flown beside the least that '
             'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
             'starts stay below a share of the limit of each condition.',
@@ -81,7 +81,7 @@ def _functions(controller: FuzzyController) -> Picture:
     position, velocity, force = controller.scales
     return Picture(
         'membership_functions',
-        figures.membership_functions(controller),
+        controller_plots.membership_functions(controller),
         'Membership functions: '
         + ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
         + '. Errors beyond the edge count as the edge.',
@@ -103,7 +103,7 @@ def _rules(controller: FuzzyController) -> list[Block]:
     return [
         Picture(
             'rules',
-            figures.rules(controller),
+            controller_plots.rules(controller),
             'The rule table: the word of the force for each pair of words.',
             'The rule table; the table below has the same words.',
         ),
@@ -119,7 +119,7 @@ def _rules(controller: FuzzyController) -> list[Block]:
 def _surface(controller: FuzzyController) -> Picture:
     return Picture(
         'surface',
-        figures.control_surface(controller),
+        controller_plots.control_surface(controller),
         'The force over position and velocity error (target at rest minus chaser), and sections '
         'through it at five velocity errors.',
         'Force over both errors: positive where they are, through zero at the target.',

@@ -14,7 +14,7 @@ from rpo_log.run import log_files
 _CAMPAIGN = 'campaign.yaml'
 
 
-class Kind(Enum):
+class Subject(Enum):
     """What can be reported."""
 
     RUN = 'run'
@@ -22,7 +22,7 @@ class Kind(Enum):
     CONTROLLER = 'controller'
 
 
-def kind_of(target: str) -> Kind:
+def subject_of(target: str) -> Subject:
     """Return what a folder, a file or a name is; a name or file of any other kind: a controller.
 
     Raises
@@ -31,14 +31,14 @@ def kind_of(target: str) -> Kind:
         If it is a folder of neither a run nor a campaign.
     """
     if target.endswith('.mcap'):
-        return Kind.RUN
+        return Subject.RUN
     if not os.path.isdir(target):  # unlike Path's, never raises on odd names
-        return Kind.CONTROLLER
+        return Subject.CONTROLLER
     folder = Path(target)
     if log_files(folder):
-        return Kind.RUN
+        return Subject.RUN
     if (folder / _CAMPAIGN).is_file():
-        return Kind.CAMPAIGN
+        return Subject.CAMPAIGN
     raise InputError(
         f'{target}: must be the folder of a run (it holds run.mcap) or of a campaign '
         f'({_CAMPAIGN}); of a training, give its .yaml of the controller'

@@ -20,8 +20,8 @@ from rpo_log import style
 from rpo_log.errors import LogError
 from rpo_log.reader import RunLog, controller_of, read_run
 from rpo_log.run import INFO_FILE
-from rpo_training import optimal
-from rpo_training.report import run_figures
+from rpo_training.evaluation import optimal
+from rpo_training.report import run_plots
 from rpo_training.report.approach import (
     ARRIVED_M,
     CORRIDOR_HALF_ANGLE_DEG,
@@ -31,7 +31,7 @@ from rpo_training.report.approach import (
     passage,
 )
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
-from rpo_training.report.flown import Flown, flown
+from rpo_training.report.logged import LoggedFlight, logged_flight
 
 MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""
@@ -50,10 +50,10 @@ class _Optima:
     missing: tuple[str, ...]
 
 
-def report_of(path: Path) -> tuple[Report, Flown]:
+def report_of(path: Path) -> tuple[Report, LoggedFlight]:
     """Return the report of a run folder or .mcap file, and what it is about; raises LogError."""
     log = read_run(path)
-    shown = flown(log)
+    shown = logged_flight(log)
     flight, optima = shown.flight, _optima(shown)
     controller: AnyController | None
     try:
@@ -75,7 +75,7 @@ def report_of(path: Path) -> tuple[Report, Flown]:
     return Report(title, _summary(shown, log), tuple(sections)), shown
 
 
-def _optima(shown: Flown) -> _Optima:
+def _optima(shown: LoggedFlight) -> _Optima:
     scenario = shown.planned
     arrived = arrival_s(shown.flight) if shown.whole else None
     if scenario.ticks > MOST_TICKS:
@@ -96,7 +96,7 @@ def _optima(shown: Flown) -> _Optima:
     return _Optima(flights, tuple(missing))
 
 
-def _summary(shown: Flown, log: RunLog) -> str:
+def _summary(shown: LoggedFlight, log: RunLog) -> str:
     flight = shown.flight
     figures, arrived = metrics.of_flight(flight), arrival_s(flight)
     when = f'every axis within {ARRIVED_M:g} m ' + (
@@ -111,7 +111,7 @@ def _summary(shown: Flown, log: RunLog) -> str:
     )
 
 
-def _tables(shown: Flown) -> list[Block]:
+def _tables(shown: LoggedFlight) -> list[Block]:
     flight, scenario = shown.flight, shown.planned
     found: list[tuple[str, ...]] = []
     for section, rows in log_report.rows(flight).items():
@@ -161,9 +161,9 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
     return [
         Picture(
             'approach',
-            run_figures.approach(flight, optima.flights, aids),
+            run_plots.approach(flight, optima.flights, aids),
             f'The approach in LVLH: in space, in the orbital plane, and from above. Dots every '
-            f'{run_figures.MARK_S:g} s. {_AIDS}',
+            f'{run_plots.MARK_S:g} s. {_AIDS}',
             'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
         ),
         Table('Passage of the drawn aids', ('what', 'value'), tuple(found)),
@@ -186,7 +186,7 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
     return [
         Picture(
             'energy',
-            run_figures.energy(flight, optima.flights),
+            run_plots.energy(flight, optima.flights),
             'Energy spent so far, J = ∫ f·f dt. An optimum is the least J from the same start '
             'under the limit of force and all conditions of training, with the disturbance known, '
             'thrusters and navigation perfect; once in the whole time, once with 30 s after the '
@@ -211,7 +211,7 @@ def _limits(flight: Flight) -> Picture:
     slew = metrics.of_flight(flight).slew_n_s
     return Picture(
         'limits',
-        run_figures.limits(flight),
+        run_plots.limits(flight),
         'Force against the limit of the thrusters, and its rate against the condition of training.',
         f'Force and slew over time: at most {peak:.3g} N of {flight.scenario.max_force_n:g} N, and '
         f'{slew:.3g} N/s of {metrics.MAX_SLEW_N_S:g} N/s.',
@@ -223,7 +223,7 @@ def _disturbance(flight: Flight) -> list[Section]:
         return []
     picture = Picture(
         'disturbance',
-        run_figures.disturbance(flight),
+        run_plots.disturbance(flight),
         'The disturbance, and the sum of control and disturbance; the latter is cut where control '
         'brakes.',
         f'Disturbance of at most {metrics.disturbance_level_n(flight):.3g} N over time.',
@@ -240,7 +240,7 @@ def _control(flight: Flight, controller: AnyController | None, why: str) -> list
         missing = f'No control surface and no rules: {controller.name} is not a fuzzy controller.'
     picture = Picture(
         'phase_planes',
-        run_figures.phase_planes(flight, fuzzy),
+        run_plots.phase_planes(flight, fuzzy),
         'Velocity over position of each axis'
         + (", on the controller's force at that position and velocity" if fuzzy else '')
         + '. The chaser comes from the large dot; it is at rest at the target where both are 0.',

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
 from rpo_log import style
-from rpo_training.report import controller_figures
-from rpo_training.training import FRONT, HISTORY
+from rpo_training.report import controller_plots
+from rpo_training.search.training import FRONT, HISTORY
 
 Floats = NDArray[np.float64]
 
@@ -29,9 +29,9 @@ def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
     with style.applied():
         drawings = {
             'convergence.png': _convergence(folder / HISTORY),
-            'membership_functions.png': controller_figures.membership_functions(controller),
-            'rules.png': controller_figures.rules(controller),
-            'surface.png': controller_figures.control_surface(controller),
+            'membership_functions.png': controller_plots.membership_functions(controller),
+            'rules.png': controller_plots.rules(controller),
+            'surface.png': controller_plots.control_surface(controller),
         }
         if (folder / FRONT).exists():
             drawings['front.png'] = _front(folder / FRONT)

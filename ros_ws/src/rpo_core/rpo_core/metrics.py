@@ -1,16 +1,22 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics of a flight: energy J, training's conditions, window statistics, the paper's claims."""
+"""Metrics of a flight, defined once: what they are called, how they add up, what is claimed.
+
+The kernels count axis by axis, tick by tick; a flight that is there (`row_of`), and the lanes of
+the Monte Carlo engine, which keep no flight, use the same ones and get the same bits.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.flight import Flight
+from rpo_core.jit import as_table, kernel
 from rpo_core.scenario import Scenario
 
 PENALTY = 100.0
@@ -26,20 +32,201 @@ CLAIM_WINDOW_S = 200.0
 CLAIM_POSITION_M, CLAIM_VELOCITY_M_S = 0.5, 0.01
 TRAINING_CLAIM_WINDOW_S = 50.0
 
+UNITS = {
+    'energy_n2s': 'N^2 s',
+    'arrival_speed_m_s': 'm/s',
+    'slew_n_s': 'N/s',
+    'arrival_distance_m': 'm',
+    'late_position_m': 'm',
+    'late_velocity_m_s': 'm/s',
+    'late_force_n': 'N',
+    'arrival_time_s': 's',
+    'delta_v_m_s': 'm/s',
+    'late_speed_m_s': 'm/s',
+}
+"""Metric -> unit, in the order of a row; the smaller, the better.
+
+- energy: J = integral of f.f dt over the forces applied;
+- arrival speed, distance: mean norms of velocity, position over the last 30 s of the judged flight;
+- slew: largest |f_k - f_(k-1)| / dt of an axis; the step from rest is not counted;
+- late position, velocity, force: largest absolute value of any axis in the late window;
+- arrival time: after it every axis stays within 0.5 m, as far as the judged flight goes;
+- delta-v: integral of |f_x| + |f_y| + |f_z| over the mass;
+- late speed: norm of the axes' largest |velocity|, so never less than late velocity.
+"""
+
+(
+    ENERGY,
+    ARRIVAL_SPEED,
+    SLEW,
+    ARRIVAL_DISTANCE,
+    LATE_POSITION,
+    LATE_VELOCITY,
+    LATE_FORCE,
+    ARRIVAL_TIME,
+    DELTA_V,
+    LATE_SPEED,
+) = range(len(UNITS))
+"""Columns of a row of metrics."""
+
+
+class Windows(NamedTuple):
+    """What is counted when, in ticks.
+
+    ticks : flight that is judged
+    tail : last states of it whose norms are averaged
+    horizon : flight in all, >= ticks
+    late : last ticks of the horizon whose extremes are kept
+    """
+
+    ticks: int
+    tail: int
+    horizon: int
+    late: int
+
+
+class AxisSums(NamedTuple):
+    """What was counted of one axis.
+
+    energy, effort : sums of f^2 [N^2] and |f| [N]
+    step : largest change of force between ticks [N]
+    position, velocity, force : largest absolute values in the late window
+    outside : number of the last tick after which |r| > 0.5 m, from 1; 0 if none
+    """
+
+    energy: float
+    effort: float
+    step: float
+    position: float
+    velocity: float
+    force: float
+    outside: float
+
+
+@kernel
+def larger(largest: float, value: float) -> float:
+    """Return the larger of what was largest so far and |value|."""
+    size = abs(value)
+    return size if size > largest else largest
+
+
+@kernel
+def with_square(total: float, force: float) -> float:
+    """Return a sum of squares with one more."""
+    return total + force * force
+
+
+@kernel
+def last_outside(last: float, tick: int, r: float) -> float:
+    """Return the number of the last tick, from 1, after which |r| [m] is beyond arrival."""
+    return tick + 1.0 if abs(r) > MAX_ARRIVAL_DISTANCE_M else last
+
+
+@kernel
+def norm(x: float, y: float, z: float) -> float:
+    """Length of a vector."""
+    return sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def fill_row(
+    row: Any,
+    x: AxisSums,
+    y: AxisSums,
+    z: AxisSums,
+    distances: float,
+    speeds: float,
+    tail: int,
+    dt: float,
+    mass: float,
+) -> None:
+    """Fill a row of metrics, the columns of `UNITS`.
+
+    distances, speeds : sums over the `tail` of the norms of position [m] and velocity [m/s]
+    """
+    row[ENERGY] = (x.energy + y.energy + z.energy) * dt
+    row[ARRIVAL_SPEED] = speeds / tail
+    row[SLEW] = max(x.step, y.step, z.step) / dt
+    row[ARRIVAL_DISTANCE] = distances / tail
+    row[LATE_POSITION] = max(x.position, y.position, z.position)
+    row[LATE_SPEED] = norm(x.velocity, y.velocity, z.velocity)
+    row[LATE_FORCE] = max(x.force, y.force, z.force)
+    row[ARRIVAL_TIME] = max(x.outside, y.outside, z.outside) * dt
+    row[LATE_VELOCITY] = max(x.velocity, y.velocity, z.velocity)
+    row[DELTA_V] = (x.effort + y.effort + z.effort) * dt / mass
+
+
+@kernel
+def axis_sums(states: Any, forces: Any, axis: int, windows: Windows, quiet: int) -> AxisSums:
+    """Count one axis of a flight: states (N+1, 6), applied forces (N, 3), N = `horizon`.
+
+    quiet : ticks up to which changes of force are not counted, beside that from rest
+    """
+    energy = effort = step = position = velocity = largest = outside = before = 0.0
+    for tick in range(windows.horizon):
+        force = forces[tick][axis]
+        r, v = states[tick + 1][axis], states[tick + 1][3 + axis]
+        if tick < windows.ticks:
+            energy = with_square(energy, force)
+            effort += abs(force)
+            step = larger(step, force - before) if tick > quiet else step
+            before = force
+            outside = last_outside(outside, tick, r)
+        if tick >= windows.horizon - windows.late:
+            position, velocity = larger(position, r), larger(velocity, v)
+            largest = larger(largest, force)
+    return AxisSums(energy, effort, step, position, velocity, largest, outside)
+
+
+@kernel
+def count(
+    states: Any, forces: Any, windows: Windows, quiet: int, dt: float, mass: float, row: Any
+) -> None:
+    """Fill the row of metrics of a flight; see `axis_sums`."""
+    distances = speeds = 0.0
+    for tick in range(windows.ticks - windows.tail + 1, windows.ticks + 1):
+        s = states[tick]
+        distances += norm(s[0], s[1], s[2])
+        speeds += norm(s[3], s[4], s[5])
+    x = axis_sums(states, forces, 0, windows, quiet)
+    y = axis_sums(states, forces, 1, windows, quiet)
+    z = axis_sums(states, forces, 2, windows, quiet)
+    fill_row(row, x, y, z, distances, speeds, windows.tail, dt, mass)
+
 
 def window_ticks(scenario: Scenario, window_s: float) -> int:
     """Return how many last states, or forces, make up `window_s`; at most all but the start."""
     return min(scenario.ticks, max(1, round(window_s / scenario.dt_s)))
 
 
+def windows_of(
+    scenario: Scenario, tail_s: float = ARRIVAL_WINDOW_S, late_s: float = CLAIM_WINDOW_S
+) -> Windows:
+    """Return the windows of a flight that is judged to its end."""
+    tail, late = (window_ticks(scenario, seconds) for seconds in (tail_s, late_s))
+    return Windows(scenario.ticks, tail, scenario.ticks, late)
+
+
+def row_of(flight: Flight, windows: Windows | None = None, quiet: int = 0) -> NDArray[np.float64]:
+    """Return the metrics of a flight, the columns of `UNITS`; not a number where states are not."""
+    scenario, forces = flight.scenario, flight.saturated_forces_n
+    row = np.full(len(UNITS), np.nan)
+    if np.isfinite(flight.states).all() and np.isfinite(forces).all():
+        count(
+            as_table(flight.states),
+            as_table(forces),
+            windows or windows_of(scenario),
+            quiet,
+            scenario.dt_s,
+            scenario.mass_kg,
+            row,
+        )
+    return row
+
+
 @dataclass(frozen=True)
 class Metrics:
-    """What a flight is judged by.
-
-    energy_n2s : J = integral of f.f dt over the forces flown
-    arrival_speed_m_s, arrival_distance_m : mean norms of velocity, position over the last 30 s
-    slew_n_s : max over ticks and axes of |f_k - f_(k-1)| / dt; the step from rest is not counted
-    """
+    """What a flight is judged by; see `UNITS`."""
 
     energy_n2s: float
     arrival_speed_m_s: float
@@ -61,22 +248,9 @@ class Metrics:
         return self.energy_n2s + PENALTY * self.conditions.count(False)
 
 
-def slew_n_s(saturated_forces_n: NDArray[np.float64], dt_s: float) -> float:
-    """Return the largest |df/dt| [N/s] between consecutive forces (N, 3); 0 for a single one."""
-    steps = np.abs(np.diff(saturated_forces_n, axis=0))
-    return float(steps.max() / dt_s) if steps.size else 0.0
-
-
 def of_flight(flight: Flight) -> Metrics:
     """Return the metrics of a flight."""
-    scenario, applied = flight.scenario, flight.saturated_forces_n
-    last = window_ticks(scenario, ARRIVAL_WINDOW_S)
-    return Metrics(
-        energy_n2s=float((applied**2).sum() * scenario.dt_s),
-        arrival_speed_m_s=float(np.linalg.norm(flight.velocities_m_s[-last:], axis=1).mean()),
-        slew_n_s=slew_n_s(applied, scenario.dt_s),
-        arrival_distance_m=float(np.linalg.norm(flight.positions_m[-last:], axis=1).mean()),
-    )
+    return Metrics(*row_of(flight)[: ARRIVAL_DISTANCE + 1].tolist())
 
 
 class Window(NamedTuple):
@@ -89,12 +263,8 @@ class Window(NamedTuple):
 
 def window(flight: Flight, window_s: float) -> Window:
     """Return the extremes of the last `window_s` seconds."""
-    last = window_ticks(flight.scenario, window_s)
-    return Window(
-        float(np.abs(flight.positions_m[-last:]).max()),
-        float(np.abs(flight.velocities_m_s[-last:]).max()),
-        float(np.abs(flight.saturated_forces_n[-last:]).max()),
-    )
+    row = row_of(flight, windows_of(flight.scenario, late_s=window_s))
+    return Window(*row[LATE_POSITION : LATE_FORCE + 1].tolist())
 
 
 def disturbance_level_n(flight: Flight) -> float:
@@ -122,14 +292,13 @@ def claims(flight: Flight) -> list[Claim]:
     A flight shorter than a claim's window is judged over what there is, and the statement says so.
     """
     if flight.scenario.disturbance.is_zero:
-        last, statement = _claim_window(flight.scenario, TRAINING_CLAIM_WINDOW_S)
-        speed = float(np.linalg.norm(flight.velocities_m_s[-last:], axis=1).mean())
-        slew = slew_n_s(flight.saturated_forces_n, flight.scenario.dt_s)
+        statement = _last(flight.scenario, TRAINING_CLAIM_WINDOW_S)
+        row = row_of(flight, windows_of(flight.scenario, tail_s=TRAINING_CLAIM_WINDOW_S))
         return [
-            Claim(f'mean speed, {statement}', 'm/s', 0.015, speed),
-            Claim('largest |df/dt|', 'N/s', 0.0261, slew),
+            Claim(f'mean speed, {statement}', 'm/s', 0.015, float(row[ARRIVAL_SPEED])),
+            Claim('largest |df/dt|', 'N/s', 0.0261, float(row[SLEW])),
         ]
-    _, statement = _claim_window(flight.scenario, CLAIM_WINDOW_S)
+    statement = _last(flight.scenario, CLAIM_WINDOW_S)
     extremes = window(flight, CLAIM_WINDOW_S)
     level = disturbance_level_n(flight)
     return [
@@ -139,6 +308,5 @@ def claims(flight: Flight) -> list[Claim]:
     ]
 
 
-def _claim_window(scenario: Scenario, window_s: float) -> tuple[int, str]:
-    ticks = window_ticks(scenario, window_s)
-    return ticks, f'last {ticks * scenario.dt_s:g} s'
+def _last(scenario: Scenario, window_s: float) -> str:
+    return f'last {window_ticks(scenario, window_s) * scenario.dt_s:g} s'

@@ -1,0 +1,111 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Flying a campaign, on the threads of this machine or on a `dask.distributed` cluster.
+
+A unit's results depend on nothing but the campaign and the unit: who flies it, and when, does not
+matter. A few units a worker are under way at a time, so that memory stays flat.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import closing
+from functools import lru_cache
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.run_batch import COLUMNS, fly_unit
+from rpo_training.campaign.statistics import document, rates, spreads, successes
+from rpo_training.campaign.store import Store
+from rpo_training.cluster import pool
+
+Floats = NDArray[np.float64]
+Results = Iterator[tuple[int, Floats]]
+
+
+def fly(
+    store: Store,
+    workers: int = 0,
+    address: str = '',
+    progress: Callable[[int, int], None] = lambda runs, successful: None,
+) -> None:
+    """Fly what is still to be flown, then finish the folder.
+
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+    progress : is told the runs that came in and how many of them succeeded
+    """
+    with store.alone():
+        pending = store.pending()
+        if not store.finished:
+            _fly(store, pending, workers or len(os.sched_getaffinity(0)), address, progress)
+
+
+def _fly(
+    store: Store,
+    pending: list[int],
+    workers: int,
+    address: str,
+    progress: Callable[[int, int], None],
+) -> None:
+    campaign = store.campaign
+    source = (
+        on_cluster(campaign, pending, address, workers)
+        if address
+        else on_threads(campaign, pending, workers)
+    )
+    with closing(source):  # type: ignore[type-var]
+        for unit, results in source:
+            store.put(unit, results)
+            columns = dict(zip(COLUMNS, results, strict=True))
+            progress(results.shape[1], int(successes(campaign.config, columns).sum()))
+    store.finish(document(rates(store), spreads(store)))
+
+
+def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:
+    """Yield results as they come in."""
+    executor = ThreadPoolExecutor(workers, 'rpo-campaign')
+    todo = iter(pending)
+    under_way: dict[Future[Floats], int] = {}
+    try:
+        while True:
+            for unit in islice(todo, pool.AHEAD * workers - len(under_way)):
+                under_way[executor.submit(fly_unit, campaign, unit)] = unit
+            if not under_way:
+                return
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield under_way.pop(future), future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+@lru_cache(maxsize=2)
+def _campaign(texts: tuple[str, str, str]) -> Campaign:
+    return Campaign.of_texts(texts, ('campaign', 'scenario', 'controller'))
+
+
+def fly_remote(texts: tuple[str, str, str], unit: int) -> Floats:
+    """Fly a unit on a worker."""
+    return fly_unit(_campaign(texts), unit)
+
+
+def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: int) -> Results:
+    """Yield results as they come in; a unit whose worker is lost is flown by another.
+
+    Raises
+    ------
+    InputError
+        If the cluster does not answer, is lost, or has other versions of what bits depend on.
+    """
+    mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
+    name = f'rpo-campaign-{mark}'
+    tasks = (pool.Task((name, unit), (campaign.texts, unit)) for unit in pending)
+    with pool.connected(address, workers) as client:
+        yield from pool.results(client, fly_remote, tasks)

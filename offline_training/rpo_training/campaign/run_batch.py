@@ -1,0 +1,172 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""From drawn runs to outcomes; a unit of 200 runs is what a thread or worker flies at a time."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import metrics
+from rpo_core.baselines import Baseline
+from rpo_core.controller import AnyController, only_fuzzy
+from rpo_core.metrics import row_of, windows_of
+from rpo_training.campaign.config import METRICS, Campaign
+from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
+from rpo_training.campaign.single import fly_run
+from rpo_training.engine import counters, lanes, parts, tick
+from rpo_training.engine.parts import PAIRED_LANES, RUNS
+from rpo_training.engine.population import population_of
+from rpo_training.engine.support import announce, why_not
+
+Floats = NDArray[np.float64]
+
+UNIT = 200
+"""Runs of a unit; a whole number of them is one Latin hypercube."""
+
+assert STRATA % UNIT == 0 and UNIT % RUNS == 0
+
+FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
+COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
+"""Columns of results: what was drawn, metrics, final state."""
+
+_FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
+
+_local = threading.local()
+
+
+def units(runs: int) -> int:
+    """Return the number of units of a campaign."""
+    return -(-runs // UNIT)
+
+
+def fly_unit(campaign: Campaign, unit: int) -> Floats:
+    """Return the results (len(COLUMNS), n) of the runs of a unit."""
+    first = unit * UNIT
+    return _fly(campaign, draw(campaign, first, min(UNIT, campaign.config.runs - first)))
+
+
+def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
+    """Return the results of some runs, column by column (count,)."""
+    return dict(zip(COLUMNS, _fly(campaign, draw(campaign, first, count)), strict=True))
+
+
+def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
+    rows = np.empty((len(drawn.numbers), counters.COLUMNS))
+    final = np.empty((len(rows), 6))
+    reason = why_not(campaign.scenario, campaign.controller)
+    if reason:
+        announce(reason)
+        _fly_singly(campaign, drawn, rows, final)
+    else:
+        _fly_side_by_side(campaign, drawn, rows, final)
+    return np.ascontiguousarray(np.hstack([drawn.parameters, rows[:, _FROM_ROW], final]).T)
+
+
+def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+    """Fly run after run through `rpo_core.flight.fly`."""
+    for i, number in enumerate(drawn.numbers.tolist()):
+        flight = fly_run(campaign, number)
+        rows[i] = row_of(flight, quiet=int(drawn.delays[i]))
+        final[i] = flight.states[-1]
+
+
+def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+    scenario, windows = campaign.scenario, windows_of(campaign.scenario)
+    plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
+    w = _scratch()
+    for first in range(0, len(rows), RUNS):
+        some = slice(first, first + RUNS)
+        batch = make_batch(campaign, drawn, first)
+        tick.fly(batch, control, plant, windows, w, None, None)
+        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
+
+
+def _scratch() -> Floats:
+    """Return this thread's scratch."""
+    if not hasattr(_local, 'w'):
+        _local.w = lanes.make_scratch(parts.ROWS)
+    return _local.w
+
+
+def _control(controller: AnyController) -> parts.Control:
+    if isinstance(controller, Baseline):
+        return parts.Control(None, controller.law)
+    fuzzy = only_fuzzy(controller)
+    return parts.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
+
+
+def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
+    """Return up to 40 runs from index `first`; lanes without a run rest."""
+    n = min(RUNS, len(drawn.numbers) - first)
+    chosen = slice(first, first + n)
+
+    def padded(values: NDArray[Any]) -> NDArray[Any]:
+        full = np.zeros((RUNS, *values.shape[1:]), values.dtype)
+        full[:n] = values[chosen]
+        return full
+
+    starts = padded(drawn.starts)
+    keys = np.ascontiguousarray(padded(drawn.keys).T)
+    steps = [drawn.step(i, campaign.scenario.dt_s) for i in range(first, first + n)]
+    rest = np.zeros((RUNS - n, 26))
+    return parts.Runs(
+        planar=starts[:, [0, 1, 3, 4]].copy(),
+        vertical=starts[:, [2, 5]].copy(),
+        navigation=parts.Navigation(padded(drawn.biases), _noise(campaign), keys),
+        link=_link(campaign, keys),
+        thrusters=_thrusters(campaign, drawn, first, n),
+        waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
+        steps=np.vstack([np.array(steps).reshape(n, 26), rest]),
+    )
+
+
+def _noise(campaign: Campaign) -> Floats:
+    names = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
+    return np.array([campaign.config.spread(name)[0] for name in names])
+
+
+def _link(campaign: Campaign, keys: NDArray[np.int64]) -> parts.Link | None:
+    if campaign.config.faults is None:
+        return None
+    fates = campaign.config.faults.fates
+    depth = 2 * fates.late_by + 1
+    return parts.Link(
+        fates,
+        keys,
+        past=np.empty((depth, PAIRED_LANES)),
+        lateness=np.empty((depth, RUNS), np.int64),
+        latest=np.empty(RUNS, np.int64),
+        held=np.empty(PAIRED_LANES),
+    )
+
+
+def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> parts.Thrusters:
+    delays, matrix = np.zeros(RUNS, np.int64), np.zeros((RUNS, 9))
+    delays[:n] = drawn.delays[first : first + n]
+    for s in range(n):
+        matrix[s] = drawn.thrust(first + s).ravel()
+    return parts.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, PAIRED_LANES)))
+
+
+def _waves(campaign: Campaign, drawn: Floats) -> parts.Waves:
+    """Return the disturbance of runs whose share, phase and frequency (3, n) were drawn."""
+    scenario, (share, phase, frequency) = campaign.scenario, drawn
+    n, harmonics = len(share), scenario.disturbance.harmonics
+    constant, waves = np.zeros((3, RUNS)), np.zeros((len(harmonics), 3, RUNS))
+    for axis, nominal in enumerate(scenario.disturbance.constant_n):
+        constant[axis, :n] = nominal * (1.0 + share)
+    for wave, h in zip(waves, harmonics, strict=True):
+        wave[0, :n] = h.amplitude_n * (1.0 + share)
+        wave[1, :n] = h.angular_rate_rad_s * (1.0 + frequency)
+        wave[2, :n] = h.phase_rad + phase
+    return parts.Waves(
+        scenario.times_s[:-1],
+        constant,
+        waves,
+        np.array(['xyz'.index(h.axis) for h in harmonics], np.int64),
+        np.array([h.function == 'sin' for h in harmonics], np.bool_),
+    )

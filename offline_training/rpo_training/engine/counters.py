@@ -1,0 +1,145 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The metrics of `rpo_core.metrics`, counted in lanes while they fly, and combined at the end."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from rpo_core import metrics
+from rpo_core.metrics import AxisSums, fill_row, larger, last_outside, norm, with_square
+from rpo_training.engine.lanes import compiled
+from rpo_training.engine.parts import (
+    BEFORE,
+    EFFORT,
+    ENERGY,
+    FORCE,
+    LATE_F,
+    LATE_R,
+    LATE_V,
+    OUTSIDE,
+    QUIET,
+    RUNS,
+    SLEW,
+    SUM_R,
+    SUM_V,
+    R,
+    V,
+)
+
+COLUMNS = len(metrics.UNITS)
+"""Columns of a row of metrics."""
+
+
+@compiled
+def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
+    """Count row FORCE: saturated and late, before the thrusters' errors."""
+    if tick < windows.ticks:
+        for s in range(n):
+            force = w[FORCE + s]
+            w[ENERGY + s] = with_square(w[ENERGY + s], force)
+            w[EFFORT + s] += abs(force)
+            change = force - w[BEFORE + s] if tick > w[QUIET + s] else 0.0
+            w[SLEW + s] = larger(w[SLEW + s], change)
+            w[BEFORE + s] = force
+    if tick >= windows.horizon - windows.late:
+        for s in range(n):
+            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s])
+
+
+@compiled
+def count_state(w, n, tick, windows):  # type: ignore[no-untyped-def]
+    """Count rows R and V, after the step of a tick."""
+    if tick < windows.ticks:
+        for s in range(n):
+            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[R + s])
+    if tick >= windows.horizon - windows.late:
+        for s in range(n):
+            w[LATE_R + s] = larger(w[LATE_R + s], w[R + s])
+            w[LATE_V + s] = larger(w[LATE_V + s], w[V + s])
+
+
+@compiled
+def keep_norms(w, p, q, tick, windows, norms):  # type: ignore[no-untyped-def]
+    """Keep squared norms of the tail for `finish_crossed`, or add up those of paired runs."""
+    if not windows.ticks - windows.tail <= tick < windows.ticks:
+        return
+    if norms is None:
+        for s in range(RUNS):
+            y, z = s + RUNS, s + 2 * RUNS
+            w[SUM_R + s] += norm(w[R + s], w[R + y], w[R + z])
+            w[SUM_V + s] += norm(w[V + s], w[V + y], w[V + z])
+        return
+    row = tick - (windows.ticks - windows.tail)
+    for i in range(p):
+        norms[0, row, i] = w[R + i] * w[R + i] + w[R + p + i] * w[R + p + i]
+        norms[1, row, i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
+    for i in range(q):
+        s = 2 * p + i
+        norms[0, row, p + i] = w[R + s] * w[R + s]
+        norms[1, row, p + i] = w[V + s] * w[V + s]
+
+
+@compiled
+def _sums(w, s):  # type: ignore[no-untyped-def]
+    return AxisSums(
+        w[ENERGY + s],
+        w[EFFORT + s],
+        w[SLEW + s],
+        w[LATE_R + s],
+        w[LATE_V + s],
+        w[LATE_F + s],
+        w[OUTSIDE + s],
+    )
+
+
+@compiled
+def _sum_norms(w, p, vertical, tail, norms):  # type: ignore[no-untyped-def]
+    for i in range(p):
+        w[SUM_R + i] = w[SUM_V + i] = 0.0
+    for tick in range(tail):
+        distance, speed = norms[0, tick, vertical], norms[1, tick, vertical]
+        for i in range(p):
+            w[SUM_R + i] += sqrt(norms[0, tick, i] + distance)
+            w[SUM_V + i] += sqrt(norms[1, tick, i] + speed)
+
+
+@compiled
+def finish_crossed(p, q, plant, mass, windows, w, norms, rows):  # type: ignore[no-untyped-def]
+    """Pair every planar with every vertical loop: rows of metrics (P * Q, columns), z fastest."""
+    for j in range(q):
+        z = 2 * p + j
+        _sum_norms(w, p, p + j, windows.tail, norms)
+        for i in range(p):
+            fill_row(
+                rows[i * q + j],
+                _sums(w, i),
+                _sums(w, p + i),
+                _sums(w, z),
+                w[SUM_R + i],
+                w[SUM_V + i],
+                windows.tail,
+                plant.dt,
+                mass,
+            )
+
+
+@compiled
+def finish_paired(plant, masses, windows, w, rows, final):  # type: ignore[no-untyped-def]
+    """Fill rows of metrics (n, columns) and final states (n, 6) of the first n runs."""
+    for s in range(len(rows)):
+        y, z = s + RUNS, s + 2 * RUNS
+        fill_row(
+            rows[s],
+            _sums(w, s),
+            _sums(w, y),
+            _sums(w, z),
+            w[SUM_R + s],
+            w[SUM_V + s],
+            windows.tail,
+            plant.dt,
+            masses[s],
+        )
+        for axis in range(3):
+            final[s, axis] = w[R + axis * RUNS + s]
+            final[s, 3 + axis] = w[V + axis * RUNS + s]

@@ -1,0 +1,180 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What flies side by side, part by part, and where it lies in the scratch.
+
+Under Clohessy-Wiltshire z is decoupled from x and y, and a fuzzy controller acts axis by axis. So
+runs are planar (x, y) and vertical (z) loops; their axes are lanes x..., y..., z... of the scratch
+(`rpo_training.engine.lanes`). Either every planar loop is crossed with every vertical one (a set of
+starts has few distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and
+a run may have parts that couple axes or differ from run to run.
+
+A part that is None is not compiled: each kernel that takes it returns at once, which numba sees
+from its type.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rpo_core.kernels import CwStep
+from rpo_training.engine.lanes import FIRST_FREE, STRIDE, compiled
+from rpo_training.engine.link import LOST
+
+RUNS = 40
+"""Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
+
+PAIRED_LANES = 3 * RUNS
+
+# Rows of the scratch, after those of the inference.
+R, V, SEEN_R, SEEN_V, FORCE, BEFORE, PUSH = ((FIRST_FREE + row) * STRIDE for row in range(7))
+SUM_R, SUM_V, QUIET, BIAS_R, BIAS_V, NOISE_R, NOISE_V = (
+    (FIRST_FREE + 7 + row) * STRIDE for row in range(7)
+)
+ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
+    (FIRST_FREE + 14 + row) * STRIDE for row in range(7)
+)
+MATRIX = (FIRST_FREE + 21) * STRIDE  # 9 rows
+STEP = (FIRST_FREE + 30) * STRIDE  # 26 rows
+ROWS = FIRST_FREE + 30 + len(CwStep._fields)
+
+
+class Navigation(NamedTuple):
+    """Errors of navigation.
+
+    biases : (40, 6) [m, m/s]; noise : (2,) 1 sigma [m], [m/s]; keys : (2, 40) of the noise
+    """
+
+    biases: Any
+    noise: Any
+    keys: Any
+
+
+class Link(NamedTuple):
+    """Messages lost or late between plant and controller, and the answers on their way.
+
+    faults : `rpo_training.engine.link.Fates`; keys : (2, 40)
+    past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and when they come
+    latest, held : (40,), (120,) tick of the latest answer that has come, and the answer
+    """
+
+    faults: Any
+    keys: Any
+    past: Any
+    lateness: Any
+    latest: Any
+    held: Any
+
+
+class Thrusters(NamedTuple):
+    """How thrusters are late and off.
+
+    delays : (40,) ticks; matrix : (40, 9), given = matrix x saturated command
+    queue : (longest delay + 1, 120) saturated commands
+    """
+
+    delays: Any
+    matrix: Any
+    queue: Any
+
+
+class Waves(NamedTuple):
+    """The disturbance as its constant part and harmonics, of each run.
+
+    times : (ticks,) [s]; constant : (3, 40) [N]
+    waves : (harmonics, 3, 40) amplitude [N], rate [rad/s], phase [rad]
+    axes, sines : (harmonics,) axis 0..2 of each, and whether it is a sine
+    """
+
+    times: Any
+    constant: Any
+    waves: Any
+    axes: Any
+    sines: Any
+
+
+class Runs(NamedTuple):
+    """Runs that fly side by side; all parts from `navigation` on may be None.
+
+    planar : (P, 4) starts x, y, vx, vy [m, m/s]; vertical : (Q, 2) starts z, vz
+    table : (ticks, 2 P + Q) disturbance [N], lanes x..., y..., z...; or (1, ...), always the same
+    steps : (40, 26) fields of CwStep, where they are not the plant's
+    """
+
+    planar: Any
+    vertical: Any
+    navigation: Any = None
+    link: Any = None
+    thrusters: Any = None
+    table: Any = None
+    waves: Any = None
+    steps: Any = None
+
+
+class Control(NamedTuple):
+    """A controller: `lanes.Law`, which acts axis by axis; or a BaselineLaw, for paired runs."""
+
+    fuzzy: Any = None
+    baseline: Any = None
+
+
+class Plant(NamedTuple):
+    """What all runs share: largest force of an axis [N], tick [s], CwStep or None."""
+
+    limit: float
+    dt: float
+    step: Any = None
+
+
+@compiled
+def place(w, runs):  # type: ignore[no-untyped-def]
+    """Put runs at their starts, with nothing on its way."""
+    w[:] = 0.0
+    p, q = len(runs.planar), len(runs.vertical)
+    for i in range(p):
+        w[R + i], w[R + p + i], w[V + i], w[V + p + i] = runs.planar[i]
+    for i in range(q):
+        w[R + 2 * p + i], w[V + 2 * p + i] = runs.vertical[i]
+    _place_navigation(w, runs.navigation)
+    _place_link(runs.link)
+    _place_thrusters(w, runs.thrusters)
+    _place_steps(w, runs.steps)
+
+
+@compiled
+def _place_navigation(w, navigation):  # type: ignore[no-untyped-def]
+    if navigation is None:
+        return
+    for s in range(RUNS):
+        for axis in range(3):
+            w[BIAS_R + axis * RUNS + s] = navigation.biases[s, axis]
+            w[BIAS_V + axis * RUNS + s] = navigation.biases[s, 3 + axis]
+
+
+@compiled
+def _place_link(link):  # type: ignore[no-untyped-def]
+    if link is None:
+        return
+    link.past[:] = link.held[:] = 0.0
+    link.lateness[:] = LOST
+    link.latest[:] = -1
+
+
+@compiled
+def _place_thrusters(w, thrusters):  # type: ignore[no-untyped-def]
+    if thrusters is None:
+        return
+    thrusters.queue[:] = 0.0
+    for s in range(RUNS):
+        for axis in range(3):
+            w[QUIET + axis * RUNS + s] = thrusters.delays[s]
+        for i in range(9):
+            w[MATRIX + i * STRIDE + s] = thrusters.matrix[s, i]
+
+
+@compiled
+def _place_steps(w, steps):  # type: ignore[no-untyped-def]
+    if steps is None:
+        return
+    for s in range(RUNS):
+        for i in range(26):
+            w[STEP + i * STRIDE + s] = steps[s, i]

@@ -1,0 +1,122 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The threads that fly controllers through cases.
+
+A controller is flown alone by one thread; nothing is shared between controllers, so that results do
+not depend on the number of threads. The kernels release the interpreter's lock.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.baselines import Baseline
+from rpo_core.controller import Controller, FuzzyController
+from rpo_core.flight import fly
+from rpo_core.fuzzy import DEFAULT_SAMPLES
+from rpo_core.metrics import row_of
+from rpo_training.engine import counters, lanes, parts, tick
+from rpo_training.engine.cases import Case
+from rpo_training.engine.population import Population, population_of
+from rpo_training.engine.support import announce, why_not
+
+Floats = NDArray[np.float64]
+Over = Callable[..., Iterable[None]]
+
+
+class Simulator:
+    """Flies controllers through cases, on `workers` threads (0: one per core).
+
+    samples : of the output range, for every member of a population
+    """
+
+    def __init__(
+        self, cases: Sequence[Case], workers: int = 0, samples: int = DEFAULT_SAMPLES
+    ) -> None:
+        self.cases, self.samples = tuple(cases), samples
+        self.workers = workers or len(os.sched_getaffinity(0))
+        self._local = threading.local()
+        self._pool = ThreadPoolExecutor(self.workers, 'rpo-engine')
+
+    def __enter__(self) -> Simulator:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def fly(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
+        """Return the metrics (candidates, starts, columns) of each case."""
+        return self._fly(candidates, self._pool.map)
+
+    def fly_here(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
+        """Return the same, flown by the thread that asks."""
+        return self._fly(candidates, map)
+
+    def _fly(self, candidates: Population | Sequence[Controller], over: Over) -> list[Floats]:
+        n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
+        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
+
+        def one(index: int) -> None:
+            for case, rows in zip(self.cases, found, strict=True):
+                if isinstance(candidates, Population):
+                    self._fly_fuzzy(candidates, index, self.samples, case, rows[index])
+                else:
+                    self._fly_controller(candidates[index], case, rows[index])
+
+        for _ in over(one, range(n)):
+            pass
+        return found
+
+    def _fly_controller(self, controller: Controller, case: Case, rows: Floats) -> None:
+        reason = why_not(case.base, controller)
+        if reason:
+            announce(reason)
+            _fly_singly(controller, case, rows)
+        elif isinstance(controller, FuzzyController):
+            self._fly_fuzzy(population_of(controller), 0, controller.system.samples, case, rows)
+        elif isinstance(controller, Baseline):
+            self._fly_baseline(controller, case, rows)
+
+    def _scratch(self, tail: int) -> tuple[Floats, Floats, Floats]:
+        """Return this thread's scratch: rows of lanes, norms of the tail, metrics of all pairs."""
+        local = self._local
+        if not hasattr(local, 'w'):
+            local.w = lanes.make_scratch(parts.ROWS)
+            local.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
+            local.norms = np.empty((2, 0, lanes.STRIDE))
+        if local.norms.shape[1] < tail:
+            local.norms = np.empty((2, tail, lanes.STRIDE))
+        return local.w, local.norms, local.pairs
+
+    def _fly_fuzzy(
+        self, population: Population, index: int, samples: int, case: Case, rows: Floats
+    ) -> None:
+        w, norms, pairs = self._scratch(case.windows.tail)
+        crossed = case.half if population.is_odd(index) else case.full
+        law = population.law(index, samples)
+        tick.fly(crossed.runs, parts.Control(law), case.plant, case.windows, w, norms, None)
+        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
+        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
+        rows[:] = pairs[crossed.pairs]
+
+    def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
+        baseline.refuse_other_ticks(case.base.dt_s)
+        w, _, _ = self._scratch(0)
+        masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
+        control = parts.Control(None, baseline.law)
+        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired, strict=True):
+            tick.fly(runs, control, case.plant, case.windows, w, None, None)
+            some = rows[first : first + parts.RUNS]
+            counters.finish_paired(case.plant, masses, case.windows, w, some, final)
+
+
+def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:
+    """Fly start after start through `rpo_core.flight.fly`."""
+    for row, scenario in zip(rows, case.scenarios(), strict=True):
+        row[:] = row_of(fly(scenario, controller), case.windows)

@@ -1,0 +1,123 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How good a controller is: the targets Q1-Q5, start by start beside the least energy possible."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.controller import FuzzyController
+from rpo_core.metrics import (
+    ARRIVAL_DISTANCE,
+    ARRIVAL_SPEED,
+    ENERGY,
+    LATE_FORCE,
+    LATE_POSITION,
+    LATE_SPEED,
+    SLEW,
+)
+from rpo_core.scenario import load_scenario, load_set
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation.optimal import least_energy
+from rpo_training.search import fitness
+
+Floats = NDArray[np.float64]
+
+MAX_MEAN_ENERGY_N2S = 3.7
+"""Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
+
+
+class Target(NamedTuple):
+    """A target beside what was reached; both as numbers, the smaller the better."""
+
+    name: str
+    what: str
+    unit: str
+    limit: float
+    reached: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the target is reached."""
+        return self.reached <= self.limit
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What one controller reaches.
+
+    starts : (n, 3) initial positions [m]; metrics : (n, columns), see `rpo_core.metrics.UNITS`
+    least : (n,) least energy possible [N^2 s]
+    tests : (2, columns) metrics of the paper's test, offset and phase reading
+    """
+
+    controller: FuzzyController
+    starts: Floats
+    metrics: Floats
+    least: Floats
+    tests: Floats
+
+    @property
+    def mean_energy_n2s(self) -> float:
+        """Mean J over the starts."""
+        return float(fitness.mean(self.metrics[:, ENERGY]))
+
+    @property
+    def binding(self) -> list[str]:
+        """The condition nearest to its limit, per start."""
+        shares = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]] / fitness.LIMITS
+        return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
+
+    def targets(self) -> list[Target]:
+        """Return the targets Q1-Q5."""
+        missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())
+        rules = self.controller.system.rules
+        unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
+        energy = Target(
+            'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
+        )
+        return [
+            Target('Q1', 'starts that miss a condition', '', 0, missed),
+            energy,
+            *self._test_targets(),
+            *self._settled_targets(),
+            Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
+        ]
+
+    def _test_targets(self) -> Iterator[Target]:
+        for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
+            place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
+            yield Target('Q3', f'{name}: largest |position|, last 200 s', 'm', distance, place)
+            limit = fitness.MAX_TEST_SPEED_M_S
+            yield Target('Q3', f'{name}: largest speed, last 200 s', 'm/s', limit, speed)
+
+    def _settled_targets(self) -> Iterator[Target]:
+        what = 'undisturbed, 300-400 s: largest'
+        force = float(self.metrics[:, LATE_FORCE].max())
+        speed = float(self.metrics[:, LATE_SPEED].max())
+        yield Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
+        yield Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
+
+
+def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
+    """Fly a controller through the training set, on to 400 s, and through the paper's tests."""
+    training = load_set('paper_training')
+    cases = [
+        case_of_set(
+            training,
+            horizon_s=fitness.SETTLED_UNTIL_S,
+            late_s=fitness.SETTLED_UNTIL_S - fitness.SETTLED_FROM_S,
+        ),
+        case_of_flights([load_scenario(name) for name in fitness.TESTS], fitness.TEST_WINDOW_S),
+    ]
+    with Simulator(cases, workers, controller.system.samples) as simulator:
+        flown, tests = simulator.fly(population_of(controller))
+    least = least_energy(training.base, cases[0].starts)
+    return Assessment(controller, training.initial_positions_m, flown[0], least, tests[0])

@@ -1,0 +1,269 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Controllers beside each other: training starts, the paper's test, a dispersed campaign.
+
+What was computed of a controller is kept in the folder under a digest of all that it depends on
+(controller, scenarios, campaign, versions), so that an interrupted comparison goes on where it was
+and a changed controller is flown anew. The campaigns are ordinary campaign folders.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import controller as controllers
+from rpo_core import files, metrics
+from rpo_core.baselines import Mpc
+from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.flight import Flight, fly
+from rpo_core.interfaces import NAVIGATION_STATE
+from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
+from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_core.validation import InputError
+from rpo_training.campaign import config, execution, run_batch, statistics
+from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.single import fly_run
+from rpo_training.campaign.store import Store
+from rpo_training.engine.cases import Case, case_of_set
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation import plans
+from rpo_training.evaluation.optimal import least_constrained
+from rpo_training.outputs import write_aside
+from rpo_training.search import fitness
+
+Floats = NDArray[np.float64]
+Report = Callable[[str, int, int], None]
+"""Is told what is under way, how much is done, how much there is."""
+
+FUZZY = ('trained', 'robust', 'paper_ga', 'handmade')
+CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
+STARTS = 'paper_training'
+TESTS = tuple(fitness.TESTS)
+
+PLANS_EVERY = 10  # ticks: the plans of the others lie in between
+PLANS_RUNS = 100  # of the campaign
+_CALLS, _REPETITIONS = 2000, 5
+
+
+@dataclass(frozen=True)
+class Test:
+    """The paper's test: largest |r| [m] and |v| [m/s] of an axis in the last 200 s, J [N^2 s]."""
+
+    position_m: float
+    velocity_m_s: float
+    energy_n2s: float
+
+
+@dataclass(frozen=True)
+class ComparedController:
+    """A controller.
+
+    mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
+    met : starts that meet all three conditions
+    distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the
+        last 30 s; slew_n_s : the largest; settled_s : mean time after which it stays within 0.5 m
+    tests : by scenario
+    kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
+    command_us : processor time of one command here and now [us]
+    plans : of a predictive controller, those of the starts and of some runs of the campaign
+    """
+
+    name: str
+    kind: str
+    mean_energy_n2s: float
+    ratio: float
+    starts: int
+    met: int
+    distance_m: float
+    worst_distance_m: float
+    slew_n_s: float
+    settled_s: float
+    tests: dict[str, Test]
+    kept: int
+    runs: int
+    low: float
+    high: float
+    command_us: float
+    plans: dict[str, dict[str, float]] | None = None
+
+
+def key_of(*texts: str) -> str:
+    """Return a digest of texts and of the versions that results depend on."""
+    libraries = {name: version(name) for name in ('numpy', 'scipy', 'numba', 'clarabel', 'cvxpy')}
+    joined = '\0'.join([*texts, json.dumps(libraries, sort_keys=True)])
+    return hashlib.sha256(joined.encode()).hexdigest()[:16]
+
+
+class Comparison:
+    """The controllers of a comparison, and the folder that keeps what was computed of them."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        folder: Path,
+        campaign: Path,
+        runs: int | None = None,
+        workers: int = 0,
+        report: Report = lambda what, done, total: None,
+    ) -> None:
+        self.folder, self.workers, self.report = folder, workers, report
+        changes = {} if runs is None else {'runs': runs}
+        self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
+        doubled = {c.controller.name for c in self.campaigns}
+        if len(doubled) < len(self.campaigns):
+            raise InputError('each controller can be compared once; two have the same name')
+        self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
+
+    @cached_property
+    def case(self) -> Case:
+        """The training starts."""
+        return case_of_set(load_set(STARTS))
+
+    def rows(self) -> list[ComparedController]:
+        """Return all controllers, flying what is not kept."""
+        least = self.least()
+        return [self._row(campaign, least) for campaign in self.campaigns]
+
+    def least(self) -> float:
+        """Return the mean J [N^2 s] of the optima under training's conditions."""
+        return float(
+            self._kept('optimum', [self._shared[0]], lambda: {'mean': self._optimum()})['mean']
+        )
+
+    def _optimum(self) -> float:
+        def progress(done: int, total: int) -> None:
+            self.report('optima by convex programming', done, total)
+
+        energies = least_constrained(self.case.base, self.case.starts, progress)
+        return float(fitness.mean(energies))
+
+    def _kept(
+        self, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Return what the folder keeps under a name for these texts; make it if it is not there."""
+        path = self.folder / f'{name}-{key_of(name, *texts)}.json'
+        try:
+            found: dict[str, Any] = json.loads(path.read_text())
+        except (OSError, ValueError):  # none, or damaged
+            try:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(
+                    f'{self.folder}: cannot be made: {error.strerror or error}'
+                ) from None
+            found = make()
+            text = json.dumps(found, indent=1)
+            write_aside(path, lambda file: file.write(text.encode()))
+        return found
+
+    def _row(self, campaign: Campaign, least: float) -> ComparedController:
+        controller = campaign.controller
+        text = controllers.dumps(controller)
+        name = controller.name
+        flown = self._kept(name, [text, *self._shared], lambda: self._flown(controller))
+        rate = self._campaign(campaign)
+        plans = None
+        if isinstance(controller, Mpc):
+            plans = self._kept(
+                f'{name}-plans',
+                [text, *self._shared, *campaign.texts],
+                lambda: self._plans(controller, campaign),
+            )
+        return ComparedController(
+            name=name,
+            kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
+            ratio=flown['mean_energy_n2s'] / least,
+            tests={test: Test(**flown['tests'][test]) for test in TESTS},
+            kept=rate.kept,
+            runs=rate.runs,
+            low=rate.low,
+            high=rate.high,
+            command_us=command_us(controller, load_scenario(TESTS[0])),
+            plans=plans,
+            **{key: value for key, value in flown.items() if key != 'tests'},
+        )
+
+    def _flown(self, controller: AnyController) -> dict[str, Any]:
+        """Return what the starts and the tests say."""
+        self.report(f'{controller.name}: training starts and tests', 0, 1)
+        rows = metrics_of(controller, self.case, self.workers)
+        missed = fitness.failures(rows[:, None, :]).sum(axis=1) > 0
+        return {
+            'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
+            'starts': len(rows),
+            'met': int((~missed).sum()),
+            'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
+            'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
+            'slew_n_s': float(rows[:, SLEW].max()),
+            'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
+            'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
+        }
+
+    def _campaign(self, campaign: Campaign) -> statistics.Rate:
+        """Return the rate of success, flying the rest of the campaign if there is one."""
+        name = campaign.controller.name
+        folder = self.folder / f'{name}-campaign-{key_of(*campaign.texts)}'
+        store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
+        total = campaign.config.runs
+        done = total - sum(min(run_batch.UNIT, total - u * run_batch.UNIT) for u in store.pending())
+
+        def progress(runs: int, _successful: int) -> None:
+            nonlocal done
+            done += runs
+            self.report(f'{name}: campaign', done, total)
+
+        execution.fly(store, self.workers, progress=progress)
+        return statistics.rates(store)[0]
+
+    def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
+        """Return what the plans ask for in the flights from the starts, and in some runs."""
+        self.report(f'{mpc.name}: plans', 0, 1)
+        starts = [fly(scenario, mpc) for scenario in load_set(STARTS).scenarios()]
+        count = min(PLANS_RUNS, campaign.config.runs)
+        runs = [fly_run(campaign, number) for number in range(count)]
+        return {
+            'starts': plans.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
+            'campaign': plans.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
+        }
+
+
+def _seen(flights: Sequence[Flight]) -> Floats:
+    """Return the states (flights, ticks, 6) that the controller saw."""
+    return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
+
+
+def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
+    """Return the metrics (starts, columns) of a controller, see `rpo_core.metrics.UNITS`."""
+    with Simulator([case], workers) as simulator:
+        return np.asarray(simulator.fly([controller])[0][0])
+
+
+def _test(flight: Flight) -> Test:
+    late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+    return Test(late.position_m, late.velocity_m_s, metrics.of_flight(flight).energy_n2s)
+
+
+def command_us(controller: AnyController, scenario: Scenario) -> float:
+    """Return the processor time [us] of a command, as a node asks for it: the best of some runs."""
+    flight = fly(scenario, controller)
+    ticks = np.linspace(0, len(flight.states) - 1, _CALLS).astype(int).tolist()
+    asked = [(k, tuple(s)) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]
+    stage = controller.stage(scenario.dt_s)
+    best = np.inf
+    for _ in range(_REPETITIONS):
+        began = time.process_time()
+        for tick, state in asked:
+            stage.step(tick, state)
+        best = min(best, time.process_time() - began)
+    return 1e6 * best / _CALLS

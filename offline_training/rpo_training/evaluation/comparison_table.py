@@ -1,0 +1,177 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A comparison as a table: for the terminal, Markdown, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rpo_core.metrics import CLAIM_WINDOW_S
+from rpo_core.validation import InputError
+from rpo_training.bench.machine import machine
+from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, ComparedController
+from rpo_training.outputs import write_aside
+
+BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
+"""Between these lines of a document stands the table."""
+
+Table = list[tuple[str, ...]]
+"""Headings, then a line for each controller; all texts."""
+
+
+def overview(rows: Sequence[ComparedController]) -> Table:
+    """Return what matters most."""
+    return [
+        (
+            'controller',
+            'mean J [N²s]',
+            '× least',
+            'starts that meet all',
+            'arrival error, mean (worst) [m]',
+            'slew [N/s]',
+            'success, dispersed [%]',
+            'command [µs]',
+        ),
+        *(
+            (
+                row.name,
+                f'{row.mean_energy_n2s:.3f}',
+                f'{row.ratio:.3f}' if row.met else '–',
+                f'{row.met} of {row.starts}',
+                f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})',
+                f'{row.slew_n_s:.3g}',
+                f'{100 * row.kept / row.runs:.2f} ({100 * row.low:.2f} to {100 * row.high:.2f})',
+                f'{row.command_us:.1f}',
+            )
+            for row in rows
+        ),
+    ]
+
+
+def tests(rows: Sequence[ComparedController]) -> Table:
+    """Return the paper's test in both readings."""
+    figures = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
+    readings = ('offset', 'phase')
+    lines: Table = [('controller', *(f'{name}: {f}' for name in readings for f in figures))]
+    for row in rows:
+        found = [row.tests[test] for test in TESTS]
+        cells = [
+            text
+            for t in found
+            for text in (
+                f'{t.position_m:.3g}',
+                f'{1e3 * t.velocity_m_s:.3g}',
+                f'{t.energy_n2s:.3f}',
+            )
+        ]
+        lines.append((row.name, *cells))
+    return lines
+
+
+def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> list[str]:
+    """Return what the columns mean, with the numbers that were computed for it."""
+    starts, runs = rows[0].starts, sorted({row.runs for row in rows})
+    window = f'{CLAIM_WINDOW_S:g}'
+    said = [
+        f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
+        f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
+        "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
+        f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
+        f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs, success as it is '
+        "defined there, Wilson's 95 % interval.",
+        f'Command: processor time of one call from Python on {machine()}.',
+    ]
+    for row in rows:
+        for where, p in (row.plans or {}).items():
+            flights = (
+                'the training starts'
+                if where == 'starts'
+                else (f'{min(PLANS_RUNS, row.runs)} runs of the campaign')
+            )
+            said.append(
+                f'{row.name}, {flights}: {int(p["within"])} of {int(p["plans"])} plans (each '
+                f'{PLANS_EVERY}th tick) keep the limits of force and slew; largest planned '
+                f'{p["force_n"]:.3g} N, {p["slew_n_s"]:.3g} N/s.'
+            )
+    return said
+
+
+def markdown(rows: Sequence[ComparedController], least: float, campaign: str) -> str:
+    """Return the tables and their notes as Markdown."""
+    parts = [_as_markdown(overview(rows)), _as_markdown(tests(rows))]
+    parts.append([f'- {note}' for note in notes(rows, least, campaign)])
+    return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
+
+
+def _as_markdown(table: Table) -> list[str]:
+    rule = ('---',) + ('---:',) * (len(table[0]) - 1)
+    return [f'| {" | ".join(line)} |' for line in (table[0], rule, *table[1:])]
+
+
+def as_csv(rows: Sequence[ComparedController]) -> str:
+    """Return all numbers as CSV, unrounded."""
+    flat = [_flat(asdict(row)) for row in rows]
+    names = list(dict.fromkeys(name for line in flat for name in line))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(flat)
+    return text.getvalue()
+
+
+def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, item in value.items():
+        flat.update(
+            _flat(item, f'{prefix}{key}_') if isinstance(item, dict) else {prefix + key: item}
+        )
+    return flat
+
+
+def write(
+    rows: Sequence[ComparedController], least: float, campaign: str, folder: Path
+) -> list[Path]:
+    """Write compare.md, compare.csv and compare.json; return their paths."""
+    document = {
+        'least_mean_energy_n2s': least,
+        'campaign': campaign,
+        'machine': machine(),
+        'controllers': [asdict(row) for row in rows],
+    }
+    texts = {
+        'compare.md': markdown(rows, least, campaign),
+        'compare.csv': as_csv(rows),
+        'compare.json': json.dumps(document, indent=1) + '\n',
+    }
+    return [_write(folder / name, text) for name, text in texts.items()]
+
+
+def _write(path: Path, text: str) -> Path:
+    write_aside(path, lambda file: file.write(text.encode()))
+    return path
+
+
+def put_into(path: Path, table: str) -> None:
+    """Put the table between the markers of a document; a new document is the table alone.
+
+    Raises
+    ------
+    InputError
+        If the document exists and has not one begin mark before one end mark.
+    """
+    block = f'{BEGIN}\n\n{table}\n{END}'
+    if not path.exists():
+        _write(path, f'{block}\n')
+        return
+    text = path.read_text()
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not begin or not end or BEGIN in rest or END in after:
+        raise InputError(f'{path}: must have one line `{BEGIN}` and, below it, one `{END}`')
+    _write(path, before + block + after)

@@ -1,0 +1,205 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of one flight."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import metrics
+from rpo_core.controller import FuzzyController
+from rpo_core.flight import Flight
+from rpo_log import style
+from rpo_log.report import by_axis, limit_lines
+from rpo_training.report.approach import Aids
+from rpo_training.report.surface_plots import draw_force, force_bar
+
+Floats = NDArray[np.float64]
+
+_INK, _OPTIMUM = style.LIGHT['ink'], style.LIGHT['optimum']
+MARK_S = 20.0
+_LINES = ('-', (0, (5, 2)))
+OptimaByName = dict[str, Flight]
+
+
+def approach(flight: Flight, optima: OptimaByName, aids: Aids) -> Any:
+    """Return the flight in space and in two planes, with the drawn aids around the target."""
+    figure = style.new_figure(7.9)
+    grid = figure.add_gridspec(2, 2, height_ratios=(9, 8))
+    room, space = figure.add_subplot(grid[0, :]), figure.add_axes((0, 0, 1, 1), projection='3d')
+    room.set_axis_off()
+    space.set_in_layout(False)
+    planes = [figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])]
+    _in_space(space, flight, optima, aids)
+    for axes, across, label in zip(
+        planes, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
+    ):
+        _in_plane(axes, flight, optima, aids, across)
+        axes.set(xlabel='y, V-bar [m]', ylabel=label)
+    style.legend_below(figure, planes[0], columns=4)
+    _fit(figure, space, room)
+    return figure
+
+
+def _fit(figure: Any, space: Any, room: Any) -> None:
+    """Give axes in space the size at which they and their labels fill their room.
+
+    The layout of matplotlib does not know how much of a cube's square a view leaves empty.
+    """
+    figure.draw_without_rendering()
+    figure.set_layout_engine('none')
+    target, size = room.get_window_extent(), figure.bbox.size
+    for _ in range(3):  # labels do not grow along
+        shown, square = _extent(space), space.get_window_extent()
+        scale = float((target.size / shown.size).min())
+        corner = (target.min + target.max) / 2 - scale * ((shown.min + shown.max) / 2 - square.min)
+        space.set_position((*(corner / size), *(scale * square.size / size)))
+        figure.draw_without_rendering()
+
+
+def _extent(space: Any) -> Any:
+    """Return the box around the cube of axes in space and its labels, after a drawing [pixels]."""
+    from matplotlib.transforms import Bbox
+
+    limits = (space.get_xlim3d(), space.get_ylim3d(), space.get_zlim3d())
+    corners = np.array(list(itertools.product(*limits, [1.0])))  # homogeneous
+    projected = corners @ space.get_proj().T
+    cube = Bbox.null()
+    cube.update_from_data_xy(space.transData.transform(projected[:, :2] / projected[:, 3:]))
+    labels = [axis.get_tightbbox() for axis in (space.xaxis, space.yaxis, space.zaxis)]
+    return Bbox.union([cube, *labels])
+
+
+def _paths(flight: Flight, optima: OptimaByName) -> list[tuple[str, Floats, str, Any]]:
+    """Return name, positions (n, 3), colour and line style, the flight last, on top."""
+    lines = [
+        (name, optimum.positions_m, _OPTIMUM, line)
+        for (name, optimum), line in zip(optima.items(), _LINES, strict=False)
+    ]
+    return [*lines, ('flown', flight.positions_m, _INK, '-')]
+
+
+def _marks(flight: Flight) -> Floats:
+    """Return the positions (n, 3) every 20 s: close together where it is slow."""
+    step = max(1, round(MARK_S / flight.scenario.dt_s))
+    return flight.positions_m[::step]
+
+
+def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, across: int) -> None:
+    for edge in aids.corridor_edges(1, across):
+        axes.plot(*edge.T, color=style.LIGHT['muted'], linewidth=0.8, label='corridor (aid)')
+    circle = aids.circle()
+    axes.plot(*circle.T, color=style.LIGHT['z'], linewidth=1.0, label='keep-out sphere (aid)')
+    for name, positions, colour, line in _paths(flight, optima):
+        axes.plot(positions[:, 1], positions[:, across], color=colour, linestyle=line, label=name)
+    marks = _marks(flight)
+    label = f'every {MARK_S:g} s'
+    axes.plot(marks[:, 1], marks[:, across], 'o', color=_INK, markersize=3.5, label=label)
+    axes.plot(0.0, 0.0, '+', color=_INK, markersize=10, label='target')
+    axes.set_aspect('equal', adjustable='datalim')
+
+
+def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> None:
+    for x, y, z in aids.cone():
+        axes.plot(y, z, x, color=style.LIGHT['muted'], linewidth=0.5)
+    for x, y, z in aids.sphere():
+        axes.plot(y, z, x, color=style.LIGHT['z'], linewidth=0.5)
+    for _, positions, colour, line in _paths(flight, optima):
+        x, y, z = positions.T
+        axes.plot(y, z, x, color=colour, linestyle=line)
+    x, y, z = _marks(flight).T
+    axes.plot(y, z, x, 'o', color=_INK, markersize=3)
+    axes.plot([0.0], [0.0], [0.0], '+', color=_INK, markersize=10)
+    axes.set_xlabel('y, V-bar [m]', labelpad=9)
+    axes.set_ylabel('z, H-bar [m]', labelpad=9)
+    axes.set_zlabel('x, R-bar [m]', labelpad=5)
+    reach = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
+    axes.set_box_aspect(reach)
+    axes.locator_params(nbins=5)
+    axes.view_init(elev=22.0, azim=-58.0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((0.0, 0.0, 0.0, 0.0))
+        axis.line.set_color(style.LIGHT['muted'])
+
+
+def energy(flight: Flight, optima: OptimaByName) -> Any:
+    """Return J over time, beside the optima."""
+    figure = style.new_figure(3.4)
+    axes = figure.subplots()
+    for (name, optimum), line in zip(optima.items(), _LINES, strict=False):
+        axes.plot(*_energy(optimum), color=_OPTIMUM, linestyle=line, label=name)
+    axes.plot(*_energy(flight), color=_INK, label='flown')
+    axes.set(xlabel='time [s]', ylabel='energy J so far [N²s]', ylim=(0.0, None))
+    axes.margins(x=0.01)
+    style.legend_below(figure, axes)
+    return figure
+
+
+def _energy(flight: Flight) -> tuple[Floats, Floats]:
+    spent = np.cumsum((flight.saturated_forces_n**2).sum(axis=1)) * flight.scenario.dt_s
+    return flight.scenario.times_s, np.concatenate([[0.0], spent])
+
+
+def limits(flight: Flight) -> Any:
+    """Return force and slew against what the thrusters and the conditions allow."""
+    scenario, forces = flight.scenario, flight.saturated_forces_n
+    slew = np.diff(forces, axis=0) / scenario.dt_s
+    figure = style.new_figure(4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    by_axis(upper, scenario.times_s[:-1], forces, 'force [N]')
+    limit_lines(upper, scenario.max_force_n, 'limit')
+    by_axis(lower, scenario.times_s[1:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
+    limit_lines(lower, metrics.MAX_SLEW_N_S, 'limit')
+    lower.set_xlabel('time [s]')
+    style.legend_below(figure, upper)
+    return figure
+
+
+def disturbance(flight: Flight) -> Any:
+    """Return the disturbance, and what control leaves of it."""
+    scenario, disturbances = flight.scenario, flight.disturbances_n[:-1]
+    level = metrics.disturbance_level_n(flight)
+    figure = style.new_figure(4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    by_axis(upper, scenario.times_s[:-1], disturbances, 'disturbance [N]')
+    by_axis(lower, scenario.times_s[:-1], flight.saturated_forces_n + disturbances, 'net force [N]')
+    limit_lines(lower, level, 'level of the disturbance')
+    lower.set(xlabel='time [s]', ylim=(-3.0 * level, 3.0 * level))
+    style.legend_below(figure, lower)
+    return figure
+
+
+def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
+    """Return velocity over position per axis, on the force that a controller answers with."""
+    figure = style.new_figure(3.9)
+    panels = figure.subplots(1, 3)
+    spans = [
+        1.08 * np.maximum(np.abs(v).max(axis=0), 1e-3)
+        for v in (flight.positions_m, flight.velocities_m_s)
+    ]
+    image = None
+    for i, (axes, name) in enumerate(zip(panels, style.AXIS_NAMES, strict=True)):
+        position, velocity = flight.positions_m[:, i], flight.velocities_m_s[:, i]
+        if controller is not None:
+            image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
+        axes.plot(position, velocity, color=_INK, label='flown')
+        axes.plot(position[0], velocity[0], 'o', color=_INK, markersize=6, label='start')
+        step = max(1, round(MARK_S / flight.scenario.dt_s))
+        axes.plot(
+            position[::step],
+            velocity[::step],
+            'o',
+            color=_INK,
+            markersize=3,
+            label=f'every {MARK_S:g} s',
+        )
+        axes.set(title=name, xlabel='position [m]')
+    panels[0].set_ylabel('velocity [m/s]')
+    if image is not None:
+        force_bar(figure, image, panels)
+    style.legend_below(figure, panels[0])
+    return figure

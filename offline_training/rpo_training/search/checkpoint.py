@@ -1,0 +1,115 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checkpoint of a run: every value the search was told.
+
+A search told the same values asks for the same chromosomes, so a run is resumed by telling them
+again, without flying: nothing of the inside of a search is saved. A digest of the chromosomes of
+each generation shows at once when that no longer holds, as under another version of a library.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.validation import InputError
+from rpo_training import __version__
+from rpo_training.outputs import write_aside
+from rpo_training.search.fitness import Scores
+
+Floats = NDArray[np.float64]
+
+SCHEMA = 'rpo/checkpoint/1'
+
+LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
+"""What the bits of a run depend on, beside this package."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package and of `LIBRARIES`."""
+    return {'rpo_training': __version__, **{name: version(name) for name in LIBRARIES}}
+
+
+@dataclass
+class Checkpoint:
+    """Generations told so far.
+
+    scores : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
+    digests : of the chromosomes of each
+    """
+
+    config: str
+    scores: list[Floats] = field(default_factory=list)
+    digests: list[str] = field(default_factory=list)
+
+    def add(self, genes: Floats, scores: Scores) -> None:
+        """Enter a generation."""
+        self.scores.append(
+            np.column_stack([scores.fitness, scores.energy, scores.failures, scores.arrival])
+        )
+        self.digests.append(digest(genes))
+
+    @property
+    def evaluations(self) -> int:
+        """Controllers flown in all."""
+        return sum(map(len, self.scores))
+
+    def save(self, path: Path) -> None:
+        """Write the checkpoint, aside and renamed."""
+        arrays = {
+            'schema': np.array(SCHEMA),
+            'config': np.array(self.config),
+            'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
+            'sizes': np.array([len(s) for s in self.scores]),
+            'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 6)),
+            'digests': np.array(self.digests, dtype='U16'),
+        }
+        write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+    @classmethod
+    def load(cls, path: Path, config: str) -> Checkpoint:
+        """Return a checkpoint that was written under the configuration `config`.
+
+        Raises
+        ------
+        InputError
+            If there is none, it is damaged, or of another version or configuration.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as saved:
+                data = {name: saved[name] for name in saved.files}
+            schema, written = str(data['schema']), str(data['config'])
+            bounds = np.cumsum(data['sizes'])[:-1]
+            scores = np.split(data['marks'], bounds) if len(data['sizes']) else []
+            digests = data['digests'].tolist()
+        except FileNotFoundError:
+            raise InputError(f'{path}: there is no checkpoint to resume from') from None
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(f'{path}: not a readable checkpoint: {error}') from None
+        if schema != SCHEMA:
+            raise InputError(f'{path}: its schema must be {SCHEMA}; got {schema}')
+        theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
+        if theirs != versions():
+            changed = [
+                f'{k} {theirs.get(k, "none")} (now {v})'
+                for k, v in versions().items()
+                if theirs.get(k) != v
+            ]
+            raise InputError(
+                f'{path}: was written with {", ".join(changed)}; a run resumes to the '
+                'same bits only with the versions it began with'
+            )
+        if written != config:
+            raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')
+        return cls(config, scores, digests)
+
+
+def digest(genes: Floats) -> str:
+    """Return a short digest of chromosomes."""
+    return hashlib.sha256(np.ascontiguousarray(genes).tobytes()).hexdigest()[:16]

@@ -1,0 +1,157 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The configuration of a training run: presets, YAML with every default visible, overrides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rpo_core import files
+from rpo_core.codec import to_mapping
+from rpo_core.validation import InputError, choice, mapping, shown, text, whole
+from rpo_training.search.algorithms import CmaSettings
+from rpo_training.search.fitness import FitnessSettings
+from rpo_training.search.genes import GeneSpace
+from rpo_training.search.genetic import GaSettings
+from rpo_training.search.race import RaceSettings
+
+SCHEMA = 'rpo/training/1'
+
+ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
+"""Genetic algorithm; CMA-ES; the one, then the other; CMA-ES for each rule table of promise;
+NSGA-II, energy against arrival time."""
+
+
+@dataclass(frozen=True)
+class TrainingConfig:
+    """All that decides the outcome of a run; the defaults are the preset `paper`.
+
+    start : controllers put into the first generation; CMA-ES starts from the first of them
+    ga : also of NSGA-II, as far as its options go (population, generations)
+    """
+
+    name: str = 'paper_ga'
+    seed: int = 1
+    scenario: str = 'paper_training'
+    algorithm: str = 'ga'
+    start: tuple[str, ...] = ('handmade',)
+    genes: GeneSpace = field(default_factory=GeneSpace)
+    fitness: FitnessSettings = field(default_factory=FitnessSettings)
+    ga: GaSettings = field(default_factory=GaSettings)
+    cmaes: CmaSettings = field(default_factory=CmaSettings)
+    race: RaceSettings = field(default_factory=RaceSettings)
+
+    def __post_init__(self) -> None:
+        text('name', self.name)
+        if not self.name.replace('_', '').replace('-', '').isalnum():
+            raise InputError(
+                f'`name` must be letters, digits, - and _, to name a file; got {shown(self.name)}'
+            )
+        whole('seed', self.seed, least=0, most=2**63 - 1)
+        text('scenario', self.scenario)
+        choice('algorithm', self.algorithm, ALGORITHMS)
+        for i, name in enumerate(self.start):
+            text(f'start[{i}]', name)
+        if self.algorithm in ('cmaes', 'race') and not self.start:
+            raise InputError(
+                f'`start` must name a controller for {self.algorithm} to start from; got none'
+            )
+
+
+_READABLE = GeneSpace('odd-monotone', position_scale_m=(20.0, 200.0), velocity_scale_m_s=(0.3, 3.0))
+
+PRESETS = {
+    'paper': TrainingConfig(),
+    'best': TrainingConfig(
+        name='best',
+        algorithm='race',
+        genes=_READABLE,
+        fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0),
+        cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
+    ),
+    'robust': TrainingConfig(
+        name='robust',
+        algorithm='race',
+        genes=_READABLE,
+        fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0, robustness=100.0),
+        cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
+    ),
+    'front': TrainingConfig(
+        name='front',
+        algorithm='nsga2',
+        genes=_READABLE,
+        fitness=FitnessSettings(penalty='graded', margin=0.001),
+        ga=GaSettings(population=100, generations=200, stall=200),
+    ),
+}
+"""`paper`: the paper's GA and fitness. `best`: how `trained` was made. `robust`: and that
+keeps the paper's claims where things are not as they were in training. `front`: a Pareto front."""
+
+
+def to_document(config: TrainingConfig) -> dict[str, Any]:
+    """Return the configuration as the document that `parse` reads."""
+    return {'schema': SCHEMA, **to_mapping(config)}
+
+
+def dumps(config: TrainingConfig) -> str:
+    """Return the YAML text of a configuration, every default visible."""
+    return yaml.safe_dump(to_document(config), sort_keys=False, default_flow_style=None, width=100)
+
+
+def command(config: TrainingConfig) -> str:
+    """Return the command that trains this configuration."""
+    for preset, known in PRESETS.items():
+        if replace(known, seed=config.seed) == config:
+            return f'rpo train --preset {preset} --seed {config.seed}'
+    return f'rpo train --config {config.name}.yaml, the config.yaml of its run folder'
+
+
+def parse(document: Any) -> TrainingConfig:
+    """Return the configuration of a parsed YAML document; what it omits is `paper`'s."""
+    names = [f.name for f in fields(TrainingConfig)]
+    data = dict(mapping('', document, ['schema'], names))
+    if data.pop('schema') != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
+    return _updated(PRESETS['paper'], data, '')
+
+
+def load(path: str | Path) -> TrainingConfig:
+    """Return the configuration of a YAML file; raises InputError."""
+    return files.load(Path(path), parse)
+
+
+def override(config: TrainingConfig, settings: Sequence[str]) -> TrainingConfig:
+    """Return the configuration with settings like `ga.population=30` applied."""
+    for setting in settings:
+        key, equals, value = setting.partition('=')
+        if not equals or not key.strip():
+            raise InputError(f'`--set` must be like ga.population=30; got {shown(setting)}')
+        nested: Any = files.parse_yaml(value)
+        for name in reversed(key.strip().split('.')):
+            nested = {name: nested}
+        config = _updated(config, nested, '')
+    return config
+
+
+def _updated(base: Any, data: Any, name: str) -> Any:
+    known = mapping(name, data, [], [f.name for f in fields(base)])
+    changes = {}
+    for key, value in known.items():
+        current = getattr(base, key)
+        place = f'{name}.{key}' if name else key
+        if is_dataclass(current):
+            changes[key] = _updated(current, value, place)
+        elif isinstance(current, tuple):
+            if not isinstance(value, list):
+                raise InputError(
+                    f'`{place}` must be a list like {list(current)}; got {shown(value)}'
+                )
+            changes[key] = tuple(value)
+        else:
+            changes[key] = value
+    return replace(base, **changes)

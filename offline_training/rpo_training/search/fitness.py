@@ -1,0 +1,218 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fitness of a controller: the paper's, and what the paper's does not see.
+
+The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
+met (`rpo_core.metrics`). Graded: 10 just beyond the limit, rising to 100 far from it, so that a
+search sees which way is better. Optional terms, weighted by how far a limit is exceeded:
+
+- `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
+- `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
+- `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
+- `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.baselines import Baseline
+from rpo_core.metrics import (
+    ARRIVAL_DISTANCE,
+    ARRIVAL_SPEED,
+    ARRIVAL_TIME,
+    CLAIM_POSITION_M,
+    CLAIM_VELOCITY_M_S,
+    ENERGY,
+    LATE_FORCE,
+    LATE_POSITION,
+    LATE_SPEED,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+    PENALTY,
+    SLEW,
+)
+from rpo_core.scenario import ScenarioSet, load_scenario
+from rpo_core.validation import InputError, choice, real
+from rpo_training.engine.cases import Case, case_of_flights, case_of_set
+from rpo_training.engine.population import Population
+from rpo_training.engine.simulator import Simulator
+from rpo_training.search import corners
+
+Floats = NDArray[np.float64]
+
+CONDITIONS = ('speed', 'slew', 'arrival')
+"""The paper's two, and ours."""
+
+LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
+_COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
+
+AT_LIMIT = 0.1
+"""Share of the penalty that the graded one takes just beyond a limit."""
+
+SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
+MAX_SETTLED_FORCE_N, MAX_SETTLED_SPEED_M_S = 2e-3, 1e-3
+"""Q4: beyond this, the undisturbed flight has a limit cycle."""
+
+TESTS = {'paper_test': 0.1, 'paper_test_phase': 0.2}
+MAX_TEST_SPEED_M_S = 3e-3
+TEST_WINDOW_S = 200.0
+"""Q3: the paper's test and the largest |position| [m] over its last 200 s, per reading."""
+
+
+@dataclass(frozen=True)
+class FitnessSettings:
+    """How candidates are judged.
+
+    penalty : 'flat', the paper's, or 'graded'
+    arrival : whether the third condition, ours, counts
+    margin : share by which a search keeps clear of every limit, in [0, 1)
+    limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
+    mass_kg : further masses whose penalties count
+    """
+
+    penalty: str = 'flat'
+    arrival: bool = True
+    margin: float = 0.0
+    limit_cycle: float = 0.0
+    disturbance: float = 0.0
+    robustness: float = 0.0
+    mass_kg: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        choice('fitness.penalty', self.penalty, ('flat', 'graded'))
+        if not isinstance(self.arrival, bool):
+            raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
+        if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
+            raise InputError('`fitness.margin` must be below 1; got 1.0')
+        for name in ('limit_cycle', 'disturbance', 'robustness'):
+            real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
+        for i, mass in enumerate(self.mass_kg):
+            real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
+
+
+class Scores(NamedTuple):
+    """A population's scores.
+
+    fitness : (n,) what is minimised [N^2 s]
+    energy : (n,) mean J over the starts [N^2 s]
+    failures : (n, 3) starts that miss each of `CONDITIONS`
+    arrival : (n,) mean time [s] after which every axis stays within 0.5 m
+    """
+
+    fitness: Floats
+    energy: Floats
+    failures: NDArray[np.int64]
+    arrival: Floats
+
+    @property
+    def penalty_free(self) -> NDArray[np.bool_]:
+        """Whether every start meets every condition (n,)."""
+        return np.asarray(self.failures.sum(axis=1) == 0)
+
+
+def failures(rows: Floats) -> NDArray[np.int64]:
+    """Return how many starts (..., 3) of metrics (..., starts, columns) miss each condition."""
+    return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
+
+
+def mean(values: Floats) -> Floats:
+    """Return the mean over the last axis, correctly rounded: no order of summation to depend on."""
+    rows = values.reshape(-1, values.shape[-1])
+    return np.array([math.fsum(row) / len(row) for row in rows.tolist()]).reshape(values.shape[:-1])
+
+
+def excess(values: Floats, limits: float | Floats) -> Floats:
+    """Return how far values lie beyond their limits, in [0, 1): 1 - (limit / value)^(1/4).
+
+    The fourth root still tells 100 times the limit from 200; it is two square roots, which every
+    processor rounds alike.
+    """
+    return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
+
+
+class Fitness:
+    """Judges populations on a scenario set; holds the simulator that flies them.
+
+    make_simulator : of cases and a number of workers, where it is not `Simulator`
+    """
+
+    def __init__(
+        self,
+        scenarios: ScenarioSet,
+        settings: FitnessSettings,
+        workers: int = 0,
+        make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
+    ) -> None:
+        self.settings = settings
+        self.simulator = make_simulator(self._cases(scenarios), workers)
+
+    def _cases(self, scenarios: ScenarioSet) -> list[Case]:
+        settings = self.settings
+        late = SETTLED_UNTIL_S - SETTLED_FROM_S
+        horizon = SETTLED_UNTIL_S if settings.limit_cycle else 0.0
+        cases = [
+            case_of_set(scenarios, horizon_s=horizon, late_s=late),
+            *(case_of_set(scenarios, mass_kg=mass) for mass in settings.mass_kg),
+        ]
+        if settings.disturbance:
+            cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
+        if settings.robustness:
+            cases += corners.cases()
+        return cases
+
+    def score(self, population: Population | Sequence[Baseline]) -> Scores:
+        """Return the scores of a population, of what the simulator flies."""
+        settings = self.settings
+        outcomes = iter(self.simulator.fly(population))
+        training = next(outcomes)
+        masses = [next(outcomes) for _ in settings.mass_kg]
+        energy = mean(training[..., ENERGY])
+        fitness = energy + mean(self._penalties(training))
+        for outcome in masses:
+            fitness = fitness + mean(self._penalties(outcome))
+        if settings.limit_cycle:
+            fitness = fitness + settings.limit_cycle * self._cycling(training)
+        if settings.disturbance:
+            fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
+        if settings.robustness:
+            fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
+        return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL_TIME]))
+
+    def _penalties(self, rows: Floats) -> Floats:
+        """Return the penalty (n, starts) of rows of metrics (n, starts, columns)."""
+        used = 3 if self.settings.arrival else 2
+        limits = LIMITS[:used] * (1.0 - self.settings.margin)
+        values = rows[..., _COLUMNS[:used]]
+        missed = (values > limits).astype(np.float64)
+        if self.settings.penalty == 'graded':
+            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        return PENALTY * (missed[..., 0] + missed[..., 1] + (missed[..., 2] if used == 3 else 0.0))
+
+    def _cycling(self, training: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        return excess(training[..., LATE_SPEED].max(axis=1), keep * MAX_SETTLED_SPEED_M_S) + excess(
+            training[..., LATE_FORCE].max(axis=1), keep * MAX_SETTLED_FORCE_N
+        )
+
+    def _disturbed(self, tests: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        distances = np.array(list(TESTS.values()))
+        over = excess(tests[..., LATE_POSITION], keep * distances) + excess(
+            tests[..., LATE_SPEED], keep * MAX_TEST_SPEED_M_S
+        )
+        return over[:, 0] + over[:, 1]
+
+    def _cornered(self, flights: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        return mean(
+            excess(flights[..., LATE_POSITION], keep * CLAIM_POSITION_M)
+            + excess(flights[..., LATE_SPEED], keep * CLAIM_VELOCITY_M_S)
+        )

@@ -1,0 +1,136 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A race of rule tables: the discrete genes by enumeration, the continuous ones by CMA-ES.
+
+There are only fifty odd, monotone tables, and a search that moves between them by rounding a gene
+rarely finds the feet that suit the new one. So, from the best controller so far: CMA-ES over all
+genes; then, for each of the tables that do best with its feet, a short CMA-ES over feet and scales;
+again from the new best, until a round gains too little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.validation import real, whole
+from rpo_training.search.algorithms import CmaSearch, CmaSettings
+from rpo_training.search.genes import GeneSpace
+
+Floats = NDArray[np.float64]
+Script = Generator[Floats, Floats, None]
+
+
+@dataclass(frozen=True)
+class RaceSettings:
+    """Options of the race; those of its descents are `CmaSettings`.
+
+    rounds : at most
+    entrants : tables that get a descent of their own in a round
+    population, sigma, evaluations : of each such descent
+    gain : the race ends after a round that gains less [N^2 s]
+    """
+
+    rounds: int = 3
+    entrants: int = 8
+    population: int = 14
+    sigma: float = 0.05
+    evaluations: int = 2000
+    gain: float = 0.01
+
+    def __post_init__(self) -> None:
+        whole('race.rounds', self.rounds, least=1)
+        whole('race.entrants', self.entrants, least=1)
+        whole('race.population', self.population, least=4)
+        real('race.sigma', self.sigma, above=0.0, most=1.0)
+        whole('race.evaluations', self.evaluations, least=self.population)
+        real('race.gain', self.gain, 'N^2 s', least=0.0)
+
+
+class TableRace:
+    """The race as a search by ask and tell; its course is the generator `_run`."""
+
+    def __init__(
+        self,
+        settings: RaceSettings,
+        descent: CmaSettings,
+        seed: int,
+        space: GeneSpace,
+        start: Floats,
+    ) -> None:
+        self.settings, self.descent, self.seed, self.space = settings, descent, seed, space
+        self.stopped, self.phase, self.evaluations = '', '', 0
+        self.best, self.best_genes = np.inf, start
+        self._tables, self._streams = space.rule_tables(), 0
+        self._course = self._run()
+        self._asked = next(self._course)
+
+    @property
+    def left(self) -> int:
+        """Generations at most to come, of the size of the present one."""
+        own = self.settings
+        each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
+        most = self.descent.evaluations + own.rounds * each
+        return -(-max(most - self.evaluations, 0) // len(self._asked))
+
+    def ask(self) -> Floats:
+        """Return chromosomes (n, size) to be judged."""
+        return self._asked
+
+    def tell(self, values: Floats) -> None:
+        """Take the fitness (n, 1) of those."""
+        self.evaluations += len(values)
+        index = int(values[:, 0].argmin())
+        if values[index, 0] < self.best:
+            self.best, self.best_genes = values[index, 0], self._asked[index].copy()
+        try:
+            self._asked = self._course.send(values)
+        except StopIteration:
+            self.stopped = self.stopped or f'{self.settings.rounds} rounds'
+
+    def _run(self) -> Script:
+        """Ask by yielding chromosomes, be told by what the yield returns."""
+        for number in range(1, self.settings.rounds + 1):
+            before = self.best
+            self.phase = f'round {number}, descent'
+            yield from self._descend(self.descent, self.best_genes, lambda genes: genes)
+            yield from self._enter_tables(number)
+            if before - self.best < self.settings.gain:
+                self.stopped = f'round {number} gained less than {self.settings.gain:g} N^2 s'
+                return
+        self.phase = 'last descent'
+        yield from self._descend(self.descent, self.best_genes, lambda genes: genes)
+
+    def _enter_tables(self, number: int) -> Script:
+        own, rules, best = self.settings, self.space.rule_genes, self.best_genes
+        self.phase = f'round {number}, tables'
+        entries = np.repeat(best[None], len(self._tables), axis=0)
+        entries[:, rules] = self._tables
+        values = yield entries
+        settings = replace(
+            self.descent,
+            population=own.population,
+            sigma=own.sigma,
+            evaluations=own.evaluations,
+            descents=1,
+        )
+        for place, index in enumerate(np.argsort(values[:, 0], kind='stable')[: own.entrants], 1):
+            self.phase = f'round {number}, table {place} of {own.entrants}'
+            table = self._tables[index]
+
+            def with_table(genes: Floats, table: Floats = table) -> Floats:
+                return np.hstack([genes, np.repeat(table[None], len(genes), axis=0)])
+
+            yield from self._descend(settings, best[: rules.start], with_table)
+
+    def _descend(
+        self, settings: CmaSettings, start: Floats, complete: Callable[[Floats], Floats]
+    ) -> Script:
+        self._streams += 1
+        search = CmaSearch(settings, self.seed, start, self._streams)
+        while not search.stopped:
+            values = yield complete(search.ask())
+            search.tell(values)

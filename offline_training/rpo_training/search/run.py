@@ -1,0 +1,209 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A search in its folder: begun, flown, saved after each generation, gone on with.
+
+The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
+controller `<name>.yaml`. What is searched, and how a chromosome becomes controllers, is said by
+those who derive from `SearchRun`: `search.training` and `baselines.tuning`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import controller as controllers
+from rpo_core.baselines import Baseline
+from rpo_core.controller import FuzzyController
+from rpo_core.validation import InputError
+from rpo_training.outputs import write_aside
+from rpo_training.search.algorithms import Search
+from rpo_training.search.checkpoint import Checkpoint, digest
+from rpo_training.search.fitness import Fitness, Scores
+
+Floats = NDArray[np.float64]
+
+CHECKPOINT = 'checkpoint.npz'
+
+Config = TypeVar('Config')
+Found = TypeVar('Found', FuzzyController, Baseline)
+Self = TypeVar('Self', bound='SearchRun[Any, Any]')
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run stands after a generation.
+
+    mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
+    failures : starts that miss each of the conditions, for the best so far
+    flown : controllers flown by this process; seconds : time it took, flying and all
+    """
+
+    phase: str
+    generation: int
+    left: int
+    evaluations: int
+    best: float
+    energy: float
+    failures: tuple[int, int, int]
+    arrival_s: float
+    mean: float
+    spread: float
+    flown: int
+    seconds: float
+
+
+class SearchRun(Generic[Config, Found]):
+    """A search in its folder; `run` flies it to its end, or on from its checkpoint.
+
+    config_file : name of the configuration in the folder
+    kind, command : what a message calls the run, and the command that goes on with one
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+    """
+
+    config_file: ClassVar[str]
+    kind: ClassVar[str]
+    command: ClassVar[str]
+
+    def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
+        self.config, self.folder = config, folder
+        self.search = self.make_search()
+        self.fitness = self.make_fitness(workers, address)
+        self.checkpoint = Checkpoint(self.dumps())
+        self.best = np.full(6, np.inf)
+        self.best_genes: Floats = np.empty(0)
+        self._flown, self._began = 0, time.monotonic()
+
+    @classmethod
+    def load(cls, path: Path) -> Config:
+        """Return the configuration of a file; raises InputError."""
+        raise NotImplementedError
+
+    def dumps(self) -> str:
+        """Return the configuration as the text of its file."""
+        raise NotImplementedError
+
+    def make_search(self) -> Search:
+        """Return the search at its beginning."""
+        raise NotImplementedError
+
+    def make_fitness(self, workers: int, address: str) -> Fitness:
+        """Return what judges a generation."""
+        raise NotImplementedError
+
+    @property
+    def phase(self) -> str:
+        """What the run does now, in words."""
+        return self.search.phase
+
+    def decode(self, genes: Floats) -> Any:
+        """Return what the fitness flies, of a generation of chromosomes, (n, genes)."""
+        raise NotImplementedError
+
+    def told(self, genes: Floats, scores: Scores) -> Floats:
+        """Return what the search is told of a generation, (n, objectives)."""
+        return self.checkpoint.scores[-1][:, :1]
+
+    def found(self) -> Found:
+        """Return the best so far, its provenance filled in."""
+        raise NotImplementedError
+
+    def save_more(self) -> None:
+        """Write what the folder holds at the end, beside the best."""
+
+    @classmethod
+    def create(
+        cls: type[Self], config: Any, folder: Path, workers: int = 0, address: str = ''
+    ) -> Self:
+        """Return a new run; its folder must not hold another."""
+        if (folder / cls.config_file).exists():
+            raise InputError(
+                f'{folder}: holds a {cls.kind} already; `{cls.command} --resume {folder}` goes on '
+                'with it, `-o` names another folder'
+            )
+        new = cls(config, folder, workers, address)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
+        text = new.checkpoint.config.encode()
+        write_aside(folder / cls.config_file, lambda file: file.write(text))
+        return new
+
+    @classmethod
+    def resume(cls: type[Self], folder: Path, workers: int = 0, address: str = '') -> Self:
+        """Return the run of a folder, where its checkpoint left it.
+
+        Raises
+        ------
+        InputError
+            If folder or checkpoint are unusable, or the search no longer asks what it asked.
+        """
+        again = cls(cls.load(folder / cls.config_file), folder, workers, address)
+        saved = Checkpoint.load(folder / CHECKPOINT, again.checkpoint.config)
+        for number, (rows, was) in enumerate(zip(saved.scores, saved.digests, strict=True)):
+            genes = again.search.ask()
+            if digest(genes) != was:
+                raise InputError(
+                    f'{folder / CHECKPOINT}: generation {number} does not repeat on '
+                    'this machine; it must be resumed where it began'
+                )
+            failures = rows[:, 2:5].astype(np.int64)
+            again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, 5]))
+        return again
+
+    def _enter(self, genes: Floats, scores: Scores) -> None:
+        """Tell the search, enter it in the checkpoint, keep the best; the first of equals stays."""
+        self.checkpoint.add(genes, scores)
+        rows = self.checkpoint.scores[-1]
+        index = int(rows[:, 0].argmin())
+        if rows[index, 0] < self.best[0]:
+            self.best, self.best_genes = rows[index], genes[index].copy()
+        self.search.tell(self.told(genes, scores))
+
+    def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
+        """Fly to the end of the search; save after each generation; return the best."""
+        self._began = time.monotonic()
+        with self.fitness.simulator:
+            while not self.search.stopped:
+                genes = self.search.ask()
+                scores = self.fitness.score(self.decode(genes))
+                self._flown += len(genes)
+                self._enter(genes, scores)
+                self.checkpoint.save(self.folder / CHECKPOINT)
+                report(self.progress())
+            best = self.found()
+            self.save(best)
+            self.save_more()
+        return best
+
+    def save(self, controller: Found) -> None:
+        """Write a controller into the folder."""
+        path = self.folder / f'{controller.name}.yaml'
+        write_aside(path, lambda file: file.write(controllers.dumps(controller).encode()))
+
+    def progress(self) -> Progress:
+        """Return where the run stands; there must be a generation."""
+        fitness = self.checkpoint.scores[-1][:, 0]
+        best, energy, *failures, arrival = self.best.tolist()
+        return Progress(
+            self.phase,
+            len(self.checkpoint.scores) - 1,
+            self.search.left,
+            self.checkpoint.evaluations,
+            best,
+            energy,
+            (int(failures[0]), int(failures[1]), int(failures[2])),
+            arrival,
+            float(fitness.mean()),
+            float(fitness.std()),
+            self._flown,
+            time.monotonic() - self._began,
+        )

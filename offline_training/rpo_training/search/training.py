@@ -1,0 +1,192 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The training of a fuzzy controller: its search, its simulator, and what its folder holds.
+
+Beside what every search leaves (`rpo_training.search.run`): `config.yaml`, `history.csv`, and of a
+front one file for each point and `front.csv`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.controller import FuzzyController, load_fuzzy
+from rpo_core.scenario import load_set
+from rpo_training.cluster.simulator import ClusterSimulator
+from rpo_training.engine.population import Population
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation.assessment import assess
+from rpo_training.outputs import write_aside
+from rpo_training.search import config as configs
+from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
+from rpo_training.search.checkpoint import versions
+from rpo_training.search.config import TrainingConfig
+from rpo_training.search.fitness import CONDITIONS, Fitness, Scores
+from rpo_training.search.race import TableRace
+from rpo_training.search.run import SearchRun
+
+Floats = NDArray[np.float64]
+
+CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
+
+_COLUMNS = (
+    'generation',
+    'evaluations',
+    'best_fitness',
+    'mean_fitness',
+    'fitness_spread',
+    'best_energy_n2s',
+    *(f'best_misses_{c}' for c in CONDITIONS),
+    'best_arrival_s',
+)
+
+
+def make_search(config: TrainingConfig) -> Search:
+    """Return the search of a configuration, at its beginning."""
+    starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
+    starts = starts.reshape(-1, config.genes.size)
+    cma = partial(CmaSearch, config.cmaes, config.seed)
+    if config.algorithm == 'cmaes':
+        return cma(starts[0])
+    if config.algorithm == 'race':
+        return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
+    if config.algorithm == 'nsga2':
+        return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
+    ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
+    return ga if config.algorithm == 'ga' else InTurn(ga, cma)
+
+
+def _start(name: str, config: TrainingConfig) -> FuzzyController:
+    """Return a start with the scales of the search where those are fixed."""
+    start, space = load_fuzzy(name), config.genes
+    scales = []
+    for value, (least, most) in zip(
+        start.scales, (space.position_scale_m, space.velocity_scale_m_s), strict=False
+    ):
+        scales.append(value if least < most else least)
+    return replace(start, position_scale_m=scales[0], velocity_scale_m_s=scales[1])
+
+
+class Training(SearchRun[TrainingConfig, FuzzyController]):
+    """The training of a fuzzy controller."""
+
+    config_file, kind, command = CONFIG, 'run', 'rpo train'
+
+    def __init__(
+        self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
+    ) -> None:
+        super().__init__(config, folder, workers, address)
+        self._genes: list[Floats] = []
+
+    @classmethod
+    def load(cls, path: Path) -> TrainingConfig:
+        """Return the configuration of a file; raises InputError."""
+        return configs.load(path)
+
+    def dumps(self) -> str:
+        """Return the configuration as the text of its file."""
+        return configs.dumps(self.config)
+
+    def make_search(self) -> Search:
+        """Return the search of the configuration, at its beginning."""
+        return make_search(self.config)
+
+    def make_fitness(self, workers: int, address: str) -> Fitness:
+        """Return the fitness of the configuration, on threads or on a cluster."""
+        make = partial(ClusterSimulator, address=address) if address else Simulator
+        return Fitness(load_set(self.config.scenario), self.config.fitness, workers, make)
+
+    def decode(self, genes: Floats) -> Population:
+        """Return the controllers of a generation."""
+        return self.config.genes.decode(genes)
+
+    def told(self, genes: Floats, scores: Scores) -> Floats:
+        """Return the fitness; of a front, the penalised arrival beside it."""
+        if self.config.algorithm != 'nsga2':
+            return super().told(genes, scores)
+        self._genes.append(genes)
+        penalty = scores.fitness - scores.energy
+        return np.column_stack([scores.fitness, scores.arrival + penalty])
+
+    def found(self) -> FuzzyController:
+        """Return the best so far, its provenance filled in."""
+        return self.controller(self.best_genes, self.config.name)
+
+    def save_more(self) -> None:
+        """Write the history; of a front, its controllers."""
+        self.save_history()
+        if self.config.algorithm == 'nsga2':
+            self._save_front()
+
+    def save_history(self) -> None:
+        """Write `history.csv`, a row for each generation."""
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator='\n')
+        rows.writerow(_COLUMNS)
+        best, evaluations = np.full(6, np.inf), 0
+        for number, scores in enumerate(self.checkpoint.scores):
+            evaluations += len(scores)
+            first = scores[int(scores[:, 0].argmin())]
+            best = first if first[0] < best[0] else best
+            rows.writerow(
+                [
+                    number,
+                    evaluations,
+                    repr(float(best[0])),
+                    float(scores[:, 0].mean()),
+                    float(scores[:, 0].std()),
+                    float(best[1]),
+                    *best[2:5].astype(int),
+                    float(best[5]),
+                ]
+            )
+        write_aside(self.folder / HISTORY, lambda file: file.write(text.getvalue().encode()))
+
+    def controller(self, genes: Floats, name: str) -> FuzzyController:
+        """Return the controller of a chromosome, its provenance filled in."""
+        config = self.config
+        population = config.genes.decode(genes[None])
+        scores = self.fitness.score(population)
+        provenance: dict[str, object] = {
+            'method': 'rpo train',
+            'command': configs.command(config),
+            'algorithm': config.algorithm,
+            'seed': config.seed,
+            'scenario': config.scenario,
+            'generations': len(self.checkpoint.scores) - 1,
+            'evaluations': self.checkpoint.evaluations,
+            'stopped': self.search.stopped,
+            'fitness_n2s': float(scores.fitness[0]),
+            'mean_energy_n2s': float(scores.energy[0]),
+            'mean_arrival_s': float(scores.arrival[0]),
+            'starts_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
+            'versions': versions(),
+        }
+        found = population.controller(0, name)
+        provenance['targets'] = {target.what: target.reached for target in assess(found).targets()}
+        return replace(found, provenance=provenance)
+
+    def _save_front(self) -> None:
+        """Write the penalty-free controllers of which none is better in both objectives."""
+        genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
+        clean = np.flatnonzero(scores[:, 2:5].sum(axis=1) == 0)
+        order = clean[np.lexsort((scores[clean, 5], scores[clean, 1]))]
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator='\n')
+        rows.writerow(['controller', 'mean_energy_n2s', 'mean_arrival_s'])
+        soonest, count = np.inf, 0
+        for index in order:
+            if scores[index, 5] < soonest:
+                soonest = scores[index, 5]
+                name = f'{self.config.name}_{count:03d}'
+                self.save(self.controller(genes[index], name))
+                rows.writerow([name, float(scores[index, 1]), float(soonest)])
+                count += 1
+        write_aside(self.folder / FRONT, lambda file: file.write(text.getvalue().encode()))

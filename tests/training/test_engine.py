@@ -1,0 +1,161 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The batch simulator flies the bits of the core's closed loop, whatever shortcut it takes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rpo_core import kernels, metrics
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario, load_set
+from rpo_core.validation import InputError
+from rpo_training.engine import lanes, parts, tick
+from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.search.genes import GeneSpace
+
+TRAINING = load_set('paper_training')
+
+
+def random_controllers(rules: str, count: int, seed: int):
+    space = GeneSpace(rules, (20.0, 200.0), (0.3, 3.0))
+    population = space.decode(np.random.default_rng(seed).random((count, space.size)))
+    return [population.controller(i, f'{rules} {i}') for i in range(count)]
+
+
+def law_of(controller):
+    return population_of(controller).law(0, controller.system.samples)
+
+
+def recorded(controller, case, loops):
+    """Return states (starts, N+1, 6) and forces (starts, N+1, 3), each start from its lanes."""
+    p, q = len(loops.runs.planar), len(loops.runs.vertical)
+    ticks, tail = case.windows.horizon, case.windows.tail
+    states, forces = np.empty((ticks + 1, 2 * p + q, 2)), np.empty((ticks + 1, 2 * p + q))
+    control, w = parts.Control(law_of(controller)), lanes.make_scratch(parts.ROWS)
+    norms = np.empty((2, tail, lanes.STRIDE))
+    tick.fly(loops.runs, control, case.plant, case.windows, w, norms, (states, forces))
+    for pair in loops.pairs:
+        i, j = divmod(int(pair), q)
+        axes = [i, p + i, 2 * p + j]
+        yield np.concatenate([states[:, axes, 0], states[:, axes, 1]], axis=1), forces[:, axes]
+
+
+@pytest.mark.parametrize(
+    'controller',
+    [load_controller('handmade'), *random_controllers('free', 3, 1)],
+    ids=lambda c: c.name,
+)
+def test_states_and_forces_are_the_bits_of_the_core(controller):
+    base = replace(TRAINING.base, duration_s=40.0)
+    case = case_of_set(replace(TRAINING, base=base))
+    starts = list(recorded(controller, case, case.full))
+    for index in range(0, 216, 7):
+        flight = fly(
+            replace(base, initial_position_m=tuple(TRAINING.initial_positions_m[index])), controller
+        )
+        np.testing.assert_array_equal(starts[index][0], flight.states)
+        np.testing.assert_array_equal(starts[index][1], flight.forces_n)
+
+
+def test_a_disturbed_flight_has_the_bits_of_the_core():
+    controller = load_controller('handmade')
+    flights = [
+        replace(load_scenario(name), duration_s=60.0) for name in ('paper_test', 'paper_test_phase')
+    ]
+    case = case_of_flights(flights, late_s=20.0)
+    for scenario, (states, forces) in zip(
+        flights, recorded(controller, case, case.full), strict=True
+    ):
+        flight = fly(scenario, controller)
+        np.testing.assert_array_equal(states, flight.states)
+        np.testing.assert_array_equal(forces, flight.forces_n)
+    with Simulator([case], 1) as simulator:
+        rows = simulator.fly(population_of(controller))[0][0]
+    for row, scenario in zip(rows, flights, strict=True):
+        flight = fly(scenario, controller)
+        np.testing.assert_array_equal(row, metrics.row_of(flight, case.windows))
+        late = metrics.window(flight, 20.0)
+        assert row[metrics.LATE_POSITION] == late.position_m
+        assert row[metrics.LATE_VELOCITY] == late.velocity_m_s <= row[metrics.LATE_SPEED]
+        assert row[metrics.LATE_FORCE] == late.force_n
+
+
+@pytest.mark.parametrize('rules', ['odd', 'odd-monotone'])
+def test_an_odd_law_needs_half_the_loops(rules):
+    controller = random_controllers(rules, 1, 5)[0]
+    case = case_of_set(replace(TRAINING, base=replace(TRAINING.base, duration_s=40.0)))
+    assert (len(case.full.runs.planar), len(case.full.runs.vertical)) == (36, 6)
+    assert (len(case.half.runs.planar), len(case.half.runs.vertical)) == (18, 3)
+    for whole, half in zip(
+        recorded(controller, case, case.full), recorded(controller, case, case.half), strict=True
+    ):
+        for ours, theirs in zip(half, whole, strict=True):
+            np.testing.assert_array_equal(np.abs(ours), np.abs(theirs))
+
+
+@pytest.mark.parametrize('rules', ['free', 'odd'])
+def test_metrics_are_those_of_the_core(rules):
+    controllers = random_controllers(rules, 4, 11)
+    case = case_of_set(TRAINING, horizon_s=220.0, late_s=10.0)
+    with Simulator([case], 2) as simulator:
+        found = simulator.fly(population_of(*controllers))[0]
+    for index in (0, 100, 173, 215):
+        for controller, rows in zip(controllers, found, strict=True):
+            scenario = TRAINING.scenarios()[index]
+            f = metrics.of_flight(fly(scenario, controller))
+            expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
+            np.testing.assert_allclose(rows[index, :4], expected, rtol=1e-12)
+            longer = fly(replace(scenario, duration_s=220.0), controller)
+            np.testing.assert_array_equal(rows[index], metrics.row_of(longer, case.windows))
+            late = metrics.window(longer, 10.0)
+            assert rows[index, metrics.LATE_POSITION] == late.position_m
+            assert rows[index, metrics.LATE_FORCE] == late.force_n
+
+
+def test_results_do_not_depend_on_the_number_of_threads():
+    space = GeneSpace('free')
+    population = space.decode(np.random.default_rng(3).random((12, space.size)))
+    case = case_of_set(TRAINING)
+    outcomes = []
+    for workers in (1, 2, 5):
+        with Simulator([case], workers) as simulator:
+            outcomes.append(simulator.fly(population)[0])
+    np.testing.assert_array_equal(outcomes[0], outcomes[1])
+    np.testing.assert_array_equal(outcomes[0], outcomes[2])
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(['free', 'odd']),
+    st.sampled_from([3, 17, 101, 201]),
+    st.integers(1, lanes.STRIDE),
+)
+def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, count):
+    rng = np.random.default_rng(seed)
+    controller = random_controllers(rules, 1, seed)[0]
+    system = replace(controller.system, samples=samples)
+    corners = [-1.0, -0.0, 0.0, 1.0, *np.abs(population_of(controller).functions[0, :10])]
+    errors = np.where(
+        rng.random((2, count)) < 0.3,
+        rng.choice(corners, (2, count)),
+        rng.uniform(-1.0, 1.0, (2, count)),
+    )
+    rows = lanes.make_scratch(parts.ROWS)
+    rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
+    lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
+    expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]
+    np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
+
+
+def test_more_starts_than_lanes_are_refused():
+    many = replace(TRAINING, axis_positions_m=tuple(map(float, range(1, 10))))
+    with pytest.raises(InputError, match='axis loops; at most'):
+        case_of_set(many).full  # noqa: B018
