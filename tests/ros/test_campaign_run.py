@@ -10,7 +10,7 @@ import pytest
 from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from rpo_training.campaign import config
 from rpo_training.campaign.fleet import FINAL, fly_runs

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from rpo_log.errors import Kind, LogError
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 from tools.node_cards import CARDS
 from tools.node_pages import tiny_log
 from tools.node_processes import node_processes

@@ -22,9 +22,9 @@ from typer.testing import CliRunner
 from rpo_core.flight import Flight
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
-from rpo_log import style
 from rpo_log.errors import LogError
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
+from rpo_log.show import style
 from rpo_training import optimal
 from rpo_training.campaign import config, flying
 from rpo_training.campaign.store import Store
@@ -209,10 +209,10 @@ def test_what_is_nothing_is_one_sentence(target, sentence):
 
 
 def test_folders_are_recognised(folder, store, tmp_path):
-    assert recognise.kind_of(str(folder)) is recognise.Kind.RUN
-    assert recognise.kind_of(str(folder / 'run.mcap')) is recognise.Kind.RUN
-    assert recognise.kind_of(str(store.folder)) is recognise.Kind.CAMPAIGN
-    assert recognise.kind_of('trained') is recognise.Kind.CONTROLLER
+    assert recognise.kind_of(str(folder)) is recognise.Fault.RUN
+    assert recognise.kind_of(str(folder / 'run.mcap')) is recognise.Fault.RUN
+    assert recognise.kind_of(str(store.folder)) is recognise.Fault.CAMPAIGN
+    assert recognise.kind_of('trained') is recognise.Fault.CONTROLLER
     with pytest.raises(InputError, match=r'must be the folder of a run .* or of a campaign'):
         recognise.kind_of(str(tmp_path))
 

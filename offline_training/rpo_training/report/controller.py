@@ -12,7 +12,7 @@ from rpo_core.certificate import Certificate, certify
 from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN, activities, warnings
 from rpo_core.fuzzy import WORDS
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.assessment import Assessment, assess
 from rpo_training.evaluation import ENERGY
 from rpo_training.report import baseline

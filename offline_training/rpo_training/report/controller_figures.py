@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rpo_core import surface
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training import fitness
 from rpo_training.assessment import Assessment
 from rpo_training.evaluation import DISTANCE, ENERGY, SLEW, SPEED

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core import surface
 from rpo_core.controller import AnyController, FuzzyController
-from rpo_log import style
+from rpo_log.show import style
 
 Floats = NDArray[np.float64]
 
