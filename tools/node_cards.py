@@ -133,7 +133,7 @@ CARDS = (
         ('a run in the folder already', 'refused, unless `overwrite`'),
         ('the disk is full or gone', 'the log ends, the flight does not; an error on '
          '`/diagnostics`, exit code 1'),
-        ('a message lacks', 'counted, said at the end, exit code 1'),
+        ('a message is missing', 'counted, reported at the end, exit code 1'),
         ('the plant dies', 'noticed after `plant_timeout_s`; the log is closed, exit code 1'),
         ('`kill -9`', 'at least 95 % of the run so far is readable; `rpo repair`'),
         ('SIGINT or SIGTERM', 'waits a moment for the last words, closes the log, exit code 0'),

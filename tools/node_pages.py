@@ -22,8 +22,8 @@ from rclpy.utilities import remove_ros_args
 
 from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import fly
-from rpo_log import run
-from rpo_log.writer import RunLogWriter
+from rpo_log.format import run
+from rpo_log.write.writer import RunLogWriter
 from rpo_ros import names
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode

@@ -14,12 +14,12 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
-from rpo_core import cdr
-from rpo_log import schemas, topics
+from rpo_core import cdr, interfaces
+from rpo_log.format import schemas
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-ODOMETRY, WRENCH = topics.TYPES[topics.STATE], topics.TYPES[topics.FORCE]
-CLOCK, STATUS = topics.TYPES[topics.CLOCK], topics.TYPES[topics.STATUS]
+ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE
+CLOCK, STATUS = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 stamps = st.integers(0, 2**31 * 10**9 - 1)

@@ -20,9 +20,9 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import Flight, fly
-from rpo_log.mcap_file import McapFile
-from rpo_log.run import RunSummary, TimeBase
-from rpo_log.writer import RunLogWriter
+from rpo_log.format.run import RunSummary, TimeBase
+from rpo_log.write.mcap_file import McapFile
+from rpo_log.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from log_runs import TOPICS
 from mcap import records as mcap_records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_log import schemas, topics
-from rpo_log.topics import TYPES, role_of
+from rpo_core import interfaces
+from rpo_log.format import rosbag2, schemas
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 QOS_KEYS = [
@@ -81,7 +82,8 @@ def test_header(log):
 
 def test_schemas(log):
     found = {schema.id: schema for schema in log.of(mcap_records.Schema)}
-    assert {schema.name for schema in found.values()} == set(TYPES.values())
+    types = {interfaces.find(name).type for name in TOPICS}
+    assert {schema.name for schema in found.values()} == types
     for schema in found.values():
         assert schema.id != 0
         assert schema.encoding == 'ros2msg'
@@ -96,10 +98,9 @@ def test_schemas(log):
 def test_channels(log):
     schemas_by_id = {schema.id: schema.name for schema in log.of(mcap_records.Schema)}
     found = {channel.topic: channel for channel in log.of(mcap_records.Channel)}
-    sometimes = {topics.NAVIGATION, topics.APPLIED, topics.APPLIED_DISTURBANCE}
-    assert {role_of(name) for name in found} == set(topics.ORDER) - sometimes
+    assert set(found) == set(TOPICS)
     for name, channel in found.items():
-        kind = TYPES[role_of(name)]
+        kind = interfaces.find(name).type
         assert schemas_by_id[channel.schema_id] == kind
         assert channel.message_encoding == 'cdr'
         assert channel.metadata['topic_type_hash'] == schemas.definition(kind).type_hash
@@ -113,7 +114,7 @@ def test_offered_qos_profiles_are_those_of_version_9(log):
         assert list(profile) == QOS_KEYS
         for key in ('deadline', 'lifespan', 'liveliness_lease_duration'):
             assert profile[key] == INFINITE
-        latched = role_of(channel.topic) == topics.STATUS
+        latched = interfaces.find(channel.topic).name == interfaces.RUN_STATUS
         assert profile['history'] == 'keep_last'
         assert profile['reliability'] == 'reliable'
         assert profile['durability'] == ('transient_local' if latched else 'volatile')
@@ -125,21 +126,22 @@ def test_the_declared_qos_is_what_the_nodes_offer():
     from rpo_ros import names, qos
 
     nodes = {
-        topics.CLOCK: qos.CLOCK,
-        topics.STATE: qos.LOCKSTEP,
-        topics.FORCE: qos.LOCKSTEP,
-        topics.DISTURBANCE: qos.LOCKSTEP,
-        topics.STATUS: qos.LATCHED,
+        interfaces.CLOCK: qos.CLOCK,
+        interfaces.RELATIVE_STATE: qos.LOCKSTEP,
+        interfaces.CONTROL_FORCE: qos.LOCKSTEP,
+        interfaces.DISTURBANCE_FORCE: qos.LOCKSTEP,
+        interfaces.RUN_STATUS: qos.LATCHED,
     }
     for role, profile in nodes.items():
-        declared = topics.QOS[role]
+        declared = interfaces.row_of(role).qos
         assert declared.depth == profile.depth, role
-        assert declared.history == profile.history.short_key, role
+        assert rosbag2.qos_document(declared)['history'] == profile.history.short_key, role
         assert declared.reliability == profile.reliability.short_key, role
         assert declared.durability == profile.durability.short_key, role
     frames = (names.LVLH_FRAME, names.CHASER_FRAME)
-    assert topics.FRAMES[topics.STATE] == frames
-    assert topics.FRAMES[topics.FORCE] == topics.FRAMES[topics.DISTURBANCE] == frames[:1]
+    assert interfaces.row_of(interfaces.RELATIVE_STATE).frames == frames
+    for force in (interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE):
+        assert interfaces.row_of(force).frames == frames[:1]
 
 
 def test_messages_carry_simulated_time_and_tick(log, run):
@@ -194,7 +196,7 @@ def test_metadata_yaml(folder, run):
         topic = entry['topic_metadata']
         assert isinstance(topic['offered_qos_profiles'], list)
         assert topic['serialization_format'] == 'cdr'
-        assert topic['type'] == TYPES[role_of(topic['name'])]
+        assert topic['type'] == interfaces.find(topic['name']).type
         assert topic['type_description_hash'].startswith('RIHS01_')
         sent = sum(1 for name, _, _ in run.messages if name == topic['name'])
         assert entry['message_count'] == sent

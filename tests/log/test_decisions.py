@@ -12,10 +12,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from rpo_core import cdr
 from rpo_core.decimation import Decimation
-from rpo_log.decisions import DecisionLogWriter, decision_at, read_decisions
+from rpo_core.interfaces import ARRAY_TYPE as TYPE
 from rpo_log.errors import LogError
-from rpo_log.run import DECISIONS_FILE, TimeBase
-from rpo_log.side_file import TYPE
+from rpo_log.format.run import DECISIONS_FILE, TimeBase
+from rpo_log.read.decisions import decision_at, read_decisions
+from rpo_log.write.decisions import DecisionLogWriter
 
 BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)
 RATE_HZ = 2.0
@@ -61,9 +62,9 @@ def test_the_decision_at_an_instant_is_the_last_one_before(tmp_path):
 
 def test_a_log_owes_decisions_up_to_the_last_tick(tmp_path):
     writer = DecisionLogWriter(tmp_path, '/decision', BASE, RATE_HZ)
-    assert writer.owes(0)
+    assert writer.expects(0)
     writer.record(said(0))
-    assert not writer.owes(4) and writer.owes(5)
+    assert not writer.expects(4) and writer.expects(5)
     writer.close()
 
 

@@ -11,12 +11,12 @@ from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
 from rpo_core import cdr
 from rpo_core.controller import load_controller
-from rpo_log.diff import diff
-from rpo_log.export import tables
-from rpo_log.reader import read_flight
-from rpo_log.stream import RunReader
+from rpo_log.read.run_log import read_flight
+from rpo_log.read.stream import RunReader
+from rpo_log.tools.diff import diff
+from rpo_log.tools.export import tables
 from rpo_log.verify import verify
-from rpo_log.writer import RunLogWriter
+from rpo_log.write.writer import RunLogWriter
 from rpo_sim.free_running import FreeRunningPlant
 
 APPLIED, APPLIED_DISTURBANCE = '/applied_force', '/applied_disturbance'
@@ -128,7 +128,7 @@ def test_a_force_flown_that_nobody_commanded_is_found(free, tmp_path):
     free.write(tmp_path / 'run', forged(APPLIED, tick, (0.01, 0.02, 0.03)))
     found = verify(tmp_path / 'run').difference
     assert (found.tick, found.topic) == (tick, APPLIED)
-    assert found.check == 'force flown'
+    assert found.check == 'force applied'
 
 
 def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):

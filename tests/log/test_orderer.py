@@ -7,7 +7,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_log.orderer import REORDER, WINDOW, TickOrderer
+from rpo_log.write.orderer import REORDER, WINDOW, TickOrderer
 
 QUICK = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 EVENT = 2
@@ -18,7 +18,11 @@ class Listener:
 
     def __init__(self) -> None:
         self.out: list[tuple[int, tuple[bytes | None, ...]]] = []
-        self.orderer = TickOrderer(3, EVENT, lambda t, m: self.out.append((t, tuple(m))))
+        self.orderer = TickOrderer(3, frozenset({EVENT}), EVENT, self.hear)
+
+    def hear(self, tick: int, messages: list[tuple[int, bytes]]) -> None:
+        found = dict(messages)
+        self.out.append((tick, tuple(found.get(index) for index in range(3))))
 
     def say(self, index: int, tick: int, text: str = '') -> None:
         self.orderer.add(index, tick, (text or f'{index} at {tick}').encode())

@@ -19,8 +19,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from rpo_log.errors import LogError
-from rpo_log.reader import read_run
-from rpo_log.run_info import HealthLogWriter
+from rpo_log.read.run_log import read_run
+from rpo_log.write.run_info import HealthLogWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JAVASCRIPT_PACKAGES = [

@@ -14,10 +14,10 @@ from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from rpo_log.errors import ExitCode, Kind, LogError
-from rpo_log.reader import read_run
-from rpo_log.repair import repair
-from rpo_log.run_info import HealthLogWriter
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.read.run_log import read_run
+from rpo_log.tools.repair import repair
+from rpo_log.write.run_info import HealthLogWriter
 
 
 def cut(folder: Path, content: bytes, size: int) -> Path:
@@ -114,7 +114,7 @@ def test_nothing_is_overwritten(log_bytes, tmp_path):
     repair(folder)
     with pytest.raises(LogError) as found:
         repair(folder)
-    assert found.value.kind is Kind.EXISTS
+    assert found.value.fault is Fault.EXISTS
     (tmp_path / 'taken.mcap').write_text('')
     with pytest.raises(LogError):
         repair(folder / 'run.mcap', tmp_path / 'taken.mcap')
@@ -205,12 +205,12 @@ def test_nothing_sound_is_said(log_bytes, chunks, tmp_path):
     folder = cut(tmp_path / 'log', log_bytes, chunks[0].chunk_start_offset + 100)
     with pytest.raises(LogError, match='cannot be repaired: no whole chunk') as found:
         repair(folder / 'run.mcap')
-    assert found.value.kind is Kind.EMPTY
+    assert found.value.fault is Fault.EMPTY
     for path in (tmp_path / 'nowhere', tmp_path):
         with pytest.raises(LogError) as found:
             repair(path)
-        assert found.value.kind is Kind.NOT_FOUND
+        assert found.value.fault is Fault.NOT_FOUND
     (tmp_path / 'text.mcap').write_text('no log')
     with pytest.raises(LogError) as found:
         repair(tmp_path / 'text.mcap')
-    assert found.value.kind is Kind.NOT_MCAP
+    assert found.value.fault is Fault.NOT_MCAP

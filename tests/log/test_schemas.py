@@ -9,12 +9,12 @@ import re
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from rpo_log import schemas, topics
-from rpo_log.errors import Kind, LogError
-from rpo_log.side_file import TYPE as SIDE_TYPE
+from rpo_core import interfaces
+from rpo_log.errors import Fault, LogError
+from rpo_log.format import schemas
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-TYPES = sorted({*topics.TYPES.values(), SIDE_TYPE})
+TYPES = sorted({row.type for row in interfaces.rows()})
 
 
 @pytest.mark.parametrize('name', TYPES)
@@ -42,5 +42,5 @@ def test_says_where_it_looked(monkeypatch, tmp_path):
     with pytest.raises(LogError, match=r'Clock\.msg.*ROS environment') as found:
         schemas.definition('rosgraph_msgs/msg/Clock')
     schemas.definition.cache_clear()
-    assert found.value.kind is Kind.NO_DEFINITIONS
+    assert found.value.fault is Fault.NO_DEFINITIONS
     assert str(tmp_path) in str(found.value)

@@ -16,13 +16,13 @@ from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_ru
 from mcap.reader import make_reader
 
 from rpo_core import cdr
-from rpo_log import stream
-from rpo_log.diff import diff
-from rpo_log.errors import ExitCode, Kind, LogError
-from rpo_log.export import export
-from rpo_log.info import inspect
-from rpo_log.reader import read_run
-from rpo_log.run_info import HealthLogWriter, machine_facts, write_run_info
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.read import stream
+from rpo_log.read.run_log import read_run
+from rpo_log.tools.diff import diff
+from rpo_log.tools.export import export
+from rpo_log.tools.info import inspect
+from rpo_log.write.run_info import HealthLogWriter, machine_facts, write_run_info
 
 
 @pytest.fixture(scope='module')
@@ -184,16 +184,16 @@ def test_without_disturbance(tmp_path):
 @pytest.mark.parametrize(
     ('name', 'kind', 'said'),
     [
-        ('taken.csv', Kind.EXISTS, 'exists already'),
-        ('run.xlsx', Kind.CANNOT_WRITE, r'must end in one of \.csv'),
-        ('nowhere/run.csv', Kind.CANNOT_WRITE, 'No such file'),
+        ('taken.csv', Fault.EXISTS, 'exists already'),
+        ('run.xlsx', Fault.CANNOT_WRITE, r'must end in one of \.csv'),
+        ('nowhere/run.csv', Fault.CANNOT_WRITE, 'No such file'),
     ],
 )
 def test_outputs_that_cannot_be(log, tmp_path, name, kind, said):
     (tmp_path / 'taken.csv').write_text('mine')
     with pytest.raises(LogError, match=said) as found:
         export(log, tmp_path / name)
-    assert found.value.kind is kind
+    assert found.value.fault is kind
     assert (tmp_path / 'taken.csv').read_text() == 'mine'
 
 

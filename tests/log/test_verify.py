@@ -17,8 +17,8 @@ from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
 
 from rpo_core import cdr
 from rpo_core.jit import COMPILED
-from rpo_log import stream
-from rpo_log.errors import ExitCode, Kind, LogError
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.read import stream
 from rpo_log.verify import verify
 
 QUICK = settings(max_examples=120, deadline=None, derandomize=True, database=None)
@@ -134,7 +134,7 @@ def test_another_controller_is_noticed(run, tmp_path):
     assert other != run.attachments
     type(run)(run.flight, other).write(tmp_path)
     difference = verify(tmp_path).difference
-    assert (difference.tick, difference.topic, difference.check) == (0, FORCE, 'control law')
+    assert (difference.tick, difference.topic, difference.check) == (0, FORCE, 'controller')
 
 
 def test_another_scenario_is_noticed(run, tmp_path):
@@ -221,7 +221,7 @@ def test_a_disturbance_that_was_not_recorded(tmp_path):
     make_run(5.0, 'paper_test', (STATE, FORCE)).write(tmp_path)
     with pytest.raises(LogError, match='its scenario has a disturbance') as found:
         verify(tmp_path)
-    assert found.value.kind is Kind.MISSING_TOPIC
+    assert found.value.fault is Fault.MISSING_TOPIC
 
 
 def test_interpreted_and_compiled_agree(log):

@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, TOPICS, Run, make_run, rewrite
 
-from rpo_core import cdr, scenario
+from rpo_core import cdr, interfaces, scenario
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.navigation import Navigation
 from rpo_core.thrusters import Thrusters
-from rpo_log import stream, topics
 from rpo_log.errors import ExitCode, LogError
+from rpo_log.read import stream
 from rpo_log.verify import verify
 
 NAVIGATION = '/navigation_state'
@@ -64,7 +64,7 @@ def test_it_is_verified(blocks, tmp_path):
 
 @pytest.mark.parametrize(
     ('topic', 'check', 'tick'),
-    [(NAVIGATION, 'navigation', 15), (FORCE, 'control law', 15), (DISTURBANCE, 'disturbance', 15)],
+    [(NAVIGATION, 'navigation', 15), (FORCE, 'controller', 15), (DISTURBANCE, 'disturbance', 15)],
 )
 def test_one_bit_of_a_message_is_found(blocks, topic, check, tick, tmp_path):
     run_of().write(tmp_path / 'a')
@@ -72,7 +72,7 @@ def test_one_bit_of_a_message_is_found(blocks, topic, check, tick, tmp_path):
     def flip(name, sequence, data):
         if (name, sequence) != (topic, tick):
             return data
-        at = cdr.floats_at(topics.TYPES[topics.role_of(name)], data)
+        at = cdr.floats_at(interfaces.find(name).type, data)
         (value,) = struct.unpack_from('<q', data, at)
         return data[:at] + struct.pack('<q', value ^ 1) + data[at + 8 :]
 
@@ -88,8 +88,8 @@ def test_one_bit_of_a_message_is_found(blocks, topic, check, tick, tmp_path):
         ((Thrusters(MATRIX, 2), HARDWARE[1]), 'dynamics'),
         ((Thrusters(((0.98, 0.02, 0.0), *MATRIX[1:]), 3), HARDWARE[1]), 'dynamics'),
         ((HARDWARE[1],), 'dynamics'),
-        ((HARDWARE[0], replace(HARDWARE[1], noise_key=(7, 9))), 'control law'),
-        ((HARDWARE[0],), 'control law'),
+        ((HARDWARE[0], replace(HARDWARE[1], noise_key=(7, 9))), 'controller'),
+        ((HARDWARE[0],), 'controller'),
     ],
 )
 def test_other_hardware_than_the_scenarios_is_found(blocks, sections, check, tmp_path):

@@ -15,11 +15,11 @@ import pytest
 from log_runs import FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
 
 from rpo_core import cdr
-from rpo_log.errors import Kind, LogError
-from rpo_log.reader import read_run
-from rpo_log.repair import repair
-from rpo_log.run import TimeBase
-from rpo_log.writer import RunLogWriter
+from rpo_log.errors import Fault, LogError
+from rpo_log.format.run import TimeBase
+from rpo_log.read.run_log import read_run
+from rpo_log.tools.repair import repair
+from rpo_log.write.writer import RunLogWriter
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -69,7 +69,7 @@ def test_topics_may_live_in_a_namespace(short_run, tmp_path):
 def test_topics_without_or_with_the_same_role_are_refused(short_run, tmp_path, names):
     with pytest.raises(LogError) as found:
         RunLogWriter(tmp_path / 'log', short_run.base, names, {})
-    assert found.value.kind is Kind.WRONG_TYPE
+    assert found.value.fault is Fault.WRONG_TYPE
     assert not (tmp_path / 'log').exists()
 
 
@@ -128,7 +128,7 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
     before = digests(tmp_path)
     with pytest.raises(LogError, match='holds a log already') as found:
         short_run.write(tmp_path)
-    assert found.value.kind is Kind.EXISTS
+    assert found.value.fault is Fault.EXISTS
     assert digests(tmp_path) == before
     short_run.write(tmp_path, split_s=2.0, overwrite=True)
     assert sorted(digests(tmp_path)) == [
@@ -140,7 +140,7 @@ def test_a_place_that_takes_no_log_is_named(short_run, tmp_path):
     (tmp_path / 'file').write_text('')
     with pytest.raises(LogError, match=r'file.*cannot hold a log: ') as found:
         short_run.write(tmp_path / 'file' / 'log')
-    assert found.value.kind is Kind.CANNOT_WRITE
+    assert found.value.fault is Fault.CANNOT_WRITE
 
 
 def test_messages_after_the_end_are_counted(short_run, tmp_path):
@@ -188,7 +188,7 @@ subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', {folder!r}], 
 from log_runs import make_run
 run = make_run(40.0)
 summary = run.write(pathlib.Path({folder!r}))
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 print(summary.failure, '|', len(read_run({folder!r}).ticks) > 10, summary.lost > 0)
 """
 

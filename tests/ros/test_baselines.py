@@ -8,7 +8,7 @@ import pytest
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
-from rpo_log.reader import read_flight
+from rpo_log.read.run_log import read_flight
 from rpo_log.verify import ExitCode, verify
 from tools.node_processes import node_processes
 

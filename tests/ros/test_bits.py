@@ -14,7 +14,7 @@ import yaml
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
-from rpo_log.reader import read_flight
+from rpo_log.read.run_log import read_flight
 from tools.node_processes import NodeProcesses, node_processes
 
 SCENARIO = 'paper_test'

@@ -10,7 +10,7 @@ import pytest
 from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import FINAL, fly_runs
@@ -65,7 +65,7 @@ def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_
     columns = fly_runs(config.load(path), RUN, 1)
     assert [columns[name][0] for name in FINAL] == flown.states[-1].tolist()
     assert columns['delay_ticks'] > 0  # so that all of it takes part
-    difference = flown.navigation - flown.states
+    difference = flown.values['navigation_state'] - flown.states
     assert np.abs(difference).max() > 1e-3  # the controller saw something else, and it is logged
     verified = verify(tmp_path / 'run')
     assert verified.exit_code == 0, verified.sentence()

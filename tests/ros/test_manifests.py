@@ -12,7 +12,7 @@ from scenarios import lasting
 
 import rpo_log.recorder_node
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros import names, qos
 from rpo_sim.plant_node import PlantNode

@@ -15,7 +15,7 @@ from rpo_core.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
-from rpo_log.reader import read_flight, read_run
+from rpo_log.read.run_log import read_flight, read_run
 from tools.node_processes import node_processes
 
 NODES = {

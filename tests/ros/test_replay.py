@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import rpo_core.files
-from rpo_log.stream import RunReader
+from rpo_log.read.stream import RunReader
 from tools.node_processes import node_processes
 
 LISTENER = str(Path(__file__).with_name('listener.py'))
@@ -42,7 +42,7 @@ def logged(folder, first, last):
     """Return topic -> messages as hex, of the ticks first..last."""
     found = {}
     for message in RunReader(folder).messages():
-        if first <= message.tick <= last and message.topic.role != 'run_status':
+        if first <= message.tick <= last and message.topic.signal != 'run_status':
             found.setdefault(message.topic.name, []).append(message.data.hex())
     return found
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from rpo_log.errors import Kind, LogError
-from rpo_log.reader import read_run
+from rpo_log.errors import Fault, LogError
+from rpo_log.read.run_log import read_run
 from tools.node_cards import CARDS
 from tools.node_pages import tiny_log
 from tools.node_processes import node_processes
@@ -41,7 +41,7 @@ def check_log(folder: Path) -> None:
     try:
         log = read_run(folder)
     except LogError as error:
-        assert error.kind == Kind.EMPTY, error
+        assert error.fault == Fault.EMPTY, error
         return
     assert not log.damage and (folder / 'metadata.yaml').exists()
 

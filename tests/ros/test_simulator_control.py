@@ -8,7 +8,7 @@ import pytest
 from scenarios import lasting
 from steering import steering
 
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from tools.node_processes import node_processes
 

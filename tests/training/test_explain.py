@@ -16,7 +16,7 @@ from rpo_core.controller import dumps, load_controller
 from rpo_core.explain import decisions
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.fuzzy import RuleTable
-from rpo_log.run import TimeBase
+from rpo_log.format.run import TimeBase
 from rpo_training.cli import app
 
 

@@ -22,9 +22,9 @@ from typer.testing import CliRunner
 from rpo_core.flight import Flight
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
-from rpo_log import style
 from rpo_log.errors import LogError
-from rpo_log.reader import read_run
+from rpo_log.read.run_log import read_run
+from rpo_log.show import style
 from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app

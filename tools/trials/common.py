@@ -16,7 +16,7 @@ import yaml
 
 from rpo_core import files
 from rpo_core.flight import Flight
-from rpo_log.reader import flight_of, read_run
+from rpo_log.read.run_log import flight_of, read_run
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 
 

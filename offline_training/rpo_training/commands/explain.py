@@ -79,7 +79,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     from rpo_core.controller import only_fuzzy
     from rpo_core.explain import decisions
     from rpo_core.validation import InputError
-    from rpo_log.reader import controller_of, read_run
+    from rpo_log.read.run_log import controller_of, read_run
 
     log = read_run(path)
     times = log.times_s
@@ -107,7 +107,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
 
 def _compare_said(console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]) -> bool:
     """Compare with what the controller said in flight; return whether that is no other."""
-    from rpo_log.decisions import decision_at
+    from rpo_log.read.decisions import decision_at
 
     said = decision_at(path, stamp_ns)
     if said is None:

@@ -34,7 +34,7 @@ def _end(code: ExitCode) -> NoReturn:
 @log.command(epilog='Example: `rpo log info runs/demo`')
 def info(run: RunArgument) -> None:
     """Say what a log holds, and whether it is whole."""
-    from rpo_log.info import inspect
+    from rpo_log.tools.info import inspect
 
     found = inspect(run)
     typer.echo('\n'.join(found.lines()))
@@ -44,7 +44,7 @@ def info(run: RunArgument) -> None:
 @log.command(epilog='Example: `rpo log diff runs/first runs/second`')
 def diff(first: RunArgument, second: RunArgument) -> None:
     """Compare two logs, bit for bit; exit code 1 where they differ."""
-    from rpo_log.diff import diff as compare
+    from rpo_log.tools.diff import diff as compare
 
     found = compare(first, second)
     typer.echo('\n'.join(found.lines()))
@@ -57,7 +57,7 @@ def export(
     output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
 ) -> None:
     """Write states, forces and disturbances as a table; the ending of OUTPUT names the form."""
-    from rpo_log.export import export as write
+    from rpo_log.tools.export import export as write
 
     rows = write(run, output)
     typer.echo(f'{output}: {rows} ticks')
@@ -80,7 +80,7 @@ def repair(
     ] = False,
 ) -> None:
     """Rebuild a whole log from one that was cut short."""
-    from rpo_log.repair import repair as rebuild
+    from rpo_log.tools.repair import repair as rebuild
 
     found = rebuild(run, output, in_place=in_place)
     for file in found.files:

@@ -58,7 +58,7 @@ Made = tuple['Report', Path, int]
 
 def _of_run(target: str) -> Made:
     from rpo_log.errors import ExitCode
-    from rpo_log.report import folder_of, print_table
+    from rpo_log.show.report import folder_of, print_table
     from rpo_training.report import run
 
     made, shown = run.report_of(Path(target))

@@ -29,7 +29,7 @@ def simulate(
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
     from rpo_core.scenario import load_scenario
-    from rpo_log.report import print_table
+    from rpo_log.show.report import print_table
 
     flight = fly(load_scenario(scenario), load_controller(controller))
     print_table(flight, f'{scenario}, controller {controller}')

@@ -7,8 +7,8 @@ from __future__ import annotations
 from rpo_core.controller import AnyController
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
-from rpo_log import report as log_report
-from rpo_log import style
+from rpo_log.show import report as log_report
+from rpo_log.show import style
 from rpo_training.report.blocks import Picture, Report, Section, Table
 from rpo_training.report.surface_plots import axis_forces
 

@@ -33,7 +33,7 @@ class Picture:
     """A figure.
 
     name : stem of its PNG
-    figure : of matplotlib, in the colours of `rpo_log.style` alone
+    figure : of matplotlib, in the colours of `rpo_log.show.style` alone
     caption : what it shows; alt : what a reader who cannot see it should know
     """
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.campaign.config import METRICS, QUANTITIES
 from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import PARAMETERS

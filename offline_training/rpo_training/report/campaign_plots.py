@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.report.sensitivity import Influence
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.analysis.certificate import Certificate, certify
 from rpo_training.analysis.rule_base import activities, warnings
 from rpo_training.evaluation.assessment import Assessment, assess

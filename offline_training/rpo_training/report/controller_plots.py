@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.analysis import surface
 from rpo_training.evaluation.assessment import Assessment
 from rpo_training.report.surface_plots import draw_force, force_bar

@@ -10,7 +10,7 @@ import numpy as np
 
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
-from rpo_log.reader import RunLog, flight_of, scenario_of
+from rpo_log.read.run_log import RunLog, flight_of, scenario_of
 
 LEAST_TICKS = 10
 """A log that shows less from the start is not drawn."""

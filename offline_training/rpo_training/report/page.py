@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_core.validation import InputError
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 PAGE = 'report.html'
@@ -185,5 +185,5 @@ def svg(picture: Picture) -> str:
 def _named(match: re.Match[str]) -> str:
     colour = match.group()
     if colour not in style.NAMES:
-        raise ValueError(f'{colour} is no colour of rpo_log.style')
+        raise ValueError(f'{colour} is no colour of rpo_log.show.style')
     return f'var(--{style.NAMES[colour]})'

@@ -9,7 +9,7 @@ from enum import Enum
 from pathlib import Path
 
 from rpo_core.validation import InputError
-from rpo_log.run import log_files
+from rpo_log.format.run import log_files
 
 _CAMPAIGN = 'campaign.yaml'
 

@@ -15,11 +15,11 @@ from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.explain import decisions
 from rpo_core.flight import Flight
 from rpo_core.validation import InputError
-from rpo_log import report as log_report
-from rpo_log import style
 from rpo_log.errors import LogError
-from rpo_log.reader import RunLog, controller_of, read_run
-from rpo_log.run import INFO_FILE
+from rpo_log.format.run import INFO_FILE
+from rpo_log.read.run_log import RunLog, controller_of, read_run
+from rpo_log.show import report as log_report
+from rpo_log.show import style
 from rpo_training.evaluation import optimal
 from rpo_training.report import run_plots
 from rpo_training.report.approach import (

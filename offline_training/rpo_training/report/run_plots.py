@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rpo_core import metrics
 from rpo_core.controller import FuzzyController
 from rpo_core.flight import Flight
-from rpo_log import style
-from rpo_log.report import by_axis, limit_lines
+from rpo_log.show import style
+from rpo_log.show.report import by_axis, limit_lines
 from rpo_training.report.approach import Aids
 from rpo_training.report.surface_plots import draw_force, force_bar
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.controller import AnyController, FuzzyController
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.analysis import surface
 
 Floats = NDArray[np.float64]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.report import controller_plots
 from rpo_training.search.training import FRONT, HISTORY
 

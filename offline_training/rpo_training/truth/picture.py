@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_log import style
+from rpo_log.show import style
 from rpo_training.truth.two_body import AXIS_NAMES, Comparison
 
 

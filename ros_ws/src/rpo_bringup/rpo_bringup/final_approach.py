@@ -18,9 +18,9 @@ from rpo_core.chain import Chain
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log import report
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
+from rpo_log.show import report
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.navigation_node import NavigationNode

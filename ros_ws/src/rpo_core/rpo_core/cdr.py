@@ -23,6 +23,8 @@ HEADER = b'\x00\x01\x00\x00'
 STAMP_AT = 4
 """Offset of the stamp (int32 s, uint32 ns) in every stamped type and in Clock."""
 
+STAMP = struct.Struct('<iI')
+
 WRENCH_FLOATS = 6
 ODOMETRY_FLOATS = 85
 
@@ -43,18 +45,20 @@ POSITION = slice(0, 3)
 VELOCITY = slice(43, 46)
 """Where position and linear velocity lie among the floats of an odometry."""
 
-_STAMPED = {
-    'nav_msgs/msg/Odometry': (2, ODOMETRY_FLOATS),
-    'geometry_msgs/msg/WrenchStamped': (1, WRENCH_FLOATS),
-}
+CLOCK, ODOMETRY, WRENCH = (
+    'rosgraph_msgs/msg/Clock',
+    'nav_msgs/msg/Odometry',
+    'geometry_msgs/msg/WrenchStamped',
+)
+"""Types that have a `Layout`: a stamp and numbers, the rest fixed."""
+
+_STAMPED = {ODOMETRY: (2, ODOMETRY_FLOATS), WRENCH: (1, WRENCH_FLOATS)}
 """Types made of a stamp, so many strings and so many floats."""
 
 _NS = 1_000_000_000
-_STAMP = struct.Struct('<iI')
 _LENGTH = struct.Struct('<I')
 _WRENCH = struct.Struct(f'<{WRENCH_FLOATS}d')
 _ODOMETRY = struct.Struct(f'<{ODOMETRY_FLOATS}d')
-_THREE = struct.Struct('<3d')
 _IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
 _NO_ROTATION = (0.0,) * 39
 
@@ -91,7 +95,7 @@ class Status(NamedTuple):
 
 
 def _stamp(stamp_ns: int) -> bytes:
-    return HEADER + _STAMP.pack(*divmod(stamp_ns, _NS))
+    return HEADER + STAMP.pack(*divmod(stamp_ns, _NS))
 
 
 def _string(text: str) -> bytes:
@@ -191,7 +195,7 @@ class _Cursor:
         return int(self.unpack(_LENGTH)[0])
 
     def stamp(self) -> int:
-        seconds, nanoseconds = self.unpack(_STAMP)
+        seconds, nanoseconds = self.unpack(STAMP)
         return int(seconds) * _NS + int(nanoseconds)
 
     def string(self) -> str:
@@ -291,7 +295,7 @@ def floats_at(type_name: str, data: bytes) -> int:
 
 def canonical(type_name: str, data: bytes) -> bytes:
     """Return a message with the gaps between its fields cleared; raises CdrError."""
-    if type_name == 'rosgraph_msgs/msg/Clock':
+    if type_name == CLOCK:
         decode_clock(data)
         return data
     if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
@@ -307,76 +311,6 @@ def canonical(type_name: str, data: bytes) -> bytes:
         raise CdrError(f'must be the CDR of {type_name}; got {len(data)} bytes')
     cleared = _cleared(texts, strings)
     return data if cleared == texts else data[:12] + cleared + numbers
-
-
-class Layout:
-    """Where the numbers of a signal lie in its message; all else in the message is fixed.
-
-    Making and reading a message is a copy and a few packed floats: a tenth of the time that message
-    objects take.
-
-    texts : frame ids in the message, in their order
-    size : of the message [bytes]
-    columns : places of the signal's numbers among the floats of the message
-    """
-
-    def __init__(self, type_name: str, texts: tuple[str, ...]) -> None:
-        odometry = type_name == 'nav_msgs/msg/Odometry'
-        count = 6 if odometry else 3
-        zero = (0.0,) * count
-        plain = (
-            encode_odometry(0, texts[0], texts[1], zero)
-            if odometry
-            else encode_wrench(0, texts[0], zero)
-        )
-        first = floats_at(type_name, plain)
-        self.texts, self.size = texts, len(plain)
-        self.columns = (*range(3), *range(VELOCITY.start, VELOCITY.stop))[:count]
-        self._plain = plain
-        self._places = [first, first + 8 * VELOCITY.start][: count // 3]
-        # What must stand between the stamp and the numbers, with the gaps cleared.
-        self._fixed = plain[12:first]
-
-    @staticmethod
-    @lru_cache(maxsize=64)
-    def of(type_name: str, texts: tuple[str, ...]) -> Layout:
-        """Return the layout of a type of message with these frame ids."""
-        return Layout(type_name, texts)
-
-    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """Return the CDR of a message that holds a stamp and the numbers of a signal."""
-        message = bytearray(self._plain)
-        _STAMP.pack_into(message, STAMP_AT, *divmod(stamp_ns, _NS))
-        for i, place in enumerate(self._places):
-            _THREE.pack_into(message, place, *values[3 * i : 3 * i + 3])
-        return bytes(message)
-
-    def decode(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
-        """Return stamp [ns], numbers of the signal, and whether the frame ids are as they must be.
-
-        Raises CdrError if the bytes are not a message of this type.
-        """
-        known = len(data) == self.size and data[12 : 12 + len(self._fixed)] == self._fixed
-        if not known:
-            return self._decode_slowly(data)
-        if data[:2] != HEADER[:2]:
-            raise CdrError(f'must begin with the header of little-endian CDR; got {data[:4]!r}')
-        seconds, nanoseconds = _STAMP.unpack_from(data, STAMP_AT)
-        values = _THREE.unpack_from(data, self._places[0])
-        if len(self._places) > 1:
-            values += _THREE.unpack_from(data, self._places[1])
-        return seconds * _NS + nanoseconds, values, True
-
-    def _decode_slowly(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
-        """Read a message with other frame ids, or with something in the gaps between fields."""
-        if len(self._places) > 1:
-            odometry = decode_odometry(data)
-            texts: tuple[str, ...] = (odometry.frame_id, odometry.child_frame_id)
-            stamp, floats = odometry.stamp_ns, odometry.floats
-        else:
-            wrench = decode_wrench(data)
-            texts, stamp, floats = (wrench.frame_id,), wrench.stamp_ns, wrench.floats
-        return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]
 
 
 @lru_cache(maxsize=64)

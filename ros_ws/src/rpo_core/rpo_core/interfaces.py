@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from rpo_core import plugins
-from rpo_core.cdr import Layout
+from rpo_core import cdr, plugins
+from rpo_core.layout import Layout
 from rpo_core.validation import InputError
 
 LVLH_FRAME = 'target_lvlh'
@@ -21,9 +21,9 @@ LVLH_FRAME = 'target_lvlh'
 CHASER_FRAME = 'chaser'
 """Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
 
-CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
-STATE_TYPE = 'nav_msgs/msg/Odometry'
-FORCE_TYPE = 'geometry_msgs/msg/WrenchStamped'
+CLOCK_TYPE = cdr.CLOCK
+STATE_TYPE = cdr.ODOMETRY
+FORCE_TYPE = cdr.WRENCH
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 
@@ -133,10 +133,15 @@ def add(row: Interface, before: str = '') -> Interface:
 
     before : name of the row that follows; '' for the end
 
-    Raises InputError if there is a row of that name already, or none of the name `before`.
+    Raises InputError if there is a row of that name already, or none of the name `before`; or if it
+    is logged each tick and its type is none that has a layout.
     """
     if row.name in _TABLE:
         raise InputError(f'interface `{row.name}` must be added once; it is in the table already')
+    types = (STATUS_TYPE,) if row.owed == EVENT else (CLOCK_TYPE, STATE_TYPE, FORCE_TYPE)
+    if row.logged and row.type not in types:
+        allowed = ' or '.join(types)
+        raise InputError(f'interface `{row.name}` must be {allowed} to be logged; got {row.type}')
     rows = list(_TABLE.values())
     if before and before not in _TABLE:
         raise InputError(f'`before` must be one of {", ".join(_TABLE)}; got {before!r}')

@@ -19,7 +19,7 @@ class ExitCode(IntEnum):
     INCOMPLETE = 3  # readable, and equal as far as it goes, but cut short or with holes
 
 
-class Kind(str, Enum):
+class Fault(str, Enum):
     """What is wrong with a log or with the place it should go."""
 
     EXISTS = 'exists'  # the output is there already
@@ -43,17 +43,21 @@ class Kind(str, Enum):
 
 
 class LogError(InputError):
-    """A log that cannot be written or read: one sentence, and what kind of fault it is.
+    """A log that cannot be written or read: one sentence, and which fault it is.
 
-    kind : Kind
+    fault : Fault
     path : Path, the file or folder concerned
     sentence : what is wrong, without the path
+    tick : of the message that is wrong; None if it is not one message
     """
 
     exit_code = ExitCode.BAD_INPUT
 
-    def __init__(self, kind: Kind, path: str | Path, sentence: str) -> None:
+    def __init__(
+        self, fault: Fault, path: str | Path, sentence: str, tick: int | None = None
+    ) -> None:
         super().__init__(f'{path}: {sentence}')
-        self.kind = kind
+        self.fault = fault
         self.sentence = sentence
+        self.tick = tick
         self.path = Path(path)

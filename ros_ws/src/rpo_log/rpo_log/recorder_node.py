@@ -13,36 +13,31 @@ from typing import Any
 
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
 
-from rpo_core import files, scenario
+from rpo_core import files, interfaces, scenario
+from rpo_core.chain import signals_of
 from rpo_core.validation import InputError
-from rpo_log import run as run_log
-from rpo_log import run_info
-from rpo_log.decisions import DecisionLogWriter
 from rpo_log.errors import LogError
+from rpo_log.format import run as run_log
 from rpo_log.parameters import RECORDER as PARAMETERS
-from rpo_log.writer import RunLogWriter
+from rpo_log.write import run_info
+from rpo_log.write.decisions import DecisionLogWriter
+from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import message_class
 from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
 
-_TYPES = {
-    names.CLOCK: Clock,
-    names.RELATIVE_STATE: Odometry,
-    names.NAVIGATION_STATE: Odometry,
-    names.CONTROL_FORCE: WrenchStamped,
-    names.DISTURBANCE_FORCE: WrenchStamped,
-    names.APPLIED_FORCE: WrenchStamped,
-    names.APPLIED_DISTURBANCE: WrenchStamped,
-}
+_BY_SCENARIO = frozenset(
+    (interfaces.NAVIGATION_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
+)
+"""Signals whose nodes may be there in a run that does not need them."""
+
 _FILE, _PARAMETER = 'file.', 'parameter.'
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY = 100_000
@@ -63,11 +58,14 @@ class RecorderNode(FlightNode):
         self.folder = Path(self.values['output'] or f'runs/recording-{now}').expanduser()
         self.log: RunLogWriter | None = None
         self._scenario: scenario.Scenario | None = None
+        self._plant: dict[str, str] = {}
         self._manifests: dict[str, DiagnosticStatus] = {}
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
         self._force_topic = self.resolve_topic_name(names.CONTROL_FORCE)
+        self._status_topic = self.resolve_topic_name(names.RUN_STATUS)
         self._expected: list[str] = []
+        self._events: set[str] = set()
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
@@ -91,19 +89,18 @@ class RecorderNode(FlightNode):
         self.every(health.PERIOD_S, self._say_again)
 
     def _subscribe(self) -> None:
-        for topic, kind in _TYPES.items():
-            name = self.resolve_topic_name(topic)
-            on_raw = partial(self._on_raw, name)
-            self.create_subscription(kind, topic, on_raw, qos.RECORDING, raw=True)
-        self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
-        )
+        for row in (*interfaces.rows(logged=True), interfaces.row_of(interfaces.DECISION)):
+            name, kind = self.resolve_topic_name(row.topic), message_class(row.type)
+            on_raw, profile = partial(self._on_raw, name), qos.RECORDING
+            if row.owed == interfaces.EVENT and row.logged:
+                profile = qos.LATCHED_QUEUE
+                if row.name == interfaces.RUN_STATUS:
+                    on_raw = self._on_status
+                else:
+                    self._events.add(name)
+            self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
-        )
-        on_decision = partial(self._on_raw, self._decision_topic)
-        self.create_subscription(
-            DiagnosticArray, names.DECISION, on_decision, qos.RECORDING, raw=True
         )
         self.create_subscription(
             DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
@@ -131,7 +128,7 @@ class RecorderNode(FlightNode):
         if phase not in _RECORDED or 'resumed' in values:
             return
         self._running = True
-        self._on_raw(self.resolve_topic_name(names.RUN_STATUS), data)
+        self._on_raw(self._status_topic, data)
         if phase != 'running':
             self._end = (phase, int(values['tick']), time.monotonic())
 
@@ -153,23 +150,29 @@ class RecorderNode(FlightNode):
                 )
                 return
             if isinstance(found, scenario.Scenario):
-                self._scenario = found
-                self._expected = self._topics(found, values)
+                self._scenario, self._plant = found, values
 
-    def _topics(self, flown: scenario.Scenario, plant: Mapping[str, str]) -> list[str]:
-        """Return the full names of the topics that speak at every tick."""
-        topics = [names.RELATIVE_STATE, names.CONTROL_FORCE]
+    def _topics(self, found: scenario.Scenario, plant: Mapping[str, str]) -> list[str]:
+        """Return the full names of the topics that speak at every tick.
+
+        They are those of the scenario's stages; and any other that a node publishes, unless the
+        scenario alone decides about it.
+        """
+        made = {*signals_of(found)}
+        for row in interfaces.rows(logged=True):
+            if row.owed == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
+                made |= {row.name} if self.count_publishers(row.topic) else set()
         if plant.get(f'{_PARAMETER}publish_clock') == 'True':
-            topics.append(names.CLOCK)
-        if not flown.disturbance.is_zero:
-            topics.append(names.DISTURBANCE_FORCE)
-        if flown.navigation is not None:
-            topics.append(names.NAVIGATION_STATE)
+            made.add(interfaces.CLOCK)
         if plant.get(f'{_PARAMETER}mode') == 'free_running':
-            topics.append(names.APPLIED_FORCE)
-            if not flown.disturbance.is_zero:
-                topics.append(names.APPLIED_DISTURBANCE)
-        return [self.resolve_topic_name(topic) for topic in topics]
+            made.add(interfaces.APPLIED_FORCE)
+            if not found.disturbance.is_zero:
+                made.add(interfaces.APPLIED_DISTURBANCE)
+        return [
+            self.resolve_topic_name(row.topic)
+            for row in interfaces.rows(logged=True)
+            if row.name in made
+        ]
 
     def _look(self) -> None:
         if self.log is None and not self._interrupted:
@@ -187,7 +190,7 @@ class RecorderNode(FlightNode):
 
     def _complete(self, tick: int) -> bool:
         """Return whether all is there up to the last tick of the flight."""
-        if self._decisions is not None and self._decisions.owes(tick):
+        if self._decisions is not None and self._decisions.expects(tick):
             return False
         return self.log is not None and self.log.next_tick > tick
 
@@ -213,7 +216,8 @@ class RecorderNode(FlightNode):
             return
         flown = self._scenario
         base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
-        self._recorded = {*self._expected, self.resolve_topic_name(names.RUN_STATUS)}
+        self._expected = self._topics(flown, self._plant)
+        self._recorded = {*self._expected, *self._events, self._status_topic}
         try:
             self.log = RunLogWriter(
                 self.folder, base, self._recorded, self._attachments(),

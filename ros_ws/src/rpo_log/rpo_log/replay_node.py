@@ -11,35 +11,25 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
 from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
+from rpo_core import interfaces
 from rpo_core.validation import InputError
-from rpo_log import topics
-from rpo_log.decode import Message, values_of
 from rpo_log.errors import LogError
 from rpo_log.parameters import REPLAY as PARAMETERS
-from rpo_log.stream import RunReader
+from rpo_log.read.decode import Message, values_of
+from rpo_log.read.stream import RunReader
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import message_class
 
 EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3
 
-_TOPICS = {
-    topics.CLOCK: (names.CLOCK, Clock, qos.CLOCK),
-    topics.STATE: (names.RELATIVE_STATE, Odometry, qos.LOCKSTEP),
-    topics.NAVIGATION: (names.NAVIGATION_STATE, Odometry, qos.LOCKSTEP),
-    topics.FORCE: (names.CONTROL_FORCE, WrenchStamped, qos.LOCKSTEP),
-    topics.DISTURBANCE: (names.DISTURBANCE_FORCE, WrenchStamped, qos.LOCKSTEP),
-    topics.STATUS: (names.RUN_STATUS, DiagnosticStatus, qos.LATCHED),
-}
 _FASTEST_S = 1e-4
 _SETTLED_S = 0.5
 """A listener's topics are found one after the other; after so long without another, all are."""
@@ -85,12 +75,13 @@ class ReplayNode(FlightNode):
         return range(first, last + 1)
 
     def _connect(self) -> None:
-        left_out = {topics.FORCE} if self.values['drive'] else set()
+        left_out = interfaces.CONTROL_FORCE if self.values['drive'] else ''
         self._outlets = {
-            topic.role: self.create_publisher(kind, name, profile)
+            topic.signal: self.create_publisher(
+                message_class(topic.type), topic.row.topic, qos.of(topic.row.qos)
+            )
             for topic in self._reader.topics
-            for name, kind, profile in [_TOPICS[topic.role]]
-            if topic.role not in left_out
+            if topic.signal != left_out
         }
         if self.values['drive']:
             self.create_subscription(
@@ -146,8 +137,8 @@ class ReplayNode(FlightNode):
 
     def _send(self) -> None:
         for message in self._current:
-            if message.topic.role in self._outlets:
-                self._outlets[message.topic.role].publish(message.data)
+            if message.topic.signal in self._outlets:
+                self._outlets[message.topic.signal].publish(message.data)
             else:
                 self._awaited_ns = self._reader.base.stamp_ns(message.tick)
                 self._logged_force = values_of(message.topic, message.data)

@@ -1,147 +1,79 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run's log holds: roles, message types, quality of service, order within a tick."""
+"""The topics of one run: rows of `rpo_core.interfaces` under the names that they have there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-from rpo_log.errors import Kind, LogError
+from rpo_core import interfaces
+from rpo_core.interfaces import Interface
+from rpo_log.errors import Fault, LogError
 
-CLOCK = 'clock'
-STATE = 'relative_state'
-NAVIGATION = 'navigation_state'
-FORCE = 'control_force'
-DISTURBANCE = 'disturbance_force'
-APPLIED = 'applied_force'
-APPLIED_DISTURBANCE = 'applied_disturbance'
-STATUS = 'run_status'
-
-ORDER = (CLOCK, STATE, NAVIGATION, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS)
-"""Roles in the order in which the messages of one tick are written."""
-
-STATES = (STATE, NAVIGATION)
-"""Roles whose messages are states: the truth, and what the controller sees if that differs."""
-
-ANSWERS = (NAVIGATION, FORCE, DISTURBANCE)
-"""Roles whose messages answer states; in free running they may lack, or come late."""
-
-REQUIRED = (STATE, FORCE)
-"""Roles without which a log is not that of a closed loop."""
-
-INFINITE = {'sec': 9223372036, 'nsec': 854775807}
-"""rmw's infinite duration, as rosbag2 writes it."""
-
-
-@dataclass(frozen=True)
-class Qos:
-    """Quality of service that the publisher of a topic offers, in rosbag2's words (version 9)."""
-
-    reliability: str = 'reliable'
-    durability: str = 'volatile'
-    depth: int = 64
-    history: str = 'keep_last'
-
-    def to_document(self) -> dict[str, Any]:
-        """Return the profile in the form of rosbag2 metadata version 9."""
-        return {
-            'history': self.history,
-            'depth': self.depth,
-            'reliability': self.reliability,
-            'durability': self.durability,
-            'deadline': dict(INFINITE),
-            'lifespan': dict(INFINITE),
-            'liveliness': 'automatic',
-            'liveliness_lease_duration': dict(INFINITE),
-            'avoid_ros_namespace_conventions': False,
-        }
-
-
-TYPES = {
-    CLOCK: 'rosgraph_msgs/msg/Clock',
-    STATE: 'nav_msgs/msg/Odometry',
-    NAVIGATION: 'nav_msgs/msg/Odometry',
-    FORCE: 'geometry_msgs/msg/WrenchStamped',
-    DISTURBANCE: 'geometry_msgs/msg/WrenchStamped',
-    APPLIED: 'geometry_msgs/msg/WrenchStamped',
-    APPLIED_DISTURBANCE: 'geometry_msgs/msg/WrenchStamped',
-    STATUS: 'diagnostic_msgs/msg/DiagnosticStatus',
-}
-"""ROS type of each role."""
-
-QOS = {
-    CLOCK: Qos(),
-    STATE: Qos(),
-    NAVIGATION: Qos(),
-    FORCE: Qos(),
-    DISTURBANCE: Qos(),
-    APPLIED: Qos(),
-    APPLIED_DISTURBANCE: Qos(),
-    STATUS: Qos(durability='transient_local', depth=1),
-}
-"""Quality of service of each role."""
-
-
-FRAMES = {
-    STATE: ('target_lvlh', 'chaser'),
-    NAVIGATION: ('target_lvlh', 'chaser'),
-    FORCE: ('target_lvlh',),
-    DISTURBANCE: ('target_lvlh',),
-    APPLIED: ('target_lvlh',),
-    APPLIED_DISTURBANCE: ('target_lvlh',),
-}
-"""Frame ids of each role: that of the header, and the child frame of the state."""
+REQUIRED = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE)
+"""Signals without which a log is not that of a closed loop."""
 
 
 @dataclass(frozen=True)
 class Topic:
-    """One recorded topic: full name, and the role that its last path component gives it."""
+    """One recorded topic: its full name, and the row of the table that it follows."""
 
     name: str
-    role: str
+    row: Interface
+
+    @property
+    def signal(self) -> str:
+        """Name of the signal that it carries."""
+        return self.row.name
 
     @property
     def type(self) -> str:
         """ROS type, like nav_msgs/msg/Odometry."""
-        return TYPES[self.role]
+        return self.row.type
 
     @property
-    def qos(self) -> Qos:
-        """Offered quality of service."""
-        return QOS[self.role]
+    def is_event(self) -> bool:
+        """Whether it speaks now and then, and not at each tick."""
+        return self.row.owed == interfaces.EVENT
 
 
 def free_running(recorded: Iterable[Topic]) -> bool:
-    """Return whether the plant kept the wall clock: then it says which force it flew."""
-    return any(topic.role == APPLIED for topic in recorded)
+    """Return whether the plant kept the wall clock: then it says which force it applied."""
+    return any(topic.signal == interfaces.APPLIED_FORCE for topic in recorded)
 
 
-def role_of(name: str) -> str | None:
-    """Return the role of a topic name, absolute or in a namespace; None if it has none."""
-    role = name.rsplit('/', 1)[-1]
-    return role if role in TYPES else None
+def owed(topic: Topic, recorded: Iterable[Topic]) -> bool:
+    """Return whether each tick must have a message; in free running an answer may be missing."""
+    answers = topic.row.owed == interfaces.EACH_TICK
+    return not (topic.is_event or (answers and free_running(recorded)))
+
+
+def find(name: str) -> Topic | None:
+    """Return the topic of a full name; None if a log holds no such topic."""
+    row = interfaces.find(name)
+    return Topic(name, row) if row is not None and row.logged else None
 
 
 def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
-    """Return the topics of a run in the order of `ORDER`; raises LogError."""
+    """Return the topics of a run in the order of the table; raises LogError."""
+    order = [row.name for row in interfaces.rows(logged=True)]
     found: dict[str, Topic] = {}
     for name in names:
-        role = role_of(name)
-        if role is None:
+        topic = find(name)
+        if topic is None:
             raise LogError(
-                Kind.WRONG_TYPE,
+                Fault.WRONG_TYPE,
                 path,
                 f'topic {name} has no role in a run; the last '
-                f'part of a name must be one of {", ".join(ORDER)}',
+                f'part of a name must be one of {", ".join(order)}',
             )
-        if role in found:
+        if topic.signal in found:
             raise LogError(
-                Kind.WRONG_TYPE,
+                Fault.WRONG_TYPE,
                 path,
-                f'topics {found[role].name} and {name} have '
-                f'the same role, {role}; one run is recorded in one log',
+                f'topics {found[topic.signal].name} and {name} have '
+                f'the same role, {topic.signal}; one run is recorded in one log',
             )
-        found[role] = Topic(name, role)
-    return tuple(found[role] for role in ORDER if role in found)
+        found[topic.signal] = topic
+    return tuple(found[signal] for signal in order if signal in found)

@@ -14,7 +14,7 @@ from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
 from rpo_core.validation import InputError
-from rpo_log import schemas
+from rpo_log.format import schemas
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode

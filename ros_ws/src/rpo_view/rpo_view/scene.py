@@ -16,7 +16,7 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_log.style import COLOURS
+from rpo_log.show.style import COLOURS
 from rpo_ros.names import LVLH_FRAME
 
 Vector = Sequence[float]

@@ -13,7 +13,7 @@ from importlib import resources
 from typing import Any
 
 from rpo_core.validation import InputError
-from rpo_log.style import COLOURS
+from rpo_log.show.style import COLOURS
 
 HOST = '127.0.0.1'
 _NAMES = (HOST, 'localhost')
@@ -27,7 +27,7 @@ _HEADERS = {
     ),
 }
 _KEEP_ALIVE_S = 5.0
-_PALETTE_GOES = '/* The palette of rpo_log.style comes here. */'
+_PALETTE_GOES = '/* The palette of rpo_log.show.style comes here. */'
 
 
 def page() -> bytes:

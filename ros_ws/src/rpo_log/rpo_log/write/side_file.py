@@ -6,19 +6,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rpo_log import rosbag2, schemas
+from rpo_core.interfaces import ARRAY_TYPE, Qos
 from rpo_log.errors import LogError
-from rpo_log.mcap_file import McapFile
-from rpo_log.run import cannot_write
-from rpo_log.topics import Qos
-
-TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+from rpo_log.format import rosbag2, schemas
+from rpo_log.format.run import cannot_write
+from rpo_log.write.mcap_file import McapFile
 
 
 class SideFile:
     """Writes one topic to an MCAP file; never raises once open.
 
-    path : in the folder of the run, which is prepared (`rpo_log.run.prepare_folder`)
+    path : in the folder of the run, which is prepared (`rpo_log.format.run.prepare_folder`)
     name : full name of the topic
     failure : why the file ended early; None if it did not
     """
@@ -27,13 +25,13 @@ class SideFile:
         self.failure: str | None = None
         self.messages = 0
         self._closed = False
-        definition = schemas.definition(TYPE)
+        definition = schemas.definition(ARRAY_TYPE)
         self._file = McapFile(path)
         self._path, self._name, self._qos = path, name, qos
         self._stamps = (0, 0)
         try:
             self._add_rosbag2_record()
-            schema = self._file.add_schema(TYPE, definition.text.encode())
+            schema = self._file.add_schema(ARRAY_TYPE, definition.text.encode())
             self._channel = self._file.add_channel(
                 name,
                 schema,
@@ -77,9 +75,9 @@ class SideFile:
         self._file.close()
 
     def _add_rosbag2_record(self) -> None:
-        type_hash = schemas.definition(TYPE).type_hash
-        qos = [self._qos.to_document()]
-        topic = rosbag2.BagTopic(self._name, TYPE, type_hash, qos, self.messages)
+        type_hash = schemas.definition(ARRAY_TYPE).type_hash
+        qos = [rosbag2.qos_document(self._qos)]
+        topic = rosbag2.BagTopic(self._name, ARRAY_TYPE, type_hash, qos, self.messages)
         file = rosbag2.BagFile(self._path.name, *self._stamps, self.messages)
         document = rosbag2.metadata([topic], [file])
         self._file.add_metadata(rosbag2.RECORD, rosbag2.record_values(document))

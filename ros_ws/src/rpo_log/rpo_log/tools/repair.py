@@ -10,30 +10,26 @@ from __future__ import annotations
 
 import os
 import shutil
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import yaml
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 
-from rpo_log import rosbag2
-from rpo_log.errors import ExitCode, Kind, LogError
-from rpo_log.mcap_file import McapFile
-from rpo_log.run import DECISIONS_FILE, HEALTH_FILE, METADATA_FILE, cannot_write, log_files
-from rpo_log.scan import Record, Scan, chunk_records, inner_records, parse
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format import rosbag2
+from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, METADATA_FILE, cannot_write, log_files
+from rpo_log.read.records import FileRecords, RawMessage, message_at
+from rpo_log.write.mcap_file import McapFile
 
 DAMAGED = '.damaged'
 """What is added to the name of a damaged file that a repaired one replaces."""
 
 _BESIDE = (HEALTH_FILE, DECISIONS_FILE)
 """Files of a run folder that are no part of its bag."""
-
-_HEAD = struct.Struct('<HIQQ')
 
 
 @dataclass
@@ -94,14 +90,6 @@ class Repair:
         return ExitCode.INCOMPLETE if lost else ExitCode.OK
 
 
-class _Message(NamedTuple):
-    channel: int
-    sequence: int
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
 class _Source:
     """Reads what is sound in a damaged file."""
 
@@ -113,49 +101,37 @@ class _Source:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
 
-    def chunks(self) -> Iterator[list[_Message]]:
+    def chunks(self) -> Iterator[list[RawMessage]]:
         """Yield the messages of each sound chunk; learns schemas and channels on the way."""
-        for record in self.records():
-            if record.opcode != Opcode.CHUNK:
-                continue
-            try:
-                yield list(self._messages(record))
-            except LogError as error:
-                self.damage = error.sentence
-                self.lost_chunks += 1
+        return (found for found in self._walk() if isinstance(found, list))
 
-    def records(self) -> Iterator[Record]:
-        """Yield the records up to where the file ends."""
-        self.damage, self.lost_chunks = '', 0
-        scan = Scan(self.path, tolerant=True)
-        for record in scan:
-            try:
-                self._learn(record)
-            except LogError as error:  # what it says may be said again in the summary
-                self.damage = error.sentence
-                continue
-            yield record
-        self.damage = scan.damage or self.damage
+    def records(self) -> Iterator[McapRecord]:
+        """Yield the records that are no chunks, up to where the file ends."""
+        return (found for found in self._walk() if isinstance(found, McapRecord))
 
-    def _messages(self, chunk: Record) -> Iterator[_Message]:
-        records = chunk_records(self.path, chunk)
-        for inner in inner_records(self.path, chunk, records):
-            if inner.opcode == Opcode.MESSAGE and len(inner.content) >= _HEAD.size:
-                yield _Message._make(
-                    (*_HEAD.unpack_from(inner.content), inner.content[_HEAD.size :])
-                )
+    def _walk(self) -> Iterator[McapRecord | list[RawMessage]]:
+        records = FileRecords(self.path, tolerant=True)
+        for record in records:
+            if isinstance(record, Chunk):
+                try:
+                    data = records.content_of(record)
+                    at = records.messages_in(data, self._learn)
+                except LogError as error:
+                    records.pass_over(Opcode.CHUNK, error)
+                    continue
+                yield [message_at(data, place) for place in at]
             else:
-                self._learn(inner)
+                self._learn(record)
+                yield record
+        self.damage, self.lost_chunks = records.damage, records.lost_chunks
 
-    def _learn(self, record: Record) -> None:
-        if record.opcode == Opcode.HEADER:
-            self.header = parse(self.path, record, Header.read)
-        elif record.opcode == Opcode.SCHEMA:
-            schema = parse(self.path, record, Schema.read)
-            self.schemas[schema.id] = schema
-        elif record.opcode == Opcode.CHANNEL:
-            channel = parse(self.path, record, Channel.read)
-            self.channels[channel.id] = channel
+    def _learn(self, record: McapRecord) -> None:
+        if isinstance(record, Header):
+            self.header = record
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
 
 
 def examine(path: Path) -> FileRepair:
@@ -169,7 +145,7 @@ def _examine(source: _Source) -> FileRepair:
     for messages in source.chunks():
         found.chunks += 1
         numbers.update(message.channel for message in messages)
-        times = [message.log_time for message in messages] or [0]
+        times = [message.log_ns for message in messages] or [0]
         found.first_ns = min(found.first_ns or times[0], min(times))
         found.last_ns = max(found.last_ns, max(times))
     found.damage, found.lost_chunks = source.damage, source.lost_chunks
@@ -200,13 +176,13 @@ def rebuild(path: Path, target: Path) -> FileRepair:
     found = _examine(source)
     if not found.messages:
         raise LogError(
-            Kind.EMPTY,
+            Fault.EMPTY,
             path,
             'cannot be repaired: no whole chunk is in it'
             + (f' ({found.damage})' if found.damage else ''),
         )
     if target.exists():
-        raise LogError(Kind.EXISTS, target, 'exists already; a log is never overwritten')
+        raise LogError(Fault.EXISTS, target, 'exists already; a log is never overwritten')
     draft = target.with_name(target.name + '.part')
     try:
         draft.unlink(missing_ok=True)
@@ -224,14 +200,12 @@ def _write(source: _Source, found: FileRepair, draft: Path) -> None:
     try:
         open_record = True
         for record in source.records():
-            if record.opcode == Opcode.METADATA:
-                metadata = parse(source.path, record, Metadata.read)
-                if metadata.name != rosbag2.RECORD or open_record:
-                    file.add_metadata(metadata.name, metadata.metadata)
-                open_record = open_record and metadata.name != rosbag2.RECORD
-            elif record.opcode == Opcode.ATTACHMENT:
-                item = parse(source.path, record, Attachment.read)
-                file.add_attachment(item.name, item.media_type, item.data, item.log_time)
+            if isinstance(record, Metadata):
+                if record.name != rosbag2.RECORD or open_record:
+                    file.add_metadata(record.name, record.metadata)
+                open_record = open_record and record.name != rosbag2.RECORD
+            elif isinstance(record, Attachment):
+                file.add_attachment(record.name, record.media_type, record.data, record.log_time)
         _write_messages(source, file)
         name = draft.name.removesuffix('.part')
         entry = rosbag2.BagFile(name, found.first_ns, found.last_ns, found.messages)
@@ -259,7 +233,7 @@ def _write_messages(source: _Source, file: McapFile) -> None:
         for message in messages:
             if message.channel in channels:
                 file.add_message(
-                    channels[message.channel], message.log_time, message.sequence, message.data
+                    channels[message.channel], message.log_ns, message.sequence, message.data
                 )
         file.close_chunk()
 
@@ -274,7 +248,7 @@ def repair(path: str | Path, output: str | Path | None = None, *, in_place: bool
     """
     source = Path(path)
     if not source.exists():
-        raise LogError(Kind.NOT_FOUND, source, 'does not exist')
+        raise LogError(Fault.NOT_FOUND, source, 'does not exist')
     if source.is_dir():
         return _repair_folder(source, output, in_place)
     found = examine(source)
@@ -291,7 +265,7 @@ def _set_aside(path: Path) -> Path:
     """Rename a damaged file; return its old name."""
     aside = path.with_name(path.name + DAMAGED)
     if aside.exists():
-        raise LogError(Kind.EXISTS, aside, 'exists already; a damaged log is never overwritten')
+        raise LogError(Fault.EXISTS, aside, 'exists already; a damaged log is never overwritten')
     try:
         os.rename(path, aside)
     except OSError as error:
@@ -302,7 +276,7 @@ def _set_aside(path: Path) -> Path:
 def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> Repair:
     files = log_files(folder)
     if not files:
-        raise LogError(Kind.NOT_FOUND, folder, 'holds no run.mcap')
+        raise LogError(Fault.NOT_FOUND, folder, 'holds no run.mcap')
     beside = [folder / name for name in _BESIDE if (folder / name).exists()]
     examined = {file: examine(file) for file in [*files, *beside]}
     sound = not any(found.damage or found.lost_chunks for found in examined.values())
@@ -332,7 +306,7 @@ def _copy_rest(folder: Path, target: Path, examined: dict[Path, FileRepair]) -> 
             if path.is_file() and path.name not in {*damaged, METADATA_FILE}:
                 shutil.copy2(path, target / path.name)
     except FileExistsError:
-        raise LogError(Kind.EXISTS, target, 'exists already; name another output') from None
+        raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None
     except OSError as error:
         raise cannot_write(target, error) from None
 

@@ -12,12 +12,10 @@ from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rpo_log.errors import Kind, LogError
+from rpo_log.errors import Fault, LogError
+from rpo_log.format.run import LOG_FORMAT
 
 PROFILE = 'ros2'
-LOG_FORMAT = 1
-"""Version of the layout of a run's log: its records, its attachments, its order."""
-
 LIBRARY = f'rpo_log/{LOG_FORMAT}'
 """Library field of the header; the same on every machine."""
 
@@ -84,11 +82,11 @@ class McapFile:
             self._sink = _Sink(path)
         except FileExistsError:
             raise LogError(
-                Kind.EXISTS, path, 'exists already; a log is never overwritten'
+                Fault.EXISTS, path, 'exists already; a log is never overwritten'
             ) from None
         except OSError as error:
             raise LogError(
-                Kind.CANNOT_WRITE, path, f'cannot be created: {error.strerror}'
+                Fault.CANNOT_WRITE, path, f'cannot be created: {error.strerror}'
             ) from None
         self.path = path
         self._writer = Writer(

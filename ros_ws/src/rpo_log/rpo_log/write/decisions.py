@@ -8,25 +8,17 @@ tick, and is read many ticks at once for it. The same run leaves the same bytes 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
-from mcap.opcode import Opcode
-
-from rpo_core import cdr
+from rpo_core import cdr, interfaces
 from rpo_core.decimation import Decimation
-from rpo_log.bag_file import CHUNK_SHARE
-from rpo_log.run import DECISIONS_FILE, TimeBase
-from rpo_log.scan import Scan, chunk_records, inner_records
-from rpo_log.side_file import TYPE, SideFile
-from rpo_log.topics import Qos
+from rpo_log.format.run import DECISIONS_FILE, TimeBase
+from rpo_log.write.bag_file import CHUNK_SHARE
+from rpo_log.write.side_file import SideFile
 
 CHUNK_DECISIONS, MOST_CHUNK_DECISIONS = 10, 600
 """A chunk holds a 25th of the decisions before it, within these bounds: its index stays in memory
 until the file is closed."""
-_HEAD = 22
-"""Bytes of a message record before its data: channel, sequence, two times."""
 
 
 class DecisionLogWriter(SideFile):
@@ -37,7 +29,7 @@ class DecisionLogWriter(SideFile):
     """
 
     def __init__(self, folder: str | Path, name: str, base: TimeBase, rate_hz: float) -> None:
-        super().__init__(Path(folder) / DECISIONS_FILE, name, Qos())
+        super().__init__(Path(folder) / DECISIONS_FILE, name, interfaces.LOCKSTEP)
         self._base, self._decimation = base, Decimation(rate_hz)
         self._last = -1
         self._chunked = 0
@@ -48,18 +40,18 @@ class DecisionLogWriter(SideFile):
             tick = self._base.tick_of(cdr.stamp_ns(data))
             if tick is None or tick <= self._last or not self.due(tick):
                 return
-            data = cdr.canonical(TYPE, data)
+            data = cdr.canonical(interfaces.ARRAY_TYPE, data)
         except cdr.CdrError:
             return
         self._last = tick
         self.write(self._base.stamp_ns(tick), data)
 
     def due(self, tick: int) -> bool:
-        """Return whether a tick owes a decision."""
+        """Return whether a decision is due at a tick."""
         before = self._base.stamp_ns(tick - 1) if tick else None
         return self._decimation.due(self._base.stamp_ns(tick), before)
 
-    def owes(self, tick: int) -> bool:
+    def expects(self, tick: int) -> bool:
         """Return whether a decision up to a tick, the last of the flight, is still to come."""
         return self.failure is None and any(self.due(k) for k in range(self._last + 1, tick + 1))
 
@@ -71,47 +63,3 @@ class DecisionLogWriter(SideFile):
         if full:
             self._chunked = self.messages
         return full
-
-
-class LoggedDecision(NamedTuple):
-    """What the controller said of one state.
-
-    stamp_ns : of the state
-    axes : x, y, z; level, sentence and numbers as texts
-    """
-
-    stamp_ns: int
-    axes: tuple[cdr.Status, ...]
-
-    @property
-    def numbers(self) -> tuple[Mapping[str, str], ...]:
-        """Per axis, name to number as text."""
-        return tuple(dict(status.values) for status in self.axes)
-
-
-def decisions_file(run: str | Path) -> Path:
-    """Return where the decisions of a run folder, or of the folder of a .mcap file, would be."""
-    path = Path(run)
-    return (path if path.is_dir() else path.parent) / DECISIONS_FILE
-
-
-def read_decisions(path: Path) -> Iterator[LoggedDecision]:
-    """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
-    for record in Scan(path):
-        if record.opcode != Opcode.CHUNK:
-            continue
-        for inner in inner_records(path, record, chunk_records(path, record)):
-            if inner.opcode == Opcode.MESSAGE:
-                yield LoggedDecision(*cdr.decode_array(inner.content[_HEAD:]))
-
-
-def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:
-    """Return the last decision of a run at or before a stamp; None if there is none."""
-    path = decisions_file(run)
-    found = None
-    if path.exists():
-        for decision in read_decisions(path):
-            if decision.stamp_ns > stamp_ns:
-                break
-            found = decision
-    return found

@@ -7,27 +7,20 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from rpo_core import cdr
-from rpo_log import topics
-from rpo_log.decode import Odd, plain, values_of
+from rpo_core import cdr, interfaces
+from rpo_log.read.decode import NonCanonical, values_of
 from rpo_log.topics import Topic
 
-START, NAVIGATION, LAW, DISTURBANCE, FLOWN, DYNAMICS, WHOLE, REST = (
-    'start',
-    'navigation',
-    'control law',
-    'disturbance',
-    'force flown',
-    'dynamics',
-    'whole run',
-    'rest',
-)
-"""Checks, as a difference names them."""
+START, APPLIED, REST = 'start', 'force applied', 'rest'
+"""Checks beside the stages, as a difference names them."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """The first thing in a log that is not as computed."""
+    """The first thing in a log that is not as computed.
+
+    check : name of the stage that computed it, or one of the checks beside the stages
+    """
 
     tick: int
     topic: str
@@ -44,32 +37,29 @@ class Difference:
         )
 
 
-def odd_difference(odd: Odd, stamp_ns: int) -> Difference:
-    """Name what a message of a tick holds beside its stamp and its values."""
-    expected = plain(odd.topic, stamp_ns, values_of(odd.topic, odd.data))
-    pairs = zip(_items(odd.topic, odd.data), _items(odd.topic, expected), strict=True)
+def non_canonical_difference(message: NonCanonical, stamp_ns: int) -> Difference:
+    """Name what a message of a tick holds beside its stamp and the numbers of its signal."""
+    tick, topic, data = message
+    expected = topic.row.layout.encode(stamp_ns, values_of(topic, data))
+    pairs = zip(_items(topic, data), _items(topic, expected), strict=True)
     for (field, logged), (_, computed) in pairs:
         if _bits(logged) != _bits(computed):
-            return Difference(odd.tick, odd.topic.name, field, logged, computed, REST)
-    return Difference(
-        odd.tick,
-        odd.topic.name,
-        'bytes between its fields',
-        odd.data.hex(),
-        expected.hex(),
-        REST,
-    )
+            return Difference(tick, topic.name, field, logged, computed, REST)
+    where = 'bytes between its fields'
+    return Difference(tick, topic.name, where, data.hex(), expected.hex(), REST)
 
 
 def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
     """Return the fields of a message, by name, in their order."""
-    if topic.role in topics.STATES:
+    if topic.type == interfaces.STATE_TYPE:
         odometry = cdr.decode_odometry(data)
         return [
             ('header.frame_id', odometry.frame_id),
             ('child_frame_id', odometry.child_frame_id),
             *zip(cdr.ODOMETRY_FIELDS, odometry.floats, strict=True),
         ]
+    if topic.type != interfaces.FORCE_TYPE:
+        return []
     wrench = cdr.decode_wrench(data)
     return [
         ('header.frame_id', wrench.frame_id),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from rpo_log.errors import Kind, LogError
+from rpo_log.errors import Fault, LogError
 
 SEPARATOR = '=' * 80
 """Line between the definitions of a `ros2msg` schema."""
@@ -48,7 +48,7 @@ def _find(package: str, name: str, suffix: str) -> Path:
         if path.is_file():
             return path
     raise LogError(
-        Kind.NO_DEFINITIONS,
+        Fault.NO_DEFINITIONS,
         f'{package}/msg/{name}',
         f'no {name}.{suffix} under share/{package}'
         f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment sourced?',
@@ -90,4 +90,4 @@ def _type_hash(type_name: str) -> str:
     for entry in json.loads(path.read_text())['type_hashes']:
         if entry['type_name'] == type_name:
             return str(entry['hash_string'])
-    raise LogError(Kind.NO_DEFINITIONS, path, f'holds no hash of {type_name}')
+    raise LogError(Fault.NO_DEFINITIONS, path, f'holds no hash of {type_name}')

@@ -11,17 +11,20 @@ wall clock; the wall clock only paces `fsync`, about once a second, in case the 
 from __future__ import annotations
 
 import os
+import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rpo_core import cdr
-from rpo_log import rosbag2, topics
-from rpo_log.bag_file import BagFileWriter, bag_topics
+from rpo_core.interfaces import RUN_STATUS
+from rpo_log import events, topics
 from rpo_log.errors import LogError
-from rpo_log.orderer import TickOrderer
-from rpo_log.rosbag2 import BagFile
-from rpo_log.run import METADATA_FILE, RunSummary, TimeBase, cannot_write, prepare_folder
+from rpo_log.format import rosbag2
+from rpo_log.format.rosbag2 import BagFile
+from rpo_log.format.run import METADATA_FILE, RunSummary, TimeBase, cannot_write, prepare_folder
+from rpo_log.write.bag_file import BagFileWriter, bag_topics
+from rpo_log.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
 
@@ -33,7 +36,7 @@ class RunLogWriter:
 
     folder : created if it is not there
     base : the ticks of the run
-    names : full topic names; the last part of each is its role (`rpo_log.topics`)
+    names : full topic names; the last part of each is its signal (`rpo_core.interfaces`)
     attachments : file name to bytes: scenario.yaml, controller.yaml, parameters.yaml
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap
@@ -58,7 +61,10 @@ class RunLogWriter:
         self.base = base
         self.topics = topics.resolve(names, str(folder))
         self.failure: str | None = None
-        self._indices = {topic.name: index for index, topic in enumerate(self.topics)}
+        self._intake = {
+            topic.name: (index, None if topic.is_event else topic.row.layout)
+            for index, topic in enumerate(self.topics)
+        }
         self._attachments = dict(sorted(attachments.items()))
         self._split_ticks = round(split_s * _NS) // base.dt_ns
         self._split_bytes = split_bytes
@@ -66,10 +72,10 @@ class RunLogWriter:
         self._foreign = self._unwanted = 0
         self._closed = False
         self._synced_s = time.monotonic()
-        self._may_lack = topics.ANSWERS if topics.free_running(self.topics) else ()
-        roles = [topic.role for topic in self.topics]
-        event = roles.index(topics.STATUS) if topics.STATUS in roles else None
-        self._orderer = TickOrderer(len(self.topics), event, self._write_tick)
+        signals = [topic.signal for topic in self.topics]
+        self._status = signals.index(RUN_STATUS) if RUN_STATUS in signals else None
+        events = frozenset(i for i, topic in enumerate(self.topics) if topic.is_event)
+        self._orderer = TickOrderer(len(self.topics), events, self._status, self._write_tick)
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)
@@ -79,15 +85,17 @@ class RunLogWriter:
     def record(self, name: str, data: bytes) -> None:
         """Take the CDR of a message as it came; never raises.
 
-        Its tick is that of its stamp; of a run_status, the value `tick`.
+        Its tick is that of its stamp; of an event, its value `tick`.
         """
         try:
-            if topics.role_of(name) == topics.STATUS:
-                tick = int(dict(cdr.decode_status(data).values)['tick'])
-            else:
-                found = self.base.tick_of(cdr.stamp_ns(data))
+            layout = self._intake[name][1] if name in self._intake else None
+            if layout is not None:
+                seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
+                found = self.base.tick_of(seconds * _NS + nanoseconds)
                 tick = -1 if found is None else found
-        except (ValueError, KeyError):  # not CDR, or a status that is of no tick
+            else:
+                tick = int(dict(cdr.decode_status(data).values)['tick'])
+        except (ValueError, KeyError, struct.error):  # not CDR, or an event that is of no tick
             tick = -1
         self.write(name, tick, data)
 
@@ -101,8 +109,9 @@ class RunLogWriter:
             self._unwanted += 1
             return
         try:
-            index = self._indices[name]
-            data = cdr.canonical(self.topics[index].type, data)
+            index, layout = self._intake[name]
+            if layout is None or not layout.knows(data):
+                data = cdr.canonical(self.topics[index].type, data)
         except (KeyError, cdr.CdrError):  # not recorded, or not of its type
             tick = -1
         if not 0 <= tick <= self.base.last_tick:
@@ -110,8 +119,17 @@ class RunLogWriter:
             return
         try:
             self._orderer.add(index, tick, data)
+            if index == self._status:
+                self._drop(data)
         except (OSError, LogError) as error:
             self._fail(error)
+
+    def _drop(self, data: bytes) -> None:
+        """Expect no more of the topics that the plant goes on without."""
+        for signal, tick in events.dropped(cdr.decode_status(data)).items():
+            for index, topic in enumerate(self.topics):
+                if topic.signal == signal:
+                    self._orderer.drop(index, tick)
 
     def close(self) -> RunSummary:
         """End the log and return what it holds; never raises."""
@@ -141,7 +159,7 @@ class RunLogWriter:
     def summary(self) -> RunSummary:
         """What the log holds now."""
         counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts, strict=True))
-        owed = {topic.name for topic in self.topics if topic.role not in self._may_lack}
+        owed = {topic.name for topic in self.topics if topics.owed(topic, self.topics)}
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
         return RunSummary(
@@ -175,7 +193,7 @@ class RunLogWriter:
             self.folder / name, self.base, self.topics, self._attachments, ticks_before
         )
 
-    def _write_tick(self, tick: int, messages: Sequence[bytes | None]) -> None:
+    def _write_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
         file = self._file
         if tick > file.newest_tick and (
             0 < self._split_ticks <= file.ticks - self._file_tick

@@ -10,14 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cdr
-from rpo_log import topics
-from rpo_log.decode import Block
+from rpo_core import interfaces
+from rpo_core.interfaces import Interface
 from rpo_log.errors import ExitCode
-from rpo_log.stream import RunReader
-
-STATE_FIELDS = (*cdr.ODOMETRY_FIELDS[cdr.POSITION], *cdr.ODOMETRY_FIELDS[cdr.VELOCITY])
-FORCE_FIELDS = cdr.WRENCH_FIELDS[:3]
+from rpo_log.read.decode import Event, TickBlock
+from rpo_log.read.stream import RunReader
 
 
 @dataclass
@@ -25,8 +22,8 @@ class LogDiff:
     """How two logs of a run differ.
 
     remarks : differences beside the ticks: attachments, topics, lengths, statuses
-    first : per role, (tick, field, value in a, value in b); None for a message that one log lacks
-    ticks : per role, number of ticks that differ
+    first : per signal, (tick, field, value in a, value in b); None for a missing message
+    ticks : per signal, number of ticks that differ
     largest : per field, largest absolute difference
     """
 
@@ -54,9 +51,9 @@ class LogDiff:
             + ('equal' if self.equal else 'DIFFERENT')
         ]
         said += self.remarks
-        for role, (tick, name, a, b) in sorted(self.first.items(), key=lambda item: item[1][0]):
+        for signal, (tick, name, a, b) in sorted(self.first.items(), key=lambda item: item[1][0]):
             said.append(
-                f'{role}: {self.ticks[role]} ticks differ, the first is {tick}: {name} is '
+                f'{signal}: {self.ticks[signal]} ticks differ, the first is {tick}: {name} is '
                 f'{_shown(a)} and {_shown(b)}'
             )
         said += [
@@ -77,26 +74,26 @@ class _Side:
 
     def __init__(self, path: str | Path) -> None:
         self.reader = RunReader(path)
-        self.statuses: list[tuple[int, cdr.Status]] = []
+        self.events: list[Event] = []
         self.last = -1
-        self.held: Block | None = None
+        self.held: TickBlock | None = None
         self._blocks = self.reader.blocks()
 
-    def fill(self) -> Block | None:
+    def fill(self) -> TickBlock | None:
         """Return the ticks that were not taken yet, more if there are none; None at the end."""
         while self.held is None or not len(self.held.ticks):
             self.held = next(self._blocks, None)
             if self.held is None:
                 return None
-            self.statuses.extend(self.held.statuses)
+            self.events.extend(self.held.events)
         return self.held
 
-    def take(self, block: Block, ticks: NDArray[np.int64]) -> Block:
-        """Take the next ticks out of what `fill` returned; NaN for those that this log lacks."""
-        self.held = _after(block, int(ticks[-1]))
+    def take(self, block: TickBlock, ticks: NDArray[np.int64]) -> TickBlock:
+        """Take the next ticks out of what `fill` returned; NaN for those that are not there."""
+        self.held = block.after(int(ticks[-1]))
         taken = block.ticks[: len(block.ticks) - len(self.held.ticks)]
         self.last = int(taken[-1]) if len(taken) else self.last
-        return _at(block, ticks)
+        return block.at(ticks)
 
     def drain(self) -> None:
         """Read to the end."""
@@ -118,8 +115,11 @@ def diff(a: str | Path, b: str | Path) -> LogDiff:
     right.drain()
     if left.last != right.last:
         found.remarks.append(f'they end at ticks {left.last} and {right.last}')
-    if left.statuses != right.statuses:
-        found.remarks.append(f'{topics.STATUS} differs')
+    said = {event.signal for event in (*left.events, *right.events)}
+    for signal in sorted(said):
+        in_a, in_b = ([e for e in side.events if e.signal == signal] for side in (left, right))
+        if in_a != in_b:
+            found.remarks.append(f'{signal} differs')
     return found
 
 
@@ -135,72 +135,25 @@ def _compare_heads(readers: tuple[RunReader, RunReader], found: LogDiff) -> None
             found.remarks.append(f'{name} differs')
 
 
-def _at(block: Block, ticks: NDArray[np.int64]) -> Block:
-    """Return the rows of some ticks; NaN for those that the block lacks."""
-    where = np.isin(ticks, block.ticks)
-    rows = np.isin(block.ticks, ticks)
-
-    def spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        out = np.full((len(ticks), values.shape[1]), np.nan)
-        out[where] = values[rows]
-        return out
-
-    present = {}
-    for role, there in block.present.items():
-        present[role] = np.zeros(len(ticks), dtype=bool)
-        present[role][where] = there[rows]
-    return Block(
-        ticks,
-        spread(block.states),
-        spread(block.forces_n),
-        spread(block.disturbances_n),
-        spread(block.navigation),
-        spread(block.applied_n),
-        spread(block.applied_disturbances_n),
-        present,
-        odd=tuple(odd for odd in block.odd if odd.tick in ticks),
-    )
-
-
-def _after(block: Block, tick: int) -> Block:
-    keep = block.ticks > tick
-    return Block(
-        block.ticks[keep],
-        block.states[keep],
-        block.forces_n[keep],
-        block.disturbances_n[keep],
-        block.navigation[keep],
-        block.applied_n[keep],
-        block.applied_disturbances_n[keep],
-        {r: p[keep] for r, p in block.present.items()},
-        odd=tuple(odd for odd in block.odd if odd.tick > tick),
-    )
-
-
-def _compare_blocks(pair: tuple[Block, Block], found: LogDiff) -> None:
+def _compare_blocks(pair: tuple[TickBlock, TickBlock], found: LogDiff) -> None:
     a, b = pair
     found.compared += len(a.ticks)
     none = np.zeros(len(a.ticks), dtype=bool)
-    for role, name, fields in (
-        (topics.STATE, 'states', STATE_FIELDS),
-        (topics.NAVIGATION, 'navigation', STATE_FIELDS),
-        (topics.FORCE, 'forces_n', FORCE_FIELDS),
-        (topics.DISTURBANCE, 'disturbances_n', FORCE_FIELDS),
-        (topics.APPLIED, 'applied_n', FORCE_FIELDS),
-        (topics.APPLIED_DISTURBANCE, 'applied_disturbances_n', FORCE_FIELDS),
-    ):
-        here = a.present.get(role, none), b.present.get(role, none)
-        values = getattr(a, name), getattr(b, name)
-        _compare_role(found, role, fields, a.ticks, here, values)
-    if [(o.tick, o.data) for o in a.odd] != [(o.tick, o.data) for o in b.odd]:
+    for row in interfaces.rows(logged=True):
+        sides = [block for block in pair if row.name in block.values]
+        if sides:
+            here = a.present.get(row.name, none), b.present.get(row.name, none)
+            nothing = np.full_like(sides[0].values[row.name], np.nan)
+            values = a.values.get(row.name, nothing), b.values.get(row.name, nothing)
+            _compare_signal(found, row, a.ticks, here, values)
+    if [(m.tick, m.data) for m in a.non_canonical] != [(m.tick, m.data) for m in b.non_canonical]:
         remark = 'messages with more than a stamp and a state or force differ'
         found.remarks += [remark] if remark not in found.remarks else []
 
 
-def _compare_role(
+def _compare_signal(
     found: LogDiff,
-    role: str,
-    fields: tuple[str, ...],
+    row: Interface,
     ticks: NDArray[np.int64],
     here: tuple[NDArray[np.bool_], NDArray[np.bool_]],
     values: tuple[NDArray[np.float64], NDArray[np.float64]],
@@ -211,17 +164,15 @@ def _compare_role(
     rows = np.flatnonzero(unequal.any(axis=1) | (here[0] != here[1]))
     if not len(rows):
         return
-    found.ticks[role] = found.ticks.get(role, 0) + len(rows)
-    if role not in found.first:
-        row = int(rows[0])
-        column = int(unequal[row].argmax())
-        shown = [
-            float(v[row, column]) if h[row] else None for v, h in zip(values, here, strict=True)
-        ]
-        found.first[role] = (int(ticks[row]), fields[column], shown[0], shown[1])
+    found.ticks[row.name] = found.ticks.get(row.name, 0) + len(rows)
+    if row.name not in found.first:
+        i = int(rows[0])
+        column = int(unequal[i].argmax())
+        shown = [float(v[i, column]) if h[i] else None for v, h in zip(values, here, strict=True)]
+        found.first[row.name] = (int(ticks[i]), row.columns[column], shown[0], shown[1])
     with np.errstate(invalid='ignore'):
         sizes = np.nanmax(np.abs(np.where(unequal, values[0] - values[1], 0.0)), axis=0)
-    for name, size in zip(fields, sizes, strict=True):
-        key = f'{role} {name}'
+    for name, size in zip(row.columns, sizes, strict=True):
+        key = f'{row.name} {name}'
         if size > found.largest.get(key, 0.0):
             found.largest[key] = float(size)

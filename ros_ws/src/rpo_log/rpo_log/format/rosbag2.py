@@ -10,12 +10,31 @@ from typing import Any
 
 import yaml
 
-from rpo_log.topics import Qos
+from rpo_core.interfaces import Qos
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
 RECORD = 'rosbag2'
 """Name of the MCAP metadata record."""
+
+
+INFINITE = {'sec': 9223372036, 'nsec': 854775807}
+"""rmw's infinite duration, as rosbag2 writes it."""
+
+
+def qos_document(qos: Qos) -> dict[str, Any]:
+    """Return a quality of service in the form of rosbag2's metadata."""
+    return {
+        'history': 'keep_last',
+        'depth': qos.depth,
+        'reliability': qos.reliability,
+        'durability': qos.durability,
+        'deadline': dict(INFINITE),
+        'lifespan': dict(INFINITE),
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': dict(INFINITE),
+        'avoid_ros_namespace_conventions': False,
+    }
 
 
 @dataclass(frozen=True)
@@ -50,7 +69,7 @@ class BagFile:
 
 def qos_text(profiles: Iterable[Qos]) -> str:
     """Return the channel metadata `offered_qos_profiles`: a YAML sequence, version 9."""
-    return yaml.safe_dump([qos.to_document() for qos in profiles], sort_keys=False).rstrip('\n')
+    return yaml.safe_dump([qos_document(qos) for qos in profiles], sort_keys=False).rstrip('\n')
 
 
 def _topic(topic: BagTopic) -> dict[str, Any]:

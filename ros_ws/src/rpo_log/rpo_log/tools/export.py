@@ -12,31 +12,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_log import topics
-from rpo_log.errors import Kind, LogError
-from rpo_log.run import cannot_write
-from rpo_log.stream import RunReader
+from rpo_core import interfaces
+from rpo_log.errors import Fault, LogError
+from rpo_log.format.run import cannot_write
+from rpo_log.read.stream import RunReader
+from rpo_log.topics import Topic
 
-STATE_COLUMNS = ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s')
-FORCE_COLUMNS = ('fx_n', 'fy_n', 'fz_n')
-DISTURBANCE_COLUMNS = ('dx_n', 'dy_n', 'dz_n')
-APPLIED_COLUMNS = tuple(f'applied_{column}' for column in FORCE_COLUMNS)
-APPLIED_DISTURBANCE_COLUMNS = tuple(f'applied_{column}' for column in DISTURBANCE_COLUMNS)
-NAVIGATION_COLUMNS = tuple(f'navigation_{column}' for column in STATE_COLUMNS)
+_COLUMNS = {
+    interfaces.STATE_TYPE: ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'),
+    interfaces.FORCE_TYPE: ('fx_n', 'fy_n', 'fz_n'),
+}
+_PUSHES = ('dx_n', 'dy_n', 'dz_n')
+_PRIMARY = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
 
 Table = dict[str, NDArray[np.generic]]
-"""Column name to values: tick, time_s, stamp_ns, then states, forces and disturbances."""
+"""Column name to values: tick, time_s, stamp_ns, then those of each topic."""
 
 
 def tables(reader: RunReader) -> Iterator[Table]:
-    """Yield the log as tables of some thousand ticks; NaN where a message lacks."""
-    roles = [topic.role for topic in reader.topics]
-    optional = {
-        topics.DISTURBANCE: (DISTURBANCE_COLUMNS, 'disturbances_n'),
-        topics.NAVIGATION: (NAVIGATION_COLUMNS, 'navigation'),
-        topics.APPLIED: (APPLIED_COLUMNS, 'applied_n'),
-        topics.APPLIED_DISTURBANCE: (APPLIED_DISTURBANCE_COLUMNS, 'applied_disturbances_n'),
-    }
+    """Yield the log as tables of some thousand ticks; NaN where a message is missing."""
     base = reader.base
     for block in reader.blocks():
         if not len(block.ticks):
@@ -46,12 +40,20 @@ def tables(reader: RunReader) -> Iterator[Table]:
             'time_s': block.ticks * base.dt_ns / 1_000_000_000,
             'stamp_ns': base.epoch_ns + block.ticks * base.dt_ns,
         }
-        table.update(zip(STATE_COLUMNS, block.states.T, strict=True))
-        table.update(zip(FORCE_COLUMNS, block.forces_n.T, strict=True))
-        for role, (columns, values) in optional.items():
-            if role in roles:
-                table.update(zip(columns, getattr(block, values).T, strict=True))
+        for topic in reader.topics:
+            if topic.row.columns:
+                table.update(zip(columns(topic), block.values[topic.signal].T, strict=True))
         yield table
+
+
+def columns(topic: Topic) -> list[str]:
+    """Return the names of a topic's columns: quantity and unit, after the first word of its name.
+
+    The state, the command and the disturbance have no such word before them.
+    """
+    pushes = topic.row.carries == interfaces.DISTURBANCE
+    prefix = '' if topic.signal in _PRIMARY else topic.signal.partition('_')[0] + '_'
+    return [prefix + name for name in (_PUSHES if pushes else _COLUMNS[topic.type])]
 
 
 def _csv(reader: RunReader, output: Path) -> int:
@@ -68,10 +70,10 @@ def _csv(reader: RunReader, output: Path) -> int:
 
 def _npz(reader: RunReader, output: Path) -> int:
     parts = list(tables(reader))
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     with open(output, 'xb') as stream:
-        np.savez_compressed(stream, **columns)  # type: ignore[arg-type]
-    return len(columns['tick'])
+        np.savez_compressed(stream, **table)  # type: ignore[arg-type]
+    return len(table['tick'])
 
 
 def _parquet(reader: RunReader, output: Path) -> int:
@@ -107,13 +109,13 @@ def export(path: str | Path, output: str | Path) -> int:
     write = FORMATS.get(target.suffix)
     if write is None:
         raise LogError(
-            Kind.CANNOT_WRITE,
+            Fault.CANNOT_WRITE,
             target,
             f'must end in one of {", ".join(FORMATS)}; got {target.suffix or "no suffix"}',
         )
     if target.suffix == '.parquet' and importlib.util.find_spec('pyarrow') is None:
         raise LogError(
-            Kind.CANNOT_WRITE,
+            Fault.CANNOT_WRITE,
             target,
             'Parquet needs pyarrow, which is not installed; install it, or export to .csv or .npz',
         )
@@ -121,6 +123,6 @@ def export(path: str | Path, output: str | Path) -> int:
     try:
         return write(reader, target)
     except FileExistsError:
-        raise LogError(Kind.EXISTS, target, 'exists already; name another output') from None
+        raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None
     except OSError as error:
         raise cannot_write(target, error) from None

@@ -7,10 +7,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rpo_log import rosbag2, schemas, topics
-from rpo_log.mcap_file import McapFile
-from rpo_log.run import RUN_RECORD, TimeBase
+from rpo_log.format import rosbag2, schemas
+from rpo_log.format.run import RUN_RECORD, TimeBase
 from rpo_log.topics import Topic
+from rpo_log.write.mcap_file import McapFile
 
 CHUNK_SHARE = 25
 """A chunk holds at most this share of the ticks before it."""
@@ -25,7 +25,7 @@ def bag_topics(recorded: Sequence[Topic], counts: Sequence[int]) -> list[rosbag2
             topic.name,
             topic.type,
             schemas.definition(topic.type).type_hash,
-            [topic.qos.to_document()],
+            [rosbag2.qos_document(topic.row.qos)],
             count,
         )
         for topic, count in zip(recorded, counts, strict=True)
@@ -56,8 +56,7 @@ class BagFileWriter:
         self.newest_tick = -1
         self._first_ns = self._last_ns = self._newest_ns = 0
         self._schemas: dict[str, int] = {}
-        roles = [topic.role for topic in recorded]
-        self._event = roles.index(topics.STATUS) if topics.STATUS in roles else None
+        self._events = {index for index, topic in enumerate(recorded) if topic.is_event}
         self._file.add_metadata(rosbag2.RECORD, self._rosbag2_record())
         self._file.add_metadata(RUN_RECORD, base.to_record())
         for name, data in attachments.items():
@@ -77,20 +76,18 @@ class BagFileWriter:
             self._file.path.name, self._first_ns, self._last_ns, sum(self.counts)
         )
 
-    def add_tick(self, tick: int, messages: Sequence[bytes | None]) -> None:
-        """Add the messages of one tick, in the order of topics; None where one lacks."""
-        regular = False
-        for index, data in enumerate(messages):
-            if data is not None and index != self._event:
-                self._add(index, tick, data)
-                regular = True
+    def add_tick(self, tick: int, messages: Sequence[tuple[int, bytes]]) -> None:
+        """Add the messages of one tick, each with the index of its topic; events come last."""
+        regular = [pair for pair in messages if pair[0] not in self._events]
+        for index, data in regular:
+            self._add(index, tick, data)
         if regular:
             self.ticks += 1
             self._chunk_ticks += 1
-        event = None if self._event is None else messages[self._event]
-        if event is not None and self._event is not None:
-            self._close_chunk()  # a chunk of its own: the same bytes whenever it came
-            self._add(self._event, tick, event)
+        if len(regular) < len(messages):
+            self._close_chunk()  # events: a chunk of their own, the same bytes whenever they came
+            for index, data in messages[len(regular) :]:
+                self._add(index, tick, data)
             self._close_chunk()
         elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
             self._close_chunk()
@@ -117,7 +114,7 @@ class BagFileWriter:
             topic.name,
             self._schemas[topic.type],
             {
-                'offered_qos_profiles': rosbag2.qos_text([topic.qos]),
+                'offered_qos_profiles': rosbag2.qos_text([topic.row.qos]),
                 'topic_type_hash': definition.type_hash,
             },
         )

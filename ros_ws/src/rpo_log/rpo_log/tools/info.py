@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rpo_log.completeness import Completeness
 from rpo_log.errors import ExitCode
-from rpo_log.run import TimeBase
-from rpo_log.stream import RunReader
+from rpo_log.format.run import TimeBase
+from rpo_log.read.completeness import Completeness
+from rpo_log.read.stream import RunReader
 from rpo_log.topics import Topic
 
 
@@ -48,7 +48,7 @@ class LogInfo:
         said = [f'{path}  {size} bytes' for path, size in self.files]
         said.append(
             f'ticks {self.ticks[0]} to {self.ticks[1]} of {self.base.last_tick}, '
-            f'{self.duration_s:g} s, outcome: {self.outcome or "not said"}'
+            f'{self.duration_s:g} s, outcome: {self.outcome or "unknown"}'
         )
         said += [
             f'{topic.name}  {topic.type}  {count} messages'

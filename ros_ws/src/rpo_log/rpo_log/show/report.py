@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run shows a person: figures beside the paper's claims, and the three time histories.
+"""What a run shows a person: metrics beside the paper's claims, and the three time histories.
 
 The table is drawn by rich and the picture by matplotlib; neither is needed to fly.
 """
@@ -13,23 +13,23 @@ from typing import Any
 
 from rpo_core import metrics
 from rpo_core.flight import Flight
-from rpo_log import style
-from rpo_log.reader import RunLog, controller_of, flight_of, read_run, scenario_of
-from rpo_log.run import CONTROLLER
+from rpo_log.format.run import CONTROLLER
+from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
+from rpo_log.show import style
 
 PICTURE = 'time_histories.png'
 
 CLOSE_UP_S = metrics.CLAIM_WINDOW_S
 """The picture shows the last part of a flight a second time, close up."""
 
-_CLAIMED = "the paper's claim; of force, the disturbance's level"
+_LIMIT = 'limit (paper)'
 
 PAPER = "the paper's claims"
 EXAMPLE = "the paper's training example (another start)"
 TRAINING = 'conditions of training'
 
-Row = tuple[str, str, str, str]
-"""Figure, flown, limit, verdict."""
+TableLine = tuple[str, str, str, str]
+"""Metric, value, limit, verdict."""
 
 
 def show(run: Path) -> Path | None:
@@ -44,7 +44,7 @@ def show(run: Path) -> Path | None:
 
 
 def title_of(log: RunLog) -> str:
-    """Return what was flown, and by what."""
+    """Return the names of the scenario and of the controller."""
     title = scenario_of(log).name
     if CONTROLLER in log.attachments:
         title += f', controller {controller_of(log).name}'
@@ -56,17 +56,17 @@ def folder_of(run: Path) -> Path:
     return (run if run.is_dir() else run.parent) / 'report'
 
 
-def rows(flight: Flight) -> dict[str, list[Row]]:
+def rows(flight: Flight) -> dict[str, list[TableLine]]:
     """Return the table by sections: the paper's claims that apply, the conditions of training."""
-    figures = metrics.of_flight(flight)
-    met = figures.conditions
+    found = metrics.of_flight(flight)
+    met = found.conditions
     limits = [
-        ('mean speed, last 30 s', 'm/s', figures.arrival_speed_m_s, metrics.MAX_ARRIVAL_SPEED_M_S),
-        ('largest |df/dt|', 'N/s', figures.slew_n_s, metrics.MAX_SLEW_N_S),
+        ('mean speed, last 30 s', 'm/s', found.arrival_speed_m_s, metrics.MAX_ARRIVAL_SPEED_M_S),
+        ('largest |df/dt|', 'N/s', found.slew_n_s, metrics.MAX_SLEW_N_S),
         (
             'mean distance, last 30 s',
             'm',
-            figures.arrival_distance_m,
+            found.arrival_distance_m,
             metrics.MAX_ARRIVAL_DISTANCE_M,
         ),
     ]
@@ -84,35 +84,35 @@ def rows(flight: Flight) -> dict[str, list[Row]]:
         ],
         TRAINING: [
             *(_row(*limit, holds) for limit, holds in zip(limits, met, strict=True)),
-            ('energy J', f'{figures.energy_n2s:.4g} N²s', '', ''),
+            ('energy J', f'{found.energy_n2s:.4g} N²s', '', ''),
         ],
     }
 
 
-def _row(name: str, unit: str, flown: float, limit: float, holds: bool | None) -> Row:
+def _row(name: str, unit: str, value: float, limit: float, holds: bool | None) -> TableLine:
     verdict = {True: 'holds', False: 'MISSED', None: ''}[holds]
-    return name, f'{flown:.3g} {unit}', f'≤ {limit:.3g} {unit}', verdict
+    return name, f'{value:.3g} {unit}', f'≤ {limit:.3g} {unit}', verdict
 
 
 def print_table(flight: Flight, title: str) -> None:
-    """Print the figures as a table; in plain text where rich is not installed."""
+    """Print the metrics as a table; in plain text where rich is not installed."""
     sections = rows(flight)
     if importlib.util.find_spec('rich') is None:
         print(title)
         for section, lines in sections.items():
             print(f' {section}')
-            for name, flown, limit, verdict in lines:
-                print(f'  {name:<34}{flown:>16}{limit:>16}  {verdict}')
+            for name, value, limit, verdict in lines:
+                print(f'  {name:<34}{value:>16}{limit:>16}  {verdict}')
         return
     from rich.console import Console
     from rich.table import Table
 
-    table = Table('figure', 'flown', 'limit', 'verdict', title=title, title_justify='left')
+    table = Table('metric', 'value', 'limit', 'verdict', title=title, title_justify='left')
     for section, lines in sections.items():
         table.add_row(f'[bold]{section}[/]')
-        for name, flown, limit, verdict in lines:
-            style = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, 'none')
-            table.add_row(f'  {name}', flown, limit, f'[{style}]{verdict}[/]')
+        for name, value, limit, verdict in lines:
+            colour = {'holds': 'green', 'MISSED': 'bold red'}.get(verdict, 'none')
+            table.add_row(f'  {name}', value, limit, f'[{colour}]{verdict}[/]')
         table.add_section()
     Console(highlight=False).print(table)
 
@@ -153,9 +153,9 @@ def time_histories(flight: Flight) -> Any:
         by_axis(wide, times[: len(values)], values, label)
         by_axis(close, times[: len(values)][-last:], values[-last:], '')
         if limit is not None:
-            limit_lines(close, limit, _CLAIMED)
+            limit_lines(close, limit, _LIMIT)
     if disturbed:
-        limit_lines(panels[2][0], level, _CLAIMED)
+        limit_lines(panels[2][0], level, _LIMIT)
     panels[0][0].set_title('from the start')
     panels[0][1].set_title(f'last {min(CLOSE_UP_S, flight.scenario.duration_s):g} s')
     for axes in panels[2]:

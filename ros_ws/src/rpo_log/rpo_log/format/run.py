@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from rpo_log.errors import Kind, LogError
+from rpo_log.errors import Fault, LogError
+
+LOG_FORMAT = 1
+"""Version of the layout of a run's log: its records, its attachments, its order."""
 
 RUN_RECORD = 'rpo_run'
 """Name of the MCAP metadata record that holds the time base."""
@@ -67,7 +70,7 @@ class TimeBase:
             base = cls(0, 0, 0)
         if base.dt_ns <= 0 or base.last_tick < 0 or base.epoch_ns < 0:
             raise LogError(
-                Kind.NOT_A_RUN,
+                Fault.NOT_A_RUN,
                 path,
                 f'its record {RUN_RECORD} must hold epoch_ns, '
                 f'dt_ns > 0 and last_tick as whole numbers; got {dict(values)}',
@@ -100,7 +103,7 @@ class RunSummary:
 
     @property
     def whole(self) -> bool:
-        """Whether the log has everything that it was owed."""
+        """Whether the log has every message that it must have."""
         return not (self.failure or self.lost or self.missing or self.conflicts or self.late)
 
     def sentence(self) -> str:
@@ -114,7 +117,7 @@ class RunSummary:
         if self.failure:
             faults.append(f'the log failed ({self.failure}), {self.lost} lost')
         return f'{sum(self.messages.values())} messages logged; ' + (
-            '; '.join(faults) if faults else 'none lacks'
+            '; '.join(faults) if faults else 'none missing'
         )
 
 
@@ -139,7 +142,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
         ]
         if taken and not overwrite:
             raise LogError(
-                Kind.EXISTS,
+                Fault.EXISTS,
                 folder,
                 'holds a log already '
                 f'({", ".join(path.name for path in taken)}); name another folder, or '
@@ -153,4 +156,4 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
 
 def cannot_write(path: Path, error: OSError) -> LogError:
     """Return the LogError of a place that takes no log."""
-    return LogError(Kind.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')
+    return LogError(Fault.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')

@@ -12,17 +12,16 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cdr, controller, files, scenario
+from rpo_core import cdr, controller, files, interfaces, scenario
 from rpo_core.controller import AnyController
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_log import topics
-from rpo_log.completeness import Completeness
-from rpo_log.decode import Odd
-from rpo_log.errors import ExitCode, Kind, LogError
-from rpo_log.run import CONTROLLER, SCENARIO, TimeBase
-from rpo_log.stream import RunReader
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format.run import CONTROLLER, SCENARIO, TimeBase
+from rpo_log.read.completeness import Completeness
+from rpo_log.read.decode import Event, NonCanonical
+from rpo_log.read.stream import RunReader
 from rpo_log.topics import Topic
 
 _Parsed = TypeVar('_Parsed')
@@ -30,20 +29,17 @@ _Parsed = TypeVar('_Parsed')
 
 @dataclass(frozen=True)
 class RunLog:
-    """A whole log in memory; rows are ticks, NaN where a message lacks.
+    """A whole log in memory; rows are ticks, NaN where a message is missing.
 
     path : folder or file that was read
     base : the ticks of the run
     topics : what was recorded
     attachments : file name to bytes
     ticks : (n,) int64
-    states : (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
-    forces_n : (n, 3) commanded force; disturbances_n : (n, 3), None if the topic was not recorded
-    navigation : (n, 6) like states, what the controller saw; None if that was the truth
-    applied_n, applied_disturbances_n : (n, 3) what was flown in free running; None in lockstep
-    statuses : (tick, status)
+    values : by signal, (n, width) its numbers
+    events : messages of the event topics
     missing : per topic, number of ticks without a message, up to the last tick of the log
-    odd : messages that hold more than a stamp and a state or force
+    non_canonical : messages that hold more than a stamp and the numbers of their signal
     damage : where the file ends early; empty if it was closed in order
     gaps : why the log does not show a whole flight; empty if it does
     """
@@ -53,17 +49,33 @@ class RunLog:
     topics: tuple[Topic, ...]
     attachments: Mapping[str, bytes]
     ticks: NDArray[np.int64]
-    states: NDArray[np.float64]
-    forces_n: NDArray[np.float64]
-    disturbances_n: NDArray[np.float64] | None
-    navigation: NDArray[np.float64] | None
-    applied_n: NDArray[np.float64] | None
-    applied_disturbances_n: NDArray[np.float64] | None
-    statuses: tuple[tuple[int, cdr.Status], ...]
+    values: Mapping[str, NDArray[np.float64]]
+    events: tuple[Event, ...]
     missing: Mapping[str, int]
-    odd: tuple[Odd, ...]
+    non_canonical: tuple[NonCanonical, ...]
     damage: str
     gaps: tuple[str, ...]
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """True states (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+        return self.values[interfaces.RELATIVE_STATE]
+
+    @property
+    def forces_n(self) -> NDArray[np.float64]:
+        """Forces (n, 3) that the controller commanded."""
+        return self.values[interfaces.CONTROL_FORCE]
+
+    @property
+    def disturbances_n(self) -> NDArray[np.float64] | None:
+        """Disturbances (n, 3); None if the topic was not recorded."""
+        return self.values.get(interfaces.DISTURBANCE_FORCE)
+
+    @property
+    def statuses(self) -> tuple[tuple[int, cdr.Status], ...]:
+        """Each run_status with its tick."""
+        said = (event for event in self.events if event.signal == interfaces.RUN_STATUS)
+        return tuple((event.tick, event.status) for event in said)
 
     @property
     def complete(self) -> bool:
@@ -117,43 +129,33 @@ def read_run(path: str | Path) -> RunLog:
         blocks.append(block)
     ticks = np.concatenate([b.ticks for b in blocks])
     if not len(ticks):
-        raise LogError(Kind.EMPTY, reader.path, 'holds no tick, only statuses')
-    roles = [topic.role for topic in reader.topics]
-
-    def recorded(role: str, name: str) -> NDArray[np.float64] | None:
-        return np.concatenate([getattr(b, name) for b in blocks]) if role in roles else None
-
+        raise LogError(Fault.EMPTY, reader.path, 'holds no tick, only statuses')
     return RunLog(
         path=reader.path,
         base=reader.base,
         topics=reader.topics,
         attachments=reader.attachments,
         ticks=ticks,
-        states=np.concatenate([b.states for b in blocks]),
-        forces_n=np.concatenate([b.forces_n for b in blocks]),
-        disturbances_n=recorded(topics.DISTURBANCE, 'disturbances_n'),
-        navigation=recorded(topics.NAVIGATION, 'navigation'),
-        applied_n=recorded(topics.APPLIED, 'applied_n'),
-        applied_disturbances_n=recorded(topics.APPLIED_DISTURBANCE, 'applied_disturbances_n'),
-        statuses=tuple(status for b in blocks for status in b.statuses),
+        values={s: np.concatenate([b.values[s] for b in blocks]) for s in blocks[0].values},
+        events=tuple(event for b in blocks for event in b.events),
         missing=completeness.missing,
-        odd=tuple(odd for b in blocks for odd in b.odd),
+        non_canonical=tuple(message for b in blocks for message in b.non_canonical),
         damage=reader.damage,
         gaps=completeness.gaps(reader.damage),
     )
 
 
 def scenario_of(log: RunLog | RunReader) -> Scenario:
-    """Return the scenario that a log carries; LogError if it lacks, or is not that of the log."""
+    """Return the scenario that a log carries; LogError if it is missing, or of other ticks."""
     flown = _parsed(log, SCENARIO, scenario.parse)
     if not isinstance(flown, Scenario):
         raise LogError(
-            Kind.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
+            Fault.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
         )
     base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
     if base != log.base:
         raise LogError(
-            Kind.BAD_ATTACHMENT,
+            Fault.BAD_ATTACHMENT,
             log.path,
             f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}',
         )
@@ -170,16 +172,16 @@ def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed])
     try:
         return files.loads(data.decode(), parse, name)
     except UnicodeDecodeError:
-        raise LogError(Kind.BAD_ATTACHMENT, log.path, f'its {name} is not UTF-8 text') from None
+        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {name} is not UTF-8 text') from None
     except InputError as error:
-        raise LogError(Kind.BAD_ATTACHMENT, log.path, f'its {error}') from None
+        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {error}') from None
 
 
 def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes:
     """Return the bytes of an attached file; raises LogError."""
     if name not in attachments:
         raise LogError(
-            Kind.MISSING_ATTACHMENT,
+            Fault.MISSING_ATTACHMENT,
             path,
             f'must carry {name}; it carries {", ".join(attachments) or "no file"}',
         )
@@ -190,24 +192,21 @@ def flight_of(log: RunLog) -> Flight:
     """Return the flight that a log shows.
 
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
-    last. Without a recorded disturbance it is zero. Of free running, its forces are those flown.
+    last. Without a recorded disturbance it is zero. Of free running, its forces are those applied.
     """
     flown = scenario_of(log)
     if not log.complete:
         raise LogError(
-            Kind.TRUNCATED,
+            Fault.TRUNCATED,
             log.path,
             f'must hold a whole flight, ticks 0 to {flown.ticks}, but {"; ".join(log.gaps)}',
         )
-    forces, disturbances = log.forces_n, log.disturbances_n
-    if log.applied_n is not None:
-        forces, disturbances = log.applied_n, log.applied_disturbances_n
-    return Flight(
-        flown,
-        log.states,
-        forces,
-        np.zeros((len(log.ticks), 3)) if disturbances is None else disturbances,
-    )
+    zero = np.zeros((len(log.ticks), 3))
+    forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
+    pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
+    if interfaces.APPLIED_FORCE in log.values:
+        pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
+    return Flight(flown, log.states, forces, pushes)
 
 
 def read_flight(path: str | Path) -> Flight:

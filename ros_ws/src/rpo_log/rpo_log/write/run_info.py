@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
-from rpo_log.run import HEALTH_FILE, INFO_FILE, cannot_write
-from rpo_log.side_file import SideFile
-from rpo_log.topics import Qos
+from rpo_core import interfaces
+from rpo_log.format.run import HEALTH_FILE, INFO_FILE, cannot_write
+from rpo_log.write.side_file import SideFile
 
 CHUNK_S = 2.0
 """Wall time after which a chunk is closed: so much a crash may take."""
@@ -26,11 +26,11 @@ _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
 class HealthLogWriter(SideFile):
     """Writes `/diagnostics` to health.mcap, stamped with the wall clock; never raises once open.
 
-    folder : that of the run, prepared (`rpo_log.run.prepare_folder`)
+    folder : that of the run, prepared (`rpo_log.format.run.prepare_folder`)
     """
 
     def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
-        super().__init__(Path(folder) / HEALTH_FILE, name, Qos())
+        super().__init__(Path(folder) / HEALTH_FILE, name, interfaces.LOCKSTEP)
         self._closed_s = time.monotonic()
 
     def chunk_is_full(self) -> bool:
@@ -41,7 +41,7 @@ class HealthLogWriter(SideFile):
 
 
 def machine_facts() -> dict[str, Any]:
-    """Return what a run was flown on: processor, system, Python and libraries."""
+    """Return where a run was made: processor, system, Python and libraries."""
     libraries: dict[str, str | None] = {}
     for name in _LIBRARIES:
         try:

@@ -1,0 +1,93 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the numbers of a signal lie in the bytes of its message."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import lru_cache
+
+from rpo_core import cdr
+
+_NS = 1_000_000_000
+_THREE = struct.Struct('<3d')
+
+
+class Layout:
+    """Where the numbers of a signal lie in its message; all else in the message is fixed.
+
+    Making and reading a message is a copy and a few packed floats: a tenth of the time that message
+    objects take.
+
+    texts : frame ids in the message, in their order
+    size : of the message [bytes]
+    columns : places of the signal's numbers among the floats of the message
+    plain : the message with zeros for stamp and numbers
+    places : offsets of the numbers in the message, three at each
+    """
+
+    def __init__(self, type_name: str, texts: tuple[str, ...]) -> None:
+        if type_name == cdr.CLOCK:
+            self.columns: tuple[int, ...] = ()
+            self.plain = cdr.encode_clock(0)
+        elif type_name == cdr.ODOMETRY:
+            self.columns = (*range(3), *range(cdr.VELOCITY.start, cdr.VELOCITY.stop))
+            self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
+        else:
+            self.columns = tuple(range(3))
+            self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
+        self.texts, self.size = texts, len(self.plain)
+        first = cdr.floats_at(type_name, self.plain) if self.columns else self.size
+        self.places = tuple(first + 8 * column for column in self.columns[::3])
+        # What must stand between the stamp and the numbers, with the gaps cleared.
+        self._fixed = self.plain[12:first]
+        self._first = first
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of(type_name: str, texts: tuple[str, ...]) -> Layout:
+        """Return the layout of a type of message with these frame ids."""
+        return Layout(type_name, texts)
+
+    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
+        """Return the CDR of a message that holds a stamp and the numbers of a signal."""
+        message = bytearray(self.plain)
+        cdr.STAMP.pack_into(message, cdr.STAMP_AT, *divmod(stamp_ns, _NS))
+        for i, place in enumerate(self.places):
+            _THREE.pack_into(message, place, *values[3 * i : 3 * i + 3])
+        return bytes(message)
+
+    def knows(self, data: bytes) -> bool:
+        """Return whether a message has the size, frame ids and clear gaps of this layout."""
+        return (
+            len(data) == self.size
+            and data[12 : self._first] == self._fixed
+            and data[:2] == cdr.HEADER[:2]
+        )
+
+    def decode(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
+        """Return stamp [ns], numbers of the signal, and whether the frame ids are as they must be.
+
+        Raises CdrError if the bytes are not a message of this type.
+        """
+        if not self.knows(data):
+            return self._decode_slowly(data)
+        seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
+        values: tuple[float, ...] = ()
+        for place in self.places:
+            values += _THREE.unpack_from(data, place)
+        return seconds * _NS + nanoseconds, values, True
+
+    def _decode_slowly(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
+        """Read a message with other frame ids, or with something in the gaps between fields."""
+        if not self.places:
+            return cdr.decode_clock(data), (), True
+        if len(self.places) > 1:
+            odometry = cdr.decode_odometry(data)
+            texts: tuple[str, ...] = (odometry.frame_id, odometry.child_frame_id)
+            stamp, floats = odometry.stamp_ns, odometry.floats
+        else:
+            wrench = cdr.decode_wrench(data)
+            texts, stamp, floats = (wrench.frame_id,), wrench.stamp_ns, wrench.floats
+        return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]

@@ -1,0 +1,27 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the events of a run say about its stages: switched off, or no longer expected."""
+
+from __future__ import annotations
+
+from rpo_core import cdr, interfaces
+
+ACTIVE, INACTIVE = 'active', 'inactive'
+"""Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
+
+
+def dropped(status: cdr.Status) -> dict[str, int]:
+    """Return the signals that the plant goes on without, by a run_status, and from which tick."""
+    values = dict(status.values)
+    tick = tick_of(status)
+    if tick is None:
+        return {}
+    names = [name.strip() for name in values.get('dropped', '').split(',')]
+    rows = [interfaces.find(name) for name in names if name]
+    return {row.name: tick for row in rows if row is not None}
+
+
+def tick_of(status: cdr.Status) -> int | None:
+    """Return the first tick that an event holds for; None if it does not say."""
+    text = dict(status.values).get('tick', '')
+    return int(text) if text.isdecimal() else None

@@ -1,0 +1,59 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The decisions of a run, read back from decisions.mcap."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.records import Chunk
+
+from rpo_core import cdr
+from rpo_log.format.run import DECISIONS_FILE
+from rpo_log.read.records import FileRecords, message_at
+
+
+class LoggedDecision(NamedTuple):
+    """What the controller said of one state.
+
+    stamp_ns : of the state
+    axes : x, y, z; level, sentence and numbers as texts
+    """
+
+    stamp_ns: int
+    axes: tuple[cdr.Status, ...]
+
+    @property
+    def numbers(self) -> tuple[Mapping[str, str], ...]:
+        """Per axis, name to number as text."""
+        return tuple(dict(status.values) for status in self.axes)
+
+
+def decisions_file(run: str | Path) -> Path:
+    """Return where the decisions of a run folder, or of the folder of a .mcap file, would be."""
+    path = Path(run)
+    return (path if path.is_dir() else path.parent) / DECISIONS_FILE
+
+
+def read_decisions(path: Path) -> Iterator[LoggedDecision]:
+    """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
+    records = FileRecords(path)
+    for record in records:
+        if isinstance(record, Chunk):
+            data = records.content_of(record)
+            for at in records.messages_in(data, lambda _: None):
+                yield LoggedDecision(*cdr.decode_array(message_at(data, at).data))
+
+
+def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:
+    """Return the last decision of a run at or before a stamp; None if there is none."""
+    path = decisions_file(run)
+    found = None
+    if path.exists():
+        for decision in read_decisions(path):
+            if decision.stamp_ns > stamp_ns:
+                break
+            found = decision
+    return found

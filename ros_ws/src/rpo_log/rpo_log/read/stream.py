@@ -1,0 +1,233 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The log of a run, block by block: whole or cut short, in bounded memory, and never a guess.
+
+A log that is cut short (the recorder was killed, the disk was full) is read as far as its chunks
+are whole; the reader says until when. Everything else that is wrong with a log is a `LogError`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Header,
+    McapRecord,
+    Metadata,
+    Schema,
+)
+from mcap.records import Message as MessageRecord
+
+from rpo_log import topics
+from rpo_log.errors import Fault, LogError
+from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
+from rpo_log.read.decode import Gathering, Message, Messages, TickBlock
+from rpo_log.read.records import RECORD_HEAD, FileRecords, as_record
+from rpo_log.topics import Topic
+
+BLOCK_TICKS = 4096
+"""Ticks that are decoded at once, about 4 MB."""
+
+
+class RunReader:
+    """Opens the log of a run: its folder, or one .mcap file of it.
+
+    After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
+    memory. Raises LogError.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.files = files_of(self.path)
+        self._path = self.files[0]
+        self.damage = ''
+        self.attachments: dict[str, bytes] = {}
+        self._bases: list[TimeBase] = []
+        self._channels: dict[int, Topic] = {}
+        self._schemas: dict[int, str] = {}
+        damage = self._read_head()
+        if not self._bases:
+            raise LogError(
+                Fault.NOT_A_RUN,
+                self.files[0],
+                f'has no record {RUN_RECORD}: it is not '
+                'the log of a run' + (f' ({damage})' if damage else ''),
+            )
+        if damage is not None:
+            raise self._empty(damage)
+        self.base = self._bases[0]
+        self.topics = self._complete_topics()
+
+    def blocks(self) -> Iterator[TickBlock]:
+        """Yield all ticks in order; afterwards `damage` says whether the log ends early."""
+        empty = True
+        for messages in self._read():
+            empty = False
+            yield from _blocks_of(messages)
+        if empty:
+            raise self._empty(self.damage)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
+        for messages in self._read():
+            yield from messages
+
+    def _empty(self, damage: str) -> LogError:
+        return LogError(
+            Fault.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
+        )
+
+    def _complete_topics(self) -> tuple[Topic, ...]:
+        recorded = topics.resolve([t.name for t in self._channels.values()], str(self.files[0]))
+        signals = [topic.signal for topic in recorded]
+        for signal in topics.REQUIRED:
+            if signal not in signals:
+                there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
+                raise LogError(
+                    Fault.MISSING_TOPIC, self.files[0], f'has no topic {signal}; it has {there}'
+                )
+        return recorded
+
+    def _read_head(self) -> str | None:
+        """Read up to the first message; if there is none, return how the file ends, '' for well."""
+        records = FileRecords(self.files[0])
+        for record in records:
+            if isinstance(record, MessageRecord):
+                return None
+            if isinstance(record, Chunk):
+                if records.messages_in(records.content_of(record), self._take):
+                    return None
+            else:
+                self._take(record)
+        return records.damage
+
+    def _take(self, record: McapRecord) -> None:
+        """Take a record that is not of the time line."""
+        path = self._path
+        if isinstance(record, Header):
+            name, _, version = record.library.partition('/')
+            if name == 'rpo_log' and version.isdigit() and int(version) > LOG_FORMAT:
+                raise LogError(
+                    Fault.NEWER,
+                    path,
+                    f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
+                )
+        elif isinstance(record, Metadata) and record.name == RUN_RECORD:
+            self._take_base(path, TimeBase.from_record(record.metadata, path))
+        elif isinstance(record, Attachment):
+            self.attachments[record.name] = record.data
+        elif isinstance(record, Schema):
+            self._schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            self._take_channel(path, record)
+
+    def _take_base(self, path: Path, base: TimeBase) -> None:
+        self._bases.append(base)
+        if base != self._bases[0]:
+            raise LogError(
+                Fault.NOT_A_RUN,
+                path,
+                f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
+            )
+
+    def _take_channel(self, path: Path, channel: Channel) -> None:
+        topic = topics.find(channel.topic)
+        if topic is None:
+            return
+        found = self._schemas.get(channel.schema_id, 'no type')
+        if found != topic.type or channel.message_encoding != 'cdr':
+            raise LogError(
+                Fault.WRONG_TYPE,
+                path,
+                f'{channel.topic} must be {topic.type} in cdr; got '
+                f'{found} in {channel.message_encoding or "no encoding"}',
+            )
+        self._channels[channel.id] = topic
+
+    def _read(self) -> Iterator[Messages]:
+        """Yield the messages of all files, so many whole ticks at a time."""
+        self.damage, newest = '', -1
+        most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
+        for path in self.files:
+            self._path = path
+            records = FileRecords(path)
+            gathering = Gathering(path, self.base, self.topics, self._channels, newest)
+            for data, at in self._chunks(records):
+                gathering.add(data, at)
+                if len(gathering) > most:
+                    messages = gathering.take()
+                    if len(messages):
+                        yield messages
+            messages = gathering.take(last=True)
+            newest = gathering.newest
+            if len(messages):
+                yield messages
+            if records.damage:
+                self.damage = f'{path.name}: {records.damage}'
+
+    def _chunks(self, records: FileRecords) -> Iterator[tuple[bytes, list[int]]]:
+        """Yield the bytes of chunks and where their messages begin; take the other records.
+
+        What a power cut leaves may end with a chunk whose bytes never reached the disk: a corrupt
+        chunk is the end of a file that was not closed, if no sound one follows.
+        """
+        walk = iter(records)
+        for record in walk:
+            if isinstance(record, MessageRecord):
+                data = as_record(record)
+                yield data, [RECORD_HEAD.size]
+            elif not isinstance(record, Chunk):
+                self._take(record)
+            else:
+                try:
+                    data = records.content_of(record)
+                except LogError as error:
+                    if any(_is_sound(records, rest) for rest in walk) or not records.damage:
+                        raise
+                    records.damage = error.sentence
+                    return
+                yield data, records.messages_in(data, self._take)
+
+
+def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
+    """Yield the messages as a block; if one is not of its type, those before it first."""
+    try:
+        block = messages.block()
+    except LogError as error:
+        if error.tick is not None and len(before := messages.before(error.tick)):
+            yield from _blocks_of(before)
+        raise
+    yield block
+
+
+def _is_sound(records: FileRecords, record: McapRecord) -> bool:
+    """Return whether a record is a chunk that can be read."""
+    try:
+        return isinstance(record, Chunk) and bool(records.content_of(record))
+    except LogError:
+        return False
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the MCAP files of a run folder, or the file itself; raises LogError."""
+    if not path.exists():
+        raise LogError(Fault.NOT_FOUND, path, 'does not exist')
+    if not path.is_dir():
+        return [path]
+    files = log_files(path)
+    if not files:
+        there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
+        raise LogError(Fault.NOT_FOUND, path, f'holds no run.mcap; it holds {there}')
+    for number, file in enumerate(files):
+        if len(files) > 1 and file.name != f'run_{number}.mcap':
+            raise LogError(
+                Fault.NOT_FOUND,
+                path,
+                f'must hold run_{number}.mcap too; it holds '
+                f'{", ".join(found.name for found in files)}',
+            )
+    return files

@@ -1,0 +1,144 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One stage of the chain, recomputed on its logged inputs block by block; and how stages were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import interfaces
+from rpo_core.stage import Stage
+from rpo_log import events
+from rpo_log.read.decode import Event
+
+Floats = NDArray[np.float64]
+
+
+class StageStates:
+    """Which stages were switched off, and what the plant went on without, as the events say."""
+
+    def __init__(self) -> None:
+        self._changes: dict[str, list[tuple[int, bool]]] = {}
+        self.dropped: dict[str, int] = {}
+
+    def take(self, said: Sequence[Event]) -> None:
+        """Take the events of a block."""
+        for event in said:
+            tick = events.tick_of(event.status)
+            if event.signal == interfaces.RUN_STATUS:
+                self.dropped.update(events.dropped(event.status))
+            elif event.signal == interfaces.STAGE_STATUS and tick is not None:
+                state = event.values.get('state')
+                if state in (events.ACTIVE, events.INACTIVE):
+                    changes = self._changes.setdefault(event.values.get('stage', ''), [])
+                    changes.append((tick, state == events.ACTIVE))
+                    changes.sort(key=lambda change: change[0])
+
+    def active(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return at which ticks a stage was switched on."""
+        changes = self._changes.get(stage, [])
+        known = np.array([True, *(on for _, on in changes)])
+        at = np.array([tick for tick, _ in changes], dtype=np.int64)
+        return known[np.searchsorted(at, ticks, side='right')]
+
+
+class Recomputation:
+    """The outputs of a stage, as far as they can be computed from its logged inputs.
+
+    A stage with memory is computed over ticks that follow each other. From tick 0, or from where it
+    was switched on, its outputs are known at once; after a gap, when its memory is full again.
+
+    gaps : ticks whose inputs are there, and the memory is not
+    first_gap : the first of them
+    """
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self.gaps, self.first_gap = 0, -1
+        self._next = 0  # the tick that follows the last one
+        self._filled: int | None = None  # ticks since the memory was lost; None: it was not
+        stage.reset()
+
+    def run(
+        self, ticks: NDArray[np.int64], inputs: Sequence[Floats], active: NDArray[np.bool_]
+    ) -> tuple[list[Floats], NDArray[np.bool_]]:
+        """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
+
+        inputs : (n, width) each, NaN where unknown
+        active : where the stage is switched on; where it is not, its commands are zero
+        """
+        there = active.copy()
+        for values in inputs:
+            there &= np.isfinite(values).all(axis=1)
+        if self.stage.memory_ticks == 0:
+            rows = np.flatnonzero(there)
+            made, known = self._made(rows, ticks, inputs), there.copy()
+        else:
+            made, known = self._with_memory(ticks, inputs, active, there)
+        if not active.all():
+            carried = {interfaces.row_of(name).carries for name in self.stage.outputs}
+            if carried == {interfaces.COMMAND}:
+                known |= ~active
+            for values in made:
+                values[~active & known] = 0.0
+        return made, known
+
+    def _made(
+        self, rows: NDArray[np.intp], ticks: NDArray[np.int64], inputs: Sequence[Floats]
+    ) -> list[Floats]:
+        """Return the outputs, computed at some rows, NaN at the others."""
+        if not len(rows):
+            widths = (len(interfaces.row_of(name).columns) or 3 for name in self.stage.outputs)
+            return [np.full((len(ticks), width), np.nan) for width in widths]
+        found = self.stage.steps(ticks[rows], *(values[rows] for values in inputs))
+        if len(rows) == len(ticks):
+            return list(found)
+        made = [np.full((len(ticks), values.shape[1]), np.nan) for values in found]
+        for values, computed in zip(made, found, strict=True):
+            values[rows] = computed
+        return made
+
+    def _with_memory(
+        self,
+        ticks: NDArray[np.int64],
+        inputs: Sequence[Floats],
+        active: NDArray[np.bool_],
+        there: NDArray[np.bool_],
+    ) -> tuple[list[Floats], NDArray[np.bool_]]:
+        made = self._made(np.empty(0, dtype=np.intp), ticks, inputs)
+        known = np.zeros(len(ticks), dtype=bool)
+        change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there)
+        for part in np.split(np.arange(len(ticks)), np.flatnonzero(change) + 1):
+            first, last = int(ticks[part[0]]), int(ticks[part[-1]])
+            if first != self._next:
+                self._forget(0)
+            self._next = last + 1
+            if not there[part[0]]:  # switched on again it begins anew
+                self._forget(0 if active[part[0]] else None)
+                continue
+            for values, found in zip(made, self._made(part, ticks, inputs), strict=True):
+                values[part] = found[part]
+            known[part] = self._remembered(len(part))
+            unknown = part[~known[part]]
+            if len(unknown):
+                self.first_gap = self.first_gap if self.gaps else int(ticks[unknown[0]])
+                self.gaps += len(unknown)
+        for values in made:
+            values[~known] = np.nan
+        return made, known
+
+    def _forget(self, filled: int | None) -> None:
+        self.stage.reset()
+        self._filled = filled
+
+    def _remembered(self, count: int) -> NDArray[np.bool_]:
+        """Return at which of the next ticks the memory is full."""
+        if self._filled is None:
+            return np.ones(count, dtype=bool)
+        ages = self._filled + np.arange(count)
+        self._filled += count
+        most = self.stage.memory_ticks
+        return np.zeros(count, dtype=bool) if most is None else ages >= most

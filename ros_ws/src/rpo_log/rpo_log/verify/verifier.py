@@ -1,0 +1,344 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Proof that a flight happened as logged: each stage recomputed and compared, bit for bit.
+
+From the scenario and the controller that the log carries:
+
+- start: the first state is the scenario's;
+- each stage of the chain: its logged outputs follow from its logged inputs; the next state follows
+  from the dynamics. So the whole flight follows, tick by tick from its start;
+- free running, where the wall clock had its part: each force applied is one that was commanded not
+  long before;
+- events: where a stage was switched off its commands are zero; what the plant went on without is
+  zero from then on;
+- the rest: attitude, torque, covariances, frames, and the metrics in run_status.
+
+The first difference ends it. Logs of any length are verified in bounded memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import interfaces
+from rpo_core.chain import NO_FORCE, Chain, Link
+from rpo_core.interfaces import RELATIVE_STATE
+from rpo_core.stage import Place
+from rpo_core.validation import InputError
+from rpo_log import topics
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format.run import CONTROLLER
+from rpo_log.read.completeness import Completeness
+from rpo_log.read.decode import Event, TickBlock
+from rpo_log.read.run_log import controller_of, scenario_of
+from rpo_log.read.stream import RunReader
+from rpo_log.verify.difference import (
+    APPLIED,
+    REST,
+    START,
+    Difference,
+    non_canonical_difference,
+)
+from rpo_log.verify.held_forces import HeldForces, held_ticks
+from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
+
+METRIC_TOLERANCE = 1e-9
+"""Relative, for the metrics in run_status: sums and norms, written as text, read by no stage."""
+
+_APPLIED = {
+    interfaces.COMMAND: interfaces.APPLIED_FORCE,
+    interfaces.DISTURBANCE: interfaces.APPLIED_DISTURBANCE,
+}
+"""In free running, what the plant took in place of what a signal carries."""
+
+_SECTIONS = {'disturbance': 'a disturbance', 'navigation': 'errors of navigation'}
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of `verify`.
+
+    ticks : ticks in the log
+    free_running : the plant kept the wall clock: which force it applied depended on when it came
+    stages : names of the stages that were recomputed, in the order of the chain
+    difference : the first one; None if all that is there is as computed
+    gaps : why the log does not show a whole flight; empty if it does
+    """
+
+    path: Path
+    ticks: int
+    difference: Difference | None
+    gaps: tuple[str, ...]
+    free_running: bool = False
+    stages: tuple[str, ...] = ()
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """OK, DIFFERENT, or INCOMPLETE."""
+        if self.difference is not None:
+            return ExitCode.DIFFERENT
+        return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        if self.difference is not None:
+            return f'{self.path}: NOT as computed: {self.difference.sentence()}'
+        stages = f'recomputed: {", ".join(self.stages)}'
+        if self.gaps:
+            gaps = '; '.join(self.gaps)
+            return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
+        said = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
+        if self.free_running:
+            said += (
+                '; a free-running flight: each state follows from the force applied, and each '
+                'force applied is one that had been commanded, or none. When forces came cannot be '
+                'computed'
+            )
+        return said
+
+
+class _Verifier:
+    """Computes the blocks of a log anew; keeps what one hands to the next."""
+
+    def __init__(self, reader: RunReader) -> None:
+        self.scenario = scenario_of(reader)
+        try:
+            self.chain = Chain.of(self.scenario, controller_of(reader))
+        except InputError as error:
+            if isinstance(error, LogError):
+                raise
+            raise LogError(
+                Fault.BAD_ATTACHMENT, reader.path, f'its {CONTROLLER}: {error}'
+            ) from None
+        self.topics = {topic.signal: topic for topic in reader.topics}
+        self._require_topics(reader)
+        self.free = topics.free_running(reader.topics)
+        self.stages = [Recomputation(link.stage) for link in self.chain.links]
+        self.states = StageStates()
+        ticks = held_ticks(reader) if self.free else 0
+        self._held = {
+            interfaces.COMMAND: HeldForces(ticks, float(self.scenario.max_force_n)),
+            interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
+        }
+        self._following: tuple[int, Floats] | None = None  # state computed for the next tick
+        self._spent = np.zeros(2)  # energy [N^2 s], saturated ticks; NaN from where one is unknown
+
+    def _require_topics(self, reader: RunReader) -> None:
+        for link in self.chain.links:
+            for name in link.stage.outputs:
+                row = interfaces.row_of(name)
+                if row.type and row.logged and name not in self.topics:
+                    what = _SECTIONS.get(link.stage.name, f'the stage {link.stage.name}')
+                    said = f'has no topic {name}, but its scenario has {what}'
+                    raise LogError(Fault.MISSING_TOPIC, reader.path, said)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the stages that are recomputed."""
+        return tuple(link.stage.name for link in self.chain.links)
+
+    @property
+    def gaps(self) -> list[str]:
+        """Where stages could not be recomputed, for people."""
+        return [
+            f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
+            f'{found.first_gap}: its memory was not known after a missing message'
+            for found in self.stages
+            if found.gaps
+        ]
+
+    def first_difference(self, block: TickBlock) -> Difference | None:
+        """Return the first difference in a block, None if there is none."""
+        found: list[Difference | None] = [
+            non_canonical_difference(message, self.scenario.stamp_ns(message.tick))
+            for message in block.non_canonical
+        ]
+        if len(block.ticks):
+            found += self._compare(block)
+        found += [self._status(event, block) for event in block.events]
+        order = {row.name: index for index, row in enumerate(interfaces.rows())}
+        return min(
+            (d for d in found if d is not None),
+            default=None,
+            key=lambda d: (d.tick, order[d.topic.rsplit('/', 1)[-1]]),
+        )
+
+    def _compare(self, block: TickBlock) -> Iterator[Difference | None]:
+        """Recompute each stage of the ticks of a block and compare its outputs."""
+        signals: dict[str, Floats] = {**block.values, NO_FORCE: np.zeros((len(block.ticks), 3))}
+        self._drop(block, signals)
+        if block.ticks[0] == 0:
+            start = np.array([tuple(map(float, self.scenario.start))])
+            known = np.arange(len(block.ticks)) == 0
+            yield self._first(START, RELATIVE_STATE, block, np.repeat(start, len(known), 0), known)
+        for link, stage in zip(self.chain.links, self.stages, strict=True):
+            reads = [signals[name] for name in self._reads(link)]
+            active = self.states.active(link.stage.name, block.ticks)
+            made, known = stage.run(block.ticks, reads, active)
+            if link.place is Place.DYNAMICS:
+                yield self._next_states(block, made[0], known)
+                continue
+            for name, values in zip(link.stage.outputs, made, strict=True):
+                if name in self.topics:
+                    yield self._first(link.stage.name, name, block, values, known)
+                else:
+                    signals[name] = values
+        yield from self._unmade(block)
+        if self.free:
+            yield from self._compare_applied(block)
+        self._account(signals)
+
+    def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
+        """Put zero in the place of forces that the plant went on without."""
+        for name, tick in self.states.dropped.items():
+            if name in signals:
+                signals[name] = np.where((block.ticks >= tick)[:, None], 0.0, signals[name])
+
+    def _reads(self, link: Link) -> Iterator[str]:
+        """Yield the signals that a stage reads; in free running the plant says what it took."""
+        for name in link.reads:
+            if self.free and link.place >= Place.THRUSTERS and name != NO_FORCE:
+                name = _APPLIED.get(interfaces.row_of(name).carries, name)
+            yield name
+
+    def _next_states(
+        self, block: TickBlock, following: Floats, known: NDArray[np.bool_]
+    ) -> Difference | None:
+        """Compare each state with the one that follows from the tick before it."""
+        computed = np.full_like(following, np.nan)
+        where = np.zeros(len(block.ticks), dtype=bool)
+        follows = known[:-1] & (np.diff(block.ticks) == 1)
+        computed[1:][follows], where[1:] = following[:-1][follows], follows
+        if self._following is not None and self._following[0] == block.ticks[0]:
+            computed[0], where[0] = self._following[1], True
+        last = int(block.ticks[-1]) + 1
+        self._following = (last, following[-1]) if known[-1] else None
+        return self._first(self.names[-1], RELATIVE_STATE, block, computed, where)
+
+    def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
+        """Compare disturbances that no stage makes with zero."""
+        made = {*self.chain.outputs, interfaces.APPLIED_DISTURBANCE}
+        for name, values in block.values.items():
+            if name not in made and interfaces.row_of(name).carries == interfaces.DISTURBANCE:
+                known = np.ones(len(values), dtype=bool)
+                yield self._first('disturbance', name, block, np.zeros_like(values), known)
+
+    def _compare_applied(self, block: TickBlock) -> Iterator[Difference | None]:
+        """Compare the forces applied with those commanded not long before, where they are known.
+
+        Zero is always one: the plant cuts off what is too old.
+        """
+        for link in self.chain.links:
+            for name in link.reads if link.place >= Place.THRUSTERS else ():
+                carried = interfaces.row_of(name).carries if name != NO_FORCE else ''
+                if carried in self._held and name in block.values:
+                    applied = block.values[_APPLIED[carried]]
+                    held = self._held[carried]
+                    computed, known = held.held(block.ticks, block.values[name], applied)
+                    yield self._first(APPLIED, _APPLIED[carried], block, computed, known)
+
+    def _account(self, signals: dict[str, Floats]) -> None:
+        """Sum up what the thrusters took before each tick; NaN from where a force is missing."""
+        taken = signals[interfaces.SATURATED_FORCE]
+        saturated = (taken != signals[interfaces.DUE_FORCE]).any(axis=1) * 1.0
+        saturated[np.isnan(taken).any(axis=1)] = np.nan
+        each = np.column_stack([(taken**2).sum(axis=1) * self.scenario.dt_s, saturated])
+        sums = np.cumsum(np.concatenate([self._spent[None], each]), axis=0)
+        self._before, self._spent = sums[:-1], sums[-1]
+
+    def _first(
+        self,
+        check: str,
+        signal: str,
+        block: TickBlock,
+        computed: Floats,
+        known: NDArray[np.bool_],
+    ) -> Difference | None:
+        """Return the first logged message of a signal whose bits differ from what is computed."""
+        logged = np.ascontiguousarray(block.values[signal])
+        computed = np.ascontiguousarray(computed)
+        unequal = logged.view(np.uint64) != computed.view(np.uint64)
+        unequal &= (known & block.present[signal])[:, None]
+        if not unequal.any():
+            return None
+        row, column = divmod(int(unequal.argmax()), unequal.shape[1])
+        topic = self.topics[signal]
+        return Difference(
+            int(block.ticks[row]),
+            topic.name,
+            topic.row.columns[column],
+            float(logged[row, column]),
+            float(computed[row, column]),
+            check,
+        )
+
+    def _status(self, event: Event, block: TickBlock) -> Difference | None:
+        """Compare the metrics of a run_status with the flight."""
+        if event.signal != interfaces.RUN_STATUS:
+            return None
+        for field, computed in self._metrics(event.tick, block).items():
+            logged = event.values.get(field, repr(computed))
+            if not _same_metric(logged, computed):
+                name = self.topics[event.signal].name
+                return Difference(event.tick, name, field, logged, repr(computed), REST)
+        return None
+
+    def _metrics(self, tick: int, block: TickBlock) -> dict[str, float]:
+        found: dict[str, float] = {'tick': tick, 'time_s': self.scenario.time_s(tick)}
+        row = int(np.searchsorted(block.ticks, tick))
+        if row < len(block.ticks) and block.ticks[row] == tick:
+            if not np.isnan(self._before[row]).any():
+                found['energy_n2s'], found['saturated_ticks'] = self._before[row].tolist()
+            if self.free:  # what was applied is saturated already
+                found.pop('saturated_ticks', None)
+            state = block.values[RELATIVE_STATE][row].tolist()
+            if not math.isnan(state[0]):
+                found['distance_m'] = math.hypot(*state[:3])
+                found['speed_m_s'] = math.hypot(*state[3:])
+        return found
+
+
+def _same_metric(logged: str, computed: float) -> bool:
+    try:
+        return math.isclose(float(logged), computed, rel_tol=METRIC_TOLERANCE)
+    except ValueError:
+        return False
+
+
+def verify(path: str | Path) -> Verification:
+    """Compute the flight of a run folder or .mcap file anew and compare; raises LogError."""
+    reader = RunReader(path)
+    verifier, completeness = _Verifier(reader), Completeness(reader)
+    for block in _events_ahead(reader.blocks(), verifier.states):
+        completeness.add(block)
+        difference = verifier.first_difference(block)
+        if difference is not None:
+            break
+    else:
+        difference = None
+    gaps = () if difference else (*completeness.gaps(reader.damage), *verifier.gaps)
+    ticks = completeness.last + 1
+    return Verification(reader.path, ticks, difference, gaps, verifier.free, verifier.names)
+
+
+def _events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:
+    """Yield blocks, each when the events of the one after it are known: an event may come late."""
+    before: TickBlock | None = None
+    try:
+        for block in blocks:
+            states.take(block.events)
+            if before is not None:
+                yield before
+            before = block
+    except LogError:
+        if before is not None:
+            yield before
+        raise
+    if before is not None:
+        yield before

@@ -1,0 +1,168 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of flights in which a stage was switched off, or a peer of the plant was lost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import pytest
+from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, make_run
+
+from rpo_core import cdr
+from rpo_core.controller import load_controller
+from rpo_core.controller_file import ControllerStage
+from rpo_core.disturbance import NONE
+from rpo_core.flight import fly
+from rpo_log.errors import ExitCode
+from rpo_log.read import stream
+from rpo_log.read.run_log import read_run
+from rpo_log.verify import verify
+
+STAGE_STATUS = '/stage_status'
+OFF = range(20, 30)
+LOST_AT = 25
+
+
+@dataclass(frozen=True)
+class Switched:
+    """A controller that commands zero at some ticks."""
+
+    off: range
+    name: str = 'handmade'
+
+    def stage(self, dt_s):
+        return _SwitchedStage(load_controller(self.name).stage(dt_s), self.off)
+
+
+class _SwitchedStage(ControllerStage):
+    def __init__(self, stage, off):
+        self.stage, self.off = stage, off
+
+    def step(self, tick, *inputs):
+        return ((0.0, 0.0, 0.0),) if tick in self.off else self.stage.step(tick, *inputs)
+
+
+def said(state, tick, stage='controller'):
+    """Return what the controller says when it is switched off or on, and of which tick."""
+    values = {'stage': stage, 'state': state, 'tick': str(tick), 'reason': 'test'}
+    return STAGE_STATUS, tick, cdr.encode_status(1, stage, state, 'none', values)
+
+
+SWITCHED = (said('inactive', OFF.start), said('active', OFF.stop))
+
+
+@pytest.fixture(params=[4096, 7], ids=['one block', 'blocks of 7'])
+def blocks(request, monkeypatch):
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', request.param)
+
+
+@pytest.fixture(scope='module')
+def switched():
+    """Five seconds, the controller switched off for one."""
+    run = make_run(5.0)
+    flight = fly(run.flight.scenario, Switched(OFF))
+    return Run(flight, run.attachments, (*TOPICS, STAGE_STATUS))
+
+
+def with_events(run, events, late=0):
+    """Return the messages of a run, each event before those of its tick, or so many ticks late."""
+    sent = list(run.messages)
+    for event in events:
+        at = next(i for i, m in enumerate(sent) if m[1] == event[1] + late)
+        sent.insert(at, event)
+    return sent
+
+
+@pytest.mark.parametrize('late', [0, 3])
+def test_a_controller_that_was_switched_off_verifies(blocks, switched, late, tmp_path):
+    summary = switched.write(tmp_path, with_events(switched, SWITCHED, late))
+    assert summary.whole and summary.messages[STAGE_STATUS] == 2
+    found = verify(tmp_path)
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert found.stages == ('controller', 'disturbance', 'thrusters', 'dynamics')
+    assert 'recomputed: controller, disturbance' in found.sentence()
+    log = read_run(tmp_path)
+    assert [e.values['state'] for e in log.events if e.signal == 'stage_status'] == [
+        'inactive', 'active',
+    ]  # fmt: skip
+    assert [tick for tick, _ in log.statuses] == [0, 50]
+
+
+def test_the_events_are_logged_the_same_whenever_they_come_in_time(switched, tmp_path):
+    first = with_events(switched, SWITCHED)
+    switched.write(tmp_path / 'a', first)
+    ticks = {event[1] for event in SWITCHED}
+    later = [m for m in first if m not in SWITCHED]
+    for event in SWITCHED:  # the last of its tick, sent twice
+        at = max(i for i, m in enumerate(later) if m[1] == event[1])
+        later[at:at] = [event, event]
+    summary = switched.write(tmp_path / 'b', later)
+    assert summary.duplicates == {STAGE_STATUS: len(ticks)}
+    assert (tmp_path / 'a/run.mcap').read_bytes() == (tmp_path / 'b/run.mcap').read_bytes()
+
+
+def test_zero_without_the_event_is_a_difference(blocks, switched, tmp_path):
+    switched.write(tmp_path, with_events(switched, SWITCHED[1:]))
+    found = verify(tmp_path).difference
+    assert (found.tick, found.topic, found.check) == (OFF.start, FORCE, 'controller')
+
+
+def test_a_command_of_a_controller_that_is_switched_off_is_a_difference(blocks, tmp_path):
+    run = replace(make_run(5.0), topics=(*TOPICS, STAGE_STATUS))
+    run.write(tmp_path, with_events(run, SWITCHED))
+    found = verify(tmp_path).difference
+    assert (found.tick, found.topic, found.check) == (OFF.start, FORCE, 'controller')
+    assert found.computed == 0.0
+
+
+def test_another_stage_that_is_switched_off_excuses_nothing(switched, tmp_path):
+    events = [said('inactive', OFF.start, 'guidance'), said('active', OFF.stop, 'guidance')]
+    switched.write(tmp_path, with_events(switched, events))
+    assert verify(tmp_path).difference.tick == OFF.start
+
+
+def lost(topic, tmp_path, say=True, until=LOST_AT):
+    """Write the log of a flight whose plant went on without a peer; return its summary."""
+    run = make_run(5.0)
+    scenario = run.flight.scenario
+    if topic == FORCE:
+        flight = fly(scenario, Switched(range(LOST_AT, 100)))
+        sent = Run(flight, run.attachments).messages
+    else:
+        control = load_controller('handmade')
+        state, calm = fly(scenario, control).states[LOST_AT], replace(scenario, disturbance=NONE)
+        start = {'initial_position_m': tuple(state[:3]), 'initial_velocity_m_s': tuple(state[3:])}
+        rest = fly(replace(calm, **start), control)
+        flight = fly(scenario, control)
+        flight.states[LOST_AT:] = rest.states[: len(flight.states) - LOST_AT]
+        flight.forces_n[LOST_AT:] = rest.forces_n[: len(flight.states) - LOST_AT]
+        sent = Run(flight, run.attachments).messages
+    sent = [m for m in sent if m[0] != STATUS or m[1] == 0]
+    sent = [m for m in sent if m[0] != topic or m[1] < until]
+    values = {'phase': 'running', 'tick': str(LOST_AT), 'dropped': topic[1:]}
+    status = cdr.encode_status(1, 'run', f'coasting without {topic[1:]}', 'none', values)
+    if say:
+        sent.insert(next(i for i, m in enumerate(sent) if m[1] == LOST_AT) + 1,
+                    (STATUS, LOST_AT, status))  # fmt: skip
+    return run.write(tmp_path, sent)
+
+
+@pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
+def test_a_plant_that_went_on_without_a_peer_verifies(blocks, topic, tmp_path):
+    assert lost(topic, tmp_path).whole
+    found = verify(tmp_path)
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert read_run(tmp_path).complete
+
+
+@pytest.mark.parametrize('topic', [FORCE, DISTURBANCE])
+def test_a_peer_that_is_missing_before_it_was_lost_is_missing(blocks, topic, tmp_path):
+    summary = lost(topic, tmp_path, until=LOST_AT - 1)
+    assert summary.missing == {topic: (1, LOST_AT - 1)}
+    assert read_run(tmp_path).missing == {topic: 1}
+
+
+def test_without_the_word_of_the_plant_its_messages_are_missing(tmp_path):
+    assert not lost(FORCE, tmp_path, say=False).whole
+    assert verify(tmp_path).exit_code == ExitCode.INCOMPLETE
