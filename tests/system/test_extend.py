@@ -1,0 +1,82 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""docs/extend.md as printed: its files, flown by the nodes, logged, verified, in a campaign."""
+
+from __future__ import annotations
+
+import os
+import re
+
+import pytest
+from doc_blocks import DOCS, code, run_line
+
+from rpo_core import files
+
+PAGE = DOCS / 'extend.md'
+QUICK = files.find('scenario', 'quick').read_text()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Write the files of the page."""
+    for language in ('python', 'yaml'):
+        for body in code(PAGE, language):
+            name = re.match(r'# (\S+)\n', body)[1]
+            before = QUICK if name == 'lagging.yaml' else ''
+            (tmp_path / name).write_text(before + body)
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder, ros_env):
+    """Run a command with the page's modules."""
+    env = {
+        **os.environ,
+        **ros_env,
+        'PYTHONPATH': f'{folder}:{os.environ.get("PYTHONPATH", "")}',
+        'RPO_PLUGINS': 'lag,integral',
+    }
+
+    def command(line, code=0):
+        returned, said = run_line(line, folder, env, 50.0)
+        assert returned == code, said
+        return said
+
+    return command
+
+
+FLY = 'ros2 run rpo_bringup final_approach --no-report'
+
+
+@pytest.mark.timeout(120)
+def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
+    run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
+    said = run('rpo verify runs/mine')
+    assert 'verified, 51 ticks' in said and 'lag' in said and 'controller' in said
+    run('rpo log export runs/mine runs/mine.csv')
+    head, *rows = (folder / 'runs' / 'mine.csv').read_text().splitlines()
+    assert 'lagged_fx_n' in head and len(rows) == 51
+    said = run('RPO_PLUGINS= rpo verify runs/mine', code=2)
+    assert '`lag` is not a known field' in said or '`kind` must be one of' in said
+
+
+@pytest.mark.timeout(120)
+def test_one_bit_less_is_found_in_the_stages_own_topic(run, folder):
+    """The log of a lag of another share, with the scenario of the first, is not verified."""
+    run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/a')
+    scenario = folder / 'lagging.yaml'
+    (folder / 'slower.yaml').write_text(scenario.read_text().replace('0.4', '0.39'))
+    run(f'{FLY} --scenario slower.yaml --controller mine.yaml --output runs/b')
+    said = run('rpo log diff runs/a runs/b', code=1)
+    assert 'lagged_force' in said
+
+
+@pytest.mark.timeout(120)
+def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
+    said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')
+    assert 'mine has a stage of its own: the engine does not know it' in said
+
+
+def test_a_module_that_is_not_there_is_a_sentence(run):
+    said = run('RPO_PLUGINS=nothing rpo simulate quick', code=2)
+    assert "`RPO_PLUGINS`: No module named 'nothing'" in said
