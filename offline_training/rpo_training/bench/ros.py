@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -63,14 +64,20 @@ def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
     """Run nodes in the background; they are gone at the end."""
     environment, quiet = _environment(folder), subprocess.DEVNULL
     nodes = [
-        subprocess.Popen(['ros2', 'run', *command], env=environment, stdout=quiet, stderr=quiet)
+        subprocess.Popen(
+            ['ros2', 'run', *command],
+            env=environment,
+            stdout=quiet,
+            stderr=quiet,
+            start_new_session=True,
+        )
         for command in commands
     ]
     try:
         yield
     finally:
         for node in nodes:
-            node.terminate()
+            os.killpg(node.pid, signal.SIGTERM)  # a stock `ros2 run` passes no signal on
         for node in nodes:
             node.wait()
 

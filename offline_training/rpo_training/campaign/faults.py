@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages lost or late between plant and controller, as a free-running plant sees it, offline.
 
-A tick has the newest force that has come by then: the answer to its own state or an
-older one, held. A force that answers a state of more than `stale_after_ticks` ago counts as zero.
+A tick has the newest force that has come by then: the answer to its own state or an older one,
+held. A force that answers a state of more than `stale_after_ticks` ago counts as zero.
 What becomes of the messages of a tick is said by `rpo_training.engine.link`.
 """
 
