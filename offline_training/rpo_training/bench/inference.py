@@ -86,7 +86,7 @@ def _rate(
 
 
 class _Lanes:
-    """The batch simulator's inference over any number of inputs."""
+    """The inference of the engine over any number of inputs."""
 
     def __init__(self, controller: str, errors: Floats) -> None:
         loaded = load_fuzzy(controller)

@@ -82,15 +82,16 @@ def keep_norms(w, p, q, tick, windows, norms):  # type: ignore[no-untyped-def]
 
 @compiled
 def _sums(w, s):  # type: ignore[no-untyped-def]
+    energy, effort, step = w[ENERGY + s], w[EFFORT + s], w[SLEW + s]
     return AxisSums(
-        w[ENERGY + s],
-        w[EFFORT + s],
-        w[SLEW + s],
-        w[LATE_R + s],
-        w[LATE_V + s],
-        w[LATE_F + s],
-        w[OUTSIDE + s],
+        energy, effort, step, w[LATE_R + s], w[LATE_V + s], w[LATE_F + s], w[OUTSIDE + s]
     )
+
+
+@compiled
+def _finish(w, x, y, z, tail, dt, mass, row):  # type: ignore[no-untyped-def]
+    distances, speeds = w[SUM_R + x], w[SUM_V + x]
+    fill_row(row, _sums(w, x), _sums(w, y), _sums(w, z), distances, speeds, tail, dt, mass)
 
 
 @compiled
@@ -111,17 +112,7 @@ def finish_crossed(p, q, plant, mass, windows, w, norms, rows):  # type: ignore[
         z = 2 * p + j
         _sum_norms(w, p, p + j, windows.tail, norms)
         for i in range(p):
-            fill_row(
-                rows[i * q + j],
-                _sums(w, i),
-                _sums(w, p + i),
-                _sums(w, z),
-                w[SUM_R + i],
-                w[SUM_V + i],
-                windows.tail,
-                plant.dt,
-                mass,
-            )
+            _finish(w, i, p + i, z, windows.tail, plant.dt, mass, rows[i * q + j])
 
 
 @compiled
@@ -129,17 +120,7 @@ def finish_paired(plant, masses, windows, w, rows, final):  # type: ignore[no-un
     """Fill rows of metrics (n, columns) and final states (n, 6) of the first n runs."""
     for s in range(len(rows)):
         y, z = s + RUNS, s + 2 * RUNS
-        fill_row(
-            rows[s],
-            _sums(w, s),
-            _sums(w, y),
-            _sums(w, z),
-            w[SUM_R + s],
-            w[SUM_V + s],
-            windows.tail,
-            plant.dt,
-            masses[s],
-        )
+        _finish(w, s, y, z, windows.tail, plant.dt, masses[s], rows[s])
         for axis in range(3):
             final[s, axis] = w[R + axis * RUNS + s]
             final[s, 3 + axis] = w[V + axis * RUNS + s]

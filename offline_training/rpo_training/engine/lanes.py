@@ -35,11 +35,11 @@ E_R, E_V, OUTPUT, MOMENT, AREA = (row * STRIDE for row in range(5))
 GRADES = 5 * STRIDE  # 5 rows of position, 5 of velocity grades
 STRENGTHS = 15 * STRIDE  # 5 rows
 FIRST_FREE = 20
-"""Rows from this on are for who flies the lanes."""
+"""Rows from this on are for `parts`."""
 
 
 def compiled(function: Kernel) -> Kernel:
-    """Compile a batch kernel, free of the interpreter's lock, where the core's kernels are."""
+    """Compile where the core's kernels are; free of the interpreter's lock."""
     if not COMPILED:
         return function
     import numba
@@ -48,7 +48,7 @@ def compiled(function: Kernel) -> Kernel:
 
 
 class Law(NamedTuple):
-    """A controller as the batch kernels read it; filled by `set_law`.
+    """A fuzzy controller as the kernels read it; filled by `set_law`.
 
     scales : (3,) position [m], velocity [m/s], force [N]
     functions : (15,) p1-p15

@@ -1,6 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A controller in the formats of other tools, and as source code without dependencies."""
+"""A controller in the formats of other tools, and as source code without dependencies.
+
+A format is a module with `text`, and a line in `FORMATS`; `importing` reads some of them back.
+"""
 
 from __future__ import annotations
 

@@ -112,11 +112,6 @@ class Scores(NamedTuple):
     failures: NDArray[np.int64]
     arrival: Floats
 
-    @property
-    def penalty_free(self) -> NDArray[np.bool_]:
-        """Whether every start meets every condition (n,)."""
-        return np.asarray(self.failures.sum(axis=1) == 0)
-
 
 def failures(rows: Floats) -> NDArray[np.int64]:
     """Return how many starts (..., 3) of metrics (..., starts, columns) miss each condition."""
