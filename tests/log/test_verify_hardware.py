@@ -106,6 +106,22 @@ def test_a_missing_message_is_a_gap_and_no_difference(blocks, topic, tmp_path):
     assert verified.exit_code == ExitCode.INCOMPLETE and '1 messages of' in verified.sentence()
 
 
+def test_late_thrusters_are_a_named_gap_after_a_missing_force_and_then_verified_again(
+    blocks, tmp_path
+):
+    run = run_of()
+    kept = [m for m in run.messages if m[:2] != (FORCE, 10)]
+    run.write(tmp_path / 'a', kept)
+    said = verify(tmp_path / 'a').sentence()
+    assert 'thrusters could not be recomputed at 3 ticks, the first is 11' in said
+    assert 'recomputed: navigation, controller, disturbance, thrusters, dynamics' in said
+    state = list(run.flight.states[15])
+    state[0] += 1e-9
+    lie = cdr.encode_odometry(run.base.stamp_ns(15), 'target_lvlh', 'chaser', state)
+    run.write(tmp_path / 'b', [(n, k, lie if (n, k) == (STATE, 15) else d) for n, k, d in kept])
+    assert verify(tmp_path / 'b').difference.tick == 15
+
+
 def test_without_its_topic_it_cannot_be_verified(tmp_path):
     run_of(recorded=TOPICS).write(tmp_path)
     with pytest.raises(LogError, match='no topic navigation_state, but its scenario has errors'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""CDR of the recorded message types: encode, decode, and where the floats lie in the bytes.
+"""CDR of the recorded message types: encode, decode, clear the gaps between fields.
 
 Plain CDR (XCDR1), little endian, as ROS 2 Jazzy puts it on the wire: 4 bytes of encapsulation
 header, then fields aligned to their size, counted from the end of that header. Floats keep their

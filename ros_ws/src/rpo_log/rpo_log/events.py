@@ -16,8 +16,7 @@ def dropped(status: cdr.Status) -> dict[str, int]:
     tick = tick_of(status)
     if tick is None:
         return {}
-    names = [name.strip() for name in values.get('dropped', '').split(',')]
-    rows = [interfaces.find(name) for name in names if name]
+    rows = [interfaces.find(name) for name in values.get('dropped', '').split()]
     return {row.name: tick for row in rows if row is not None}
 
 

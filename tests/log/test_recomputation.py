@@ -1,0 +1,85 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stage with memory is recomputed where its memory is known, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpo_core import interfaces
+from rpo_core.stage import Stage
+from rpo_log.verify.recomputation import Recomputation
+
+
+class Sum(Stage):
+    """Adds up its last inputs: all, or that of the tick and so many before it."""
+
+    name = 'controller'
+    inputs = (interfaces.COMMAND,)
+    outputs = (interfaces.CONTROL_FORCE,)
+
+    def __init__(self, memory_ticks):
+        self.memory_ticks = memory_ticks
+
+    def reset(self):
+        self.seen = []
+
+    def step(self, tick, *inputs):
+        self.seen.append(inputs[0][0])
+        count = None if self.memory_ticks is None else self.memory_ticks + 1
+        return ((sum(self.seen[-count:] if count else self.seen), 0.0, 0.0),)
+
+
+def run(memory_ticks, ticks, missing=(), off=(), block=4096):
+    """Return what is known of a stage whose input is 1 at each tick: tick -> output."""
+    found, known = Recomputation(Sum(memory_ticks)), {}
+    for begin in range(0, len(ticks), block):
+        part = np.array(ticks[begin : begin + block])
+        values = np.ones((len(part), 3))
+        values[np.isin(part, missing)] = np.nan
+        (made,), sure = found.run(part, [values], ~np.isin(part, off))
+        known |= {int(t): float(m[0]) for t, m, s in zip(part, made, sure, strict=True) if s}
+    return known, found
+
+
+@pytest.fixture(params=[4096, 3, 1])
+def block(request):
+    return request.param
+
+
+def test_from_the_start_all_is_known(block):
+    assert run(None, range(6), block=block)[0] == {k: k + 1.0 for k in range(6)}
+    assert run(2, range(6), block=block)[0] == {k: min(k + 1.0, 3.0) for k in range(6)}
+
+
+@pytest.mark.parametrize(
+    ('ticks', 'missing'), [(range(10), (4,)), ([0, 1, 2, 3, 5, 6, 7, 8, 9], ())]
+)
+def test_after_a_gap_it_is_known_when_its_memory_is_full(ticks, missing, block):
+    known, found = run(2, ticks, missing, block=block)
+    assert sorted(known) == [0, 1, 2, 3, 7, 8, 9]
+    assert {known[k] for k in (7, 8, 9)} == {3.0}
+    assert (found.gaps, found.first_gap) == (2, 5)
+
+
+def test_after_a_gap_an_endless_memory_is_never_known_again(block):
+    known, found = run(None, range(10), (4,), block=block)
+    assert sorted(known) == [0, 1, 2, 3]
+    assert (found.gaps, found.first_gap) == (5, 5)
+
+
+def test_without_memory_a_gap_is_one_tick(block):
+    known, found = run(0, range(10), (4,), block=block)
+    assert sorted(set(range(10)) - set(known)) == [4]
+    assert found.gaps == 0
+
+
+def test_a_log_that_begins_late_has_no_memory(block):
+    assert sorted(run(2, range(5, 10), block=block)[0]) == [7, 8, 9]
+
+
+def test_switched_off_it_commands_zero_and_switched_on_it_begins_anew(block):
+    known, found = run(None, range(10), off=(4, 5), block=block)
+    assert [known[k] for k in range(10)] == [1, 2, 3, 4, 0, 0, 1, 2, 3, 4]
+    assert found.gaps == 0
