@@ -18,7 +18,6 @@ from rpo_training.engine.parts import (
     LATE_R,
     LATE_V,
     OUTSIDE,
-    QUIET,
     RUNS,
     SLEW,
     SUM_R,
@@ -32,6 +31,22 @@ COLUMNS = len(metrics.UNITS)
 
 
 @compiled
+def begin_forces(w, n, tick, thrusters):  # type: ignore[no-untyped-def]
+    """Take the first command that takes effect for the one before: its step is not counted."""
+    if tick == 0:
+        for s in range(n):
+            w[BEFORE + s] = w[FORCE + s]
+    if thrusters is None:
+        return
+    if tick < len(thrusters.queue):
+        for axis in range(3):
+            for s in range(RUNS):
+                lane = axis * RUNS + s
+                late = tick <= thrusters.delays[s]
+                w[BEFORE + lane] = w[FORCE + lane] if late else w[BEFORE + lane]
+
+
+@compiled
 def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
     """Count row FORCE: saturated and late, before the thrusters' errors."""
     if tick < windows.ticks:
@@ -39,8 +54,7 @@ def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
             force = w[FORCE + s]
             w[ENERGY + s] = with_square(w[ENERGY + s], force)
             w[EFFORT + s] += abs(force)
-            change = force - w[BEFORE + s] if tick > w[QUIET + s] else 0.0
-            w[SLEW + s] = larger(w[SLEW + s], change)
+            w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s])
             w[BEFORE + s] = force
     if tick >= windows.horizon - windows.late:
         for s in range(n):

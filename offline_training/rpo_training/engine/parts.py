@@ -27,15 +27,15 @@ PAIRED_LANES = 3 * RUNS
 
 # Rows of the scratch, after those of the inference.
 R, V, SEEN_R, SEEN_V, FORCE, BEFORE, PUSH = ((FIRST_FREE + row) * STRIDE for row in range(7))
-SUM_R, SUM_V, QUIET, BIAS_R, BIAS_V, NOISE_R, NOISE_V = (
-    (FIRST_FREE + 7 + row) * STRIDE for row in range(7)
+SUM_R, SUM_V, BIAS_R, BIAS_V, NOISE_R, NOISE_V = (
+    (FIRST_FREE + 7 + row) * STRIDE for row in range(6)
 )
 ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
-    (FIRST_FREE + 14 + row) * STRIDE for row in range(7)
+    (FIRST_FREE + 13 + row) * STRIDE for row in range(7)
 )
-MATRIX = (FIRST_FREE + 21) * STRIDE  # 9 rows
-STEP = (FIRST_FREE + 30) * STRIDE  # 26 rows
-ROWS = FIRST_FREE + 30 + len(CwStep._fields)
+MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
+STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
+ROWS = FIRST_FREE + 29 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):
@@ -165,8 +165,6 @@ def _place_thrusters(w, thrusters):  # type: ignore[no-untyped-def]
         return
     thrusters.queue[:] = 0.0
     for s in range(RUNS):
-        for axis in range(3):
-            w[QUIET + axis * RUNS + s] = thrusters.delays[s]
         for i in range(9):
             w[MATRIX + i * STRIDE + s] = thrusters.matrix[s, i]
 

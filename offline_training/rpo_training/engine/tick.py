@@ -10,7 +10,7 @@ from __future__ import annotations
 from rpo_core.baseline_kernels import baseline_force
 from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
 from rpo_core.noise import six_normals
-from rpo_training.engine.counters import count_force, count_state, keep_norms
+from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
 from rpo_training.engine.link import lateness
 from rpo_training.engine.parts import (
@@ -254,14 +254,6 @@ def keep_trace(w, n, tick, trace):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def answer(w, n, tick, navigation, fuzzy, baseline):  # type: ignore[no-untyped-def]
-    """Fill row FORCE with the commands of a tick."""
-    measure(w, tick, navigation)
-    command_fuzzy(w, n, fuzzy, navigation)
-    command_baseline(w, tick, baseline, navigation)
-
-
-@compiled
 def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-untyped-def]
     """Fly runs to the horizon; what was counted stays in `w` and `norms`.
 
@@ -274,12 +266,17 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     fuzzy, baseline = control
     p, q = len(planar), len(vertical)
     n = 2 * p + q
-    for tick in range(windows.horizon):
-        answer(w, n, tick, navigation, fuzzy, baseline)
+    for tick in range(windows.horizon + 1):
+        measure(w, tick, navigation)
+        command_fuzzy(w, n, fuzzy, navigation)
+        command_baseline(w, tick, baseline, navigation)
         keep_trace(w, n, tick, trace)
+        if tick == windows.horizon:
+            break
         hold(w, tick, link)
         saturate_all(w, n, plant.limit)
         delay(w, tick, thrusters)
+        begin_forces(w, n, tick, thrusters)
         count_force(w, n, tick, windows)
         give(w, thrusters)
         push_by_table(w, n, tick, table)
@@ -288,6 +285,3 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         step_each(w, steps)
         count_state(w, n, tick, windows)
         keep_norms(w, p, q, tick, windows, norms)
-    if trace is not None:
-        answer(w, n, windows.horizon, navigation, fuzzy, baseline)
-        keep_trace(w, n, windows.horizon, trace)
