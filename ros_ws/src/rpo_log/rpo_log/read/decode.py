@@ -164,7 +164,7 @@ class Messages:
         ticks = np.unique(self.tick[~is_event])
         values, present = {}, {}
         events: list[Event] = []
-        odd: list[NonCanonical] = []
+        non_canonical: list[NonCanonical] = []
         for index, topic in enumerate(self.topics):
             found = np.flatnonzero(self.topic == index)
             if topic.is_event:
@@ -175,13 +175,13 @@ class Messages:
             present[topic.signal] = np.zeros(len(ticks), dtype=bool)
             present[topic.signal][rows] = True
             numbers, unlike = self._numbers(topic, found)
-            odd += unlike
+            non_canonical += unlike
             if topic.row.columns:
                 values[topic.signal] = np.full((len(ticks), len(topic.row.columns)), np.nan)
                 values[topic.signal][rows] = numbers
         events.sort(key=lambda event: event.tick)
-        odd.sort(key=lambda message: message.tick)
-        return TickBlock(ticks, values, present, tuple(events), tuple(odd))
+        non_canonical.sort(key=lambda message: message.tick)
+        return TickBlock(ticks, values, present, tuple(events), tuple(non_canonical))
 
     def _refuse_repeated(self, topic: Topic, found: NDArray[np.intp]) -> None:
         ticks = self.tick[found]
@@ -206,15 +206,15 @@ class Messages:
             three = np.ascontiguousarray(data[:, place : place + 24]).view('<f8')
             numbers[like, 3 * i : 3 * i + 3] = three
         like[like] = plain
-        odd = []
+        unlike = []
         for row in np.flatnonzero(~like).tolist():
             message = self[int(found[row])]
             try:
                 numbers[row] = values_of(*message[::2])
             except cdr.CdrError as error:
                 raise bad_message(self.path, topic, message.tick, error) from None
-            odd.append(NonCanonical(message.tick, topic, message.data))
-        return numbers, odd
+            unlike.append(NonCanonical(message.tick, topic, message.data))
+        return numbers, unlike
 
     def _event(self, i: int) -> Event:
         topic, tick, data = self[i]
