@@ -3,9 +3,12 @@
 """A controller switched off and on in flight, a peer lost: recorded, and verified."""
 
 import pytest
+import yaml
 from inside import inside
 from scenarios import lasting
 
+from rpo_bringup.monitor_node import MonitorNode
+from rpo_core import files
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
@@ -66,5 +69,24 @@ def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
     name = ('/control_force', '/disturbance_force')[lost]
     messages = {t.name: int(log.ticks.size) for t in log.topics if not t.is_event}
     assert name in messages
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0, found.sentence()
+
+
+def test_a_flight_that_the_monitor_lets_coast_verifies(ros_env, tmp_path):
+    document = yaml.safe_load(files.find('monitor', 'default').read_text())
+    document['limits']['range_m'] = 50.0  # the chaser starts farther away
+    document['faults']['out_of_range'] = {'count': 30, 'window': 30, 'reaction': 'coast'}
+    table = tmp_path / 'table.yaml'
+    table.write_text(yaml.safe_dump(document))
+    with inside() as inner:
+        monitor = inner.start(MonitorNode({'table': str(table)}))
+        scenario = lasting(30.0, tmp_path, 'paper_test')
+        controller, *_, recorder = start(inner, scenario, tmp_path / 'run', real_time_factor=40.0)
+        inner.until(lambda: recorder.done)
+        assert monitor.reacted['out_of_range'] == 'coast' and not controller.active
+    log = read_run(tmp_path / 'run')
+    (off,) = (int(e.values['tick']) for e in log.events if e.signal == 'stage_status')
+    assert log.forces_n[:off].any() and not log.forces_n[off:].any()
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0, found.sentence()
