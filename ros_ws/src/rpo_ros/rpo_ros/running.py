@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from types import FrameType
@@ -69,16 +70,29 @@ class FlightNode(Node):
         """Release what the node holds, just before it is destroyed."""
 
 
+class _Pending(Future):
+    """A future that a signal handler may complete: one thread can take its lock twice."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lock = threading.RLock()
+
+
 class StopSignal:
-    """Remembers SIGINT and SIGTERM, so that nodes can still publish and close their files."""
+    """Remembers SIGINT and SIGTERM, so that nodes can still publish and close their files.
+
+    pending : completed by a signal, so that whoever spins until then stops at once
+    """
 
     def __init__(self) -> None:
         self.name = ''
+        self.pending = _Pending()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._remember)
 
     def _remember(self, number: int, _frame: FrameType | None) -> None:
         self.name = signal.Signals(number).name
+        self.pending.set_result(None)
 
     @staticmethod
     def ignore() -> None:
@@ -109,7 +123,9 @@ def spin(
     # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels; and spin_once comes back
     # to Python after each of them, which costs a third of a tick.
     while not until() and not stop.name:
-        executor.spin_until_future_complete(Future(), timeout_sec=_POLL_S)
+        stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
+        if not stop.name:
+            executor.spin_until_future_complete(stop.pending, timeout_sec=_POLL_S)
     if stop.name:
         for node in nodes:
             node.interrupt(stop.name)
