@@ -31,14 +31,14 @@ class Sum(Stage):
         return ((sum(self.seen[-count:] if count else self.seen), 0.0, 0.0),)
 
 
-def run(memory_ticks, ticks, missing=(), off=(), block=4096):
+def run(memory_ticks, ticks, missing=(), off=(), began=(), block=4096):
     """Return what is known of a stage whose input is 1 at each tick: tick -> output."""
     found, known = Recomputation(Sum(memory_ticks)), {}
     for begin in range(0, len(ticks), block):
         part = np.array(ticks[begin : begin + block])
         values = np.ones((len(part), 3))
         values[np.isin(part, missing)] = np.nan
-        (made,), sure = found.run(part, [values], ~np.isin(part, off))
+        (made,), sure = found.run(part, [values], ~np.isin(part, off), np.isin(part, began))
         known |= {int(t): float(m[0]) for t, m, s in zip(part, made, sure, strict=True) if s}
     return known, found
 
@@ -83,3 +83,9 @@ def test_switched_off_it_commands_zero_and_switched_on_it_begins_anew(block):
     known, found = run(None, range(10), off=(4, 5), block=block)
     assert [known[k] for k in range(10)] == [1, 2, 3, 4, 0, 0, 1, 2, 3, 4]
     assert found.gaps == 0
+
+
+def test_a_stage_that_began_in_flight_has_no_memory(block):
+    known, found = run(None, range(8), began=[4], block=block)
+    assert known == {k: k + 1.0 if k < 4 else k - 3.0 for k in range(8)}
+    assert not found.gaps

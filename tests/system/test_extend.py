@@ -11,6 +11,7 @@ import pytest
 from doc_blocks import DOCS, code, run_line
 
 from rpo_core import files
+from tools.node_processes import node_processes
 
 PAGE = DOCS / 'extend.md'
 QUICK = files.find('scenario', 'quick').read_text()
@@ -80,3 +81,23 @@ def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
 def test_a_module_that_is_not_there_is_a_sentence(run):
     said = run('RPO_PLUGINS=nothing rpo simulate quick', code=2)
     assert "`RPO_PLUGINS`: No module named 'nothing'" in said
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+def test_a_controller_with_memory_that_is_started_anew_in_flight_verifies(folder, ros_env, run):
+    """It begins without its memory, says so, and the log is verified."""
+    env = {**ros_env, 'PYTHONPATH': f'{folder}:{os.environ.get("PYTHONPATH", "")}'}
+    env['RPO_PLUGINS'] = 'lag,integral'
+    with node_processes(env, folder) as ros:
+        mine = {'controller': str(folder / 'mine.yaml')}
+        first = ros.node('rpo_ctrl', 'fuzzy_controller', **mine)
+        recorder = ros.node('rpo_log', 'recorder', output=str(folder / 'run'))
+        plant = ros.node('rpo_sim', 'plant', real_time_factor=40.0, wait_for_recorder='true')
+        plant.says('flying')
+        first.process.kill()
+        second = ros.node('rpo_ctrl', 'fuzzy_controller', **mine)
+        assert plant.wait() == 0, plant.output
+        assert recorder.wait() == 0, recorder.output
+        assert second.stop() == 0
+    assert 'verified, 4001 ticks' in run('rpo verify run')

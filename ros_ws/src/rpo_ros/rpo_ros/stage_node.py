@@ -232,6 +232,8 @@ class StageNode(FlightNode):
         if reason:
             self.ignored[reason] += 1
             return
+        if self.last_tick < 0 < tick and self.chain is not None:
+            self._say_begun(self.chain, tick)
         self.step(tick, signals)
         self._answer = [
             (outlet, outlet.publish(stamp_ns, signals[name]))
@@ -242,6 +244,12 @@ class StageNode(FlightNode):
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
+
+    def _say_begun(self, chain: Chain, tick: int) -> None:
+        """Say that stages with memory begin without it, in the middle of a run."""
+        for link in chain.links:
+            if link.stage.memory_ticks != 0:
+                self.say_stage_status(link.stage.name, 'active', tick, 'began in flight')
 
     def _placed(self, stamp_ns: int) -> tuple[str, int]:
         """Return why a stamp is not answered ('' if it is), and its tick."""

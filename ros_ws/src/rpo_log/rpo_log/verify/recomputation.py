@@ -44,6 +44,10 @@ class StageStates:
         at = np.array([tick for tick, _ in changes], dtype=np.int64)
         return known[np.searchsorted(at, ticks, side='right')]
 
+    def began(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return at which ticks a stage began without memory: switched on, or started in flight."""
+        return np.isin(ticks, [tick for tick, on in self._changes.get(stage, []) if on])
+
 
 class Recomputation:
     """The outputs of a stage, as far as they can be computed from its logged inputs.
@@ -63,12 +67,17 @@ class Recomputation:
         stage.reset()
 
     def run(
-        self, ticks: NDArray[np.int64], inputs: Sequence[Floats], active: NDArray[np.bool_]
+        self,
+        ticks: NDArray[np.int64],
+        inputs: Sequence[Floats],
+        active: NDArray[np.bool_],
+        began: NDArray[np.bool_],
     ) -> tuple[list[Floats], NDArray[np.bool_]]:
         """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
 
         inputs : (n, width) each, NaN where unknown
         active : where the stage is switched on; where it is not, its commands are zero
+        began : where it began without memory
         """
         there = active.copy()
         for values in inputs:
@@ -77,7 +86,7 @@ class Recomputation:
             rows = np.flatnonzero(there)
             made, known = self._made(rows, ticks, inputs), there.copy()
         else:
-            made, known = self._with_memory(ticks, inputs, active, there)
+            made, known = self._with_memory(ticks, inputs, active, there, began)
         if not active.all():
             carried = {interfaces.row_of(name).carries for name in self.stage.outputs}
             if carried == {interfaces.COMMAND}:
@@ -107,14 +116,17 @@ class Recomputation:
         inputs: Sequence[Floats],
         active: NDArray[np.bool_],
         there: NDArray[np.bool_],
+        began: NDArray[np.bool_],
     ) -> tuple[list[Floats], NDArray[np.bool_]]:
         made = self._made(np.empty(0, dtype=np.intp), ticks, inputs)
         known = np.zeros(len(ticks), dtype=bool)
-        change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there)
+        change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there) | began[1:]
         for part in np.split(np.arange(len(ticks)), np.flatnonzero(change) + 1):
             first, last = int(ticks[part[0]]), int(ticks[part[-1]])
             if first != self._next:
                 self._forget(0)
+            if began[part[0]]:
+                self._forget(None)
             self._next = last + 1
             if not there[part[0]]:  # switched on again it begins anew
                 self._forget(0 if active[part[0]] else None)

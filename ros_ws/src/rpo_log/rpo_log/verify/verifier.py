@@ -180,7 +180,8 @@ class _Verifier:
         for link, stage in zip(self.chain.links, self.stages, strict=True):
             reads = [signals[name] for name in self._reads(link)]
             active = self.states.active(link.stage.name, block.ticks)
-            made, known = stage.run(block.ticks, reads, active)
+            began = self.states.began(link.stage.name, block.ticks)
+            made, known = stage.run(block.ticks, reads, active, began)
             if link.place is Place.DYNAMICS:
                 yield self._next_states(block, made[0], known)
                 continue
