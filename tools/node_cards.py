@@ -21,7 +21,7 @@ MEANINGS = {
     **{row.topic: row.meaning for row in interfaces.rows()},
     names.MARKERS: 'target, chaser, thrust, trail, corridor',
     names.CHASER_POSE: 'pose of the chaser in target LVLH',
-    f'{names.CONTROL_FORCE}_raw': 'what the sender said, to be spoilt (`from_topic`)',
+    f'{names.CONTROL_FORCE}_raw': 'messages of the sender, before the faults (`from_topic`)',
     '~/transition_event': 'each change of the lifecycle state',
     '~/change_state': 'lifecycle: configure, activate, deactivate, cleanup, shutdown',
     '~/get_state': 'lifecycle: the present state',
@@ -42,7 +42,12 @@ _UNFIT = (
     'a state in another frame, or not finite',
     'is not answered; counted on `/diagnostics` as `ignored_<kind>`',
 )
-_LAYER = ('its library is not installed', 'one sentence that says how to, exit code 2')
+_OTHER_SCENARIO = (
+    '`scenario` is not the scenario of the plant',
+    'one sentence, exit code 2; the plant aborts before tick 0',
+)
+_NOTHING_TO_DO = ('the scenario has no stage for this node', 'says so and ends, exit code 0')
+_LAYER = ('its library is not installed', 'one sentence that says how to install it, exit code 2')
 _SEEN = (
     names.RELATIVE_STATE,
     names.CONTROL_FORCE,
@@ -91,7 +96,7 @@ class Card:
 _CONTROLLER: Outcomes = (
     ('a bad file at start', 'one sentence, exit code 2, nothing is started'),
     ('a bad file at `configure`, later', 'one sentence; the node stays unconfigured'),
-    ('before its first activation', 'it is silent; a plant waits'),
+    ('before its first activation', 'it answers no state; the plant waits'),
     (
         'deactivated, cleaned up',
         'answers every state with zero force, warns, and says `inactive` on `decision` and '
@@ -99,7 +104,8 @@ _CONTROLLER: Outcomes = (
     ),
     ('`controller` set while active', 'refused with a sentence; deactivate first'),
     ('the same state again', 'gets the same answer, whatever was changed in between'),
-    ('an error inside the law', 'logged with its cause; the node deactivates itself'),
+    ('an error inside the controller', 'logged with its cause; the node deactivates itself'),
+    _OTHER_SCENARIO,
     _UNFIT,
     ('shutdown transition', 'ends the process, exit code 0'),
     _SIGNAL,
@@ -114,45 +120,48 @@ CARDS = (
          '`peer_timeout_s` the run is aborted, or flies on at zero force (`on_peer_timeout`)'),
         ('no fresh force (free running)', 'the last one is held for `stale_after_ticks`, then '
          'zero; a warning on `run_status`'),
-        ('nobody there at the start', 'waits and says for whom; `start_timeout_s` ends the wait'),
+        ('a peer is missing at the start', 'waits and names it; `start_timeout_s` limits the wait'),
         ('the recorder dies', 'flies on and warns'),
-        ('SIGINT or SIGTERM', 'says aborted, lets the recorder close its log, exit code 0'),
+        ('SIGINT or SIGTERM', 'publishes `aborted`, lets the recorder close its log, exit code 0'),
     ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
          {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0}),
-    Card('rpo_sim', 'navigation', 'NavigationNode', (_BAD_OUTCOME, _UNFIT, _SIGNAL)),
+    Card('rpo_sim', 'navigation', 'NavigationNode', (
+        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL)),
     Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
         _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '
-                       '`ignored_foreign_stamp`'), _UNFIT, _SIGNAL)),
+                       '`ignored_foreign_stamp`'),
+        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'paper_test'}),
     Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
         _BAD_OUTCOME, ('both topics the same', 'refused'),
-        ('SIGINT or SIGTERM', 'says what it did; exit code 0'))),
+        ('SIGINT or SIGTERM', 'prints how many messages it changed; exit code 0'))),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (
         _BAD_OUTCOME,
         ('a run in the folder already', 'refused, unless `overwrite`'),
-        ('the disk is full or gone', 'the log ends, the flight does not; an error on '
+        ('the disk is full or gone', 'the log ends, the flight continues; an error on '
          '`/diagnostics`, exit code 1'),
-        ('a message is missing', 'counted, reported at the end, exit code 1'),
+        ('a message is missing', 'counted and reported at the end, exit code 1'),
         ('the plant dies', 'noticed after `plant_timeout_s`; the log is closed, exit code 1'),
         ('`kill -9`', 'at least 95 % of the run so far is readable; `rpo repair`'),
-        ('SIGINT or SIGTERM', 'waits a moment for the last words, closes the log, exit code 0'),
+        ('SIGINT or SIGTERM', 'waits a moment for the last messages, closes the log, exit code 0'),
     ), {**_CODES, 1: 'the log is not whole'}),
     Card('rpo_log', 'replay', 'ReplayNode', (
         _BAD_OUTCOME,
         ('a driven controller answers otherwise than the log',
-         'the first difference is said, exit code 1'),
+         'prints the first difference, exit code 1'),
         ('no answer in `answer_timeout_s`', 'exit code 3'), _SIGNAL,
     ), {**_CODES, 1: 'answers differ', 3: 'no answer'}),
     Card('rpo_bringup', 'monitor', 'MonitorNode', (
         _BAD_OUTCOME,
         ('a fault holds for n of m samples', 'its reaction, once: warn; coast: the controller is '
          'deactivated; abort: the plant ends the run with exit code 3'),
-        ('nobody there to react', 'asked again as soon as there is; an error on `/diagnostics`'),
-        ('the reaction is refused', 'said, with a warning'), _SIGNAL)),
+        ('the node that must react is missing',
+         'the request is sent as soon as it is there; an error on `/diagnostics`'),
+        ('the reaction is refused', 'logged as a warning'), _SIGNAL)),
     Card('rpo_view', 'visualizer', 'VisualizerNode', (
         _BAD_OUTCOME, ('`tf2_msgs` is not installed', 'says so; `/tf` is not published'),
-        ('messages faster than `rate_hz`', 'only the newest is looked at'), _SIGNAL)),
+        ('messages faster than `rate_hz`', 'only the latest is shown'), _SIGNAL)),
     Card('rpo_view', 'web', 'WebNode', (
         _BAD_OUTCOME, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
          trial={'port': 0}),

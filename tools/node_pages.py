@@ -55,6 +55,14 @@ def tiny_log(folder: Path) -> Path:
     return folder
 
 
+def scenario_with_navigation(folder: Path) -> str:
+    """Write the scenario `quick` with errors of navigation, and return its path."""
+    path = folder / 'navigation.yaml'
+    text = files.find('scenario', 'quick').read_text(encoding='utf-8')
+    path.write_text(f'{text}navigation: {{position_bias_m: [0.1, 0.0, 0.0]}}\n', encoding='utf-8')
+    return str(path)
+
+
 def _make(card: Card, folder: Path) -> FlightNode:
     """Start a node as its card says, with what it needs in a folder of its own."""
     trial = dict(card.trial)
@@ -62,6 +70,8 @@ def _make(card: Card, folder: Path) -> FlightNode:
         trial['output'] = str(folder / 'recorded')
     if card.executable == 'replay':
         trial['bag'] = str(tiny_log(folder / 'log'))
+    if card.executable == 'navigation':
+        trial['scenario'] = scenario_with_navigation(folder)
     return getattr(card.module, card.cls)(trial)
 
 

@@ -28,11 +28,10 @@ def one_process(ros, arguments, folder):
 
 def five_processes(ros, arguments, folder):
     scenario = arguments[arguments.index('--scenario') + 1]
-    args = ('--ros-args', '-r', 'relative_state:=navigation_state', '-p')
     others = [
-        ros.node('rpo_ctrl', 'fuzzy_controller', *args, f'controller:={CONTROLLER}'),
-        ros.node('rpo_sim', 'disturbance_injector', scenario=scenario),
-        ros.node('rpo_sim', 'navigation', scenario=scenario),
+        ros.node('rpo_ctrl', 'fuzzy_controller', controller=CONTROLLER),
+        ros.node('rpo_sim', 'disturbance_injector'),
+        ros.node('rpo_sim', 'navigation'),
     ]
     recorder = ros.node('rpo_log', 'recorder', output=str(folder / 'run'))
     plant = ros.node('rpo_sim', 'plant', scenario=scenario, wait_for_recorder='true')

@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ends the launch with exit code 1 when a flight node fails; stock launch would say 0.
+"""Ends the launch with exit code 1 when a flight node fails; stock launch would end with 0.
 
-`ros2 launch` has the exit codes 0 and 1 only, and 1 is for an error raised within the launch: so
-one is raised here. The node's own code is in the message.
+`ros2 launch` has only the exit codes 0 and 1, and 1 needs an error raised within the launch: this
+file raises one. The node's own exit code is in the message.
 """
 
 from launch import LaunchContext, LaunchDescription
@@ -29,5 +29,5 @@ def _check(event: ProcessExited, context: LaunchContext) -> None:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the watch over the exit codes of all processes of the launch."""
+    """Return a check of the exit codes of all processes of the launch."""
     return LaunchDescription([RegisterEventHandler(OnProcessExit(on_exit=_check))])

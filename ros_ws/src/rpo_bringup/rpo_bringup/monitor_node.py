@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `monitor`: watches a flight and warns, has the controller coast, or aborts the run.
 
-A table (`config/monitors/default.yaml` is the shipped one) holds limits, and for each fault the
-number of the last samples that must show it, and the reaction: `warn`; `coast`, the controller is
-deactivated by its lifecycle service and commands zero; `abort`, the plant ends the run. Faults:
+A table of limits (shipped: `config/monitors/default.yaml`) says for each fault in how many of the
+last samples it must appear, and the reaction: `warn`; `coast`, the monitor deactivates the
+controller, which then commands zero; `abort`, the plant ends the run. The faults are
 `not_finite`, `out_of_range`, `too_fast` for its range, `off_corridor`, `force_saturated`,
 `force_stale`, `controller_inactive`. A sample is a new state, a command, a message on
-`/diagnostics`, or, for `force_stale`, a fifth of a second of wall time. All is on `/diagnostics`.
+`/diagnostics`, or, for `force_stale`, a fifth of a second of wall time. The monitor publishes every
+fault on `/diagnostics`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `fault_injector`: loses, delays, repeats, reorders or spoils messages between two topics.
 
-The sender is remapped to `from_topic`, so that all it says comes through here:
+Remap the sender to `from_topic`; then all its messages pass through this node:
   ros2 run rpo_ctrl fuzzy_controller --ros-args -r control_force:=control_force_raw
 """
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `navigation`: what the chaser knows of its relative state, with the scenario's errors.
 
-Where a scenario has stages between the truth and guidance, this node runs them, and the controller
-listens to what they make.
+It runs the stages that a scenario has between the true state and guidance. The controller then
+listens to their output, `navigation_state`.
 """
 
 from __future__ import annotations

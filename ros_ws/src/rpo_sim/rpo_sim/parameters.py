@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rpo_core.link import CORRUPTIONS
 from rpo_ros import names
 from rpo_ros.parameter_rows import SCENARIO
@@ -38,7 +40,7 @@ PLANT = (
     Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
 
-NAVIGATION = (SCENARIO,)
+NAVIGATION = (replace(SCENARIO, example='path/to/mine.yaml'),)
 
 DISTURBANCE_INJECTOR = (SCENARIO,)
 
