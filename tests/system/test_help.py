@@ -15,7 +15,7 @@ SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 NODES = sorted(
     words
     for path in SRC.glob('*/*/commands.py')
-    for words in re.findall(r"start_node\('(\w+)\.[\w.]+', '(\w+)'\)", path.read_text())
+    for words in re.findall(r"start_node, '(\w+)\.(\w+)_node'\)", path.read_text())
 )
 SLOW = {'matplotlib', 'mcap', 'numba', 'numpy', 'rclpy', 'scipy'}
 
@@ -50,6 +50,12 @@ def test_a_node_says_its_parameters(package, name):
     assert text.startswith(f'usage: ros2 run {package} {name} [--ros-args')
     assert f'\nNode `{name}`' in text
     assert f'example:\n  ros2 run {package} {name} --ros-args -p ' in text
+
+
+def test_final_approach():
+    text = help_of('rpo_bringup.commands', 'final_approach', 'final_approach')
+    assert text.startswith('usage: final_approach')
+    assert '--real-time-factor' in text
 
 
 @pytest.mark.parametrize('words', [(), ('train',), ('report',), ('log',)])

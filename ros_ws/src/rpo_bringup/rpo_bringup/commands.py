@@ -3,35 +3,19 @@
 """Where the commands of this package begin; see `rpo_ros.entry_point`."""
 
 import sys
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-from rpo_ros.entry_point import start, start_node
+from rpo_bringup.options import parser
+from rpo_ros.entry_point import asks_for_help, start, start_node
 
 
 def final_approach() -> int:
-    """Run `ros2 run rpo_bringup final_approach`."""
+    """Run `ros2 run rpo_bringup final_approach`; answer `--help` without ROS."""
+    if asks_for_help():
+        parser().parse_args(['--help'])
     return start('rpo_bringup.final_approach')
-
-
-def monitor() -> int:
-    """Run `ros2 run rpo_bringup monitor`."""
-    return start_node('rpo_bringup.monitor_node', 'monitor')
-
-
-def trial() -> int:
-    """Run `ros2 run rpo_bringup trial`."""
-    return _tool('trial')
-
-
-def ping_pong() -> int:
-    """Run `ros2 run rpo_bringup ping_pong`."""
-    return _tool('ping_pong')
-
-
-def node_pages() -> int:
-    """Run `ros2 run rpo_bringup node_pages`."""
-    return _tool('node_pages')
 
 
 def _tool(name: str) -> int:
@@ -43,3 +27,9 @@ def _tool(name: str) -> int:
     sys.path.insert(0, str(root))
     code: int = import_module(f'tools.{name}').main()
     return code
+
+
+monitor = partial(start_node, 'rpo_bringup.monitor_node')
+trial, ping_pong, node_pages = (
+    partial(_tool, name) for name in ('trial', 'ping_pong', 'node_pages')
+)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
+from rpo_bringup.options import parser
 from rpo_core import scenario
 from rpo_core.chain import Chain
-from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.errors import LogError
@@ -27,38 +27,6 @@ from rpo_sim.navigation_node import NavigationNode
 from rpo_sim.plant_node import PlantNode
 
 _START_TIMEOUT_S = 30.0
-
-_EXAMPLE = """example:
-  ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
-
-exit code: 0 flown and recorded, 1 flown but not all recorded, 2 bad input, 3 aborted
-"""
-
-
-def _arguments(argv: Sequence[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='final_approach',
-        description=__doc__.split(': ')[1] if __doc__ else None,
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument('--scenario', default='approach', help='shipped name or path (%(default)s)')
-    parser.add_argument(
-        '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
-    )
-    parser.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
-    parser.add_argument(
-        '--overwrite', action='store_true', help='replace the run in an existing output folder'
-    )
-    parser.add_argument(
-        '--real-time-factor',
-        default=0.0,
-        type=float,
-        metavar='X',
-        help='simulated seconds per second; 0: as fast as it goes (default)',
-    )
-    parser.add_argument('--no-report', action='store_true', help='leave a log, but no report')
-    return parser.parse_args(argv)
 
 
 def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
@@ -97,7 +65,7 @@ def _report(folder: Path, plant: PlantNode, wall_s: float) -> None:
 
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup final_approach`."""
-    options = _arguments(remove_ros_args(sys.argv)[1:])
+    options = parser().parse_args(remove_ros_args(sys.argv)[1:])
     now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
     folder = Path(options.output or f'runs/{Path(options.scenario).stem}-{now}')
     begun = time.monotonic()

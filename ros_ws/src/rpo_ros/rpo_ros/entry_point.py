@@ -31,14 +31,19 @@ def start(module: str) -> int:
     return code
 
 
-def start_node(module: str, name: str) -> int:
+def asks_for_help() -> bool:
+    """Return whether the command line holds `--help`."""
+    return bool({'-h', '--help'} & set(sys.argv[1:]))
+
+
+def start_node(module: str) -> int:
     """Run the node of a module, or answer `--help` without importing it; return the exit code.
 
-    name : of the executable; its table of parameters is NAME in `parameters` of the package
+    module : PACKAGE.NAME_node; the node's parameters are the table NAME in PACKAGE.parameters
     """
-    package = module.partition('.')[0]
+    package, _, name = module.removesuffix('_node').partition('.')
     command = f'ros2 run {package} {name}'
-    if {'-h', '--help'} & set(sys.argv[1:]):
+    if asks_for_help():
         from rpo_ros.parameter_rows import usage
 
         rows = getattr(import_module(f'{package}.parameters'), name.upper())

@@ -2,24 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where the commands of this package begin; see `rpo_ros.entry_point`."""
 
+from functools import partial
+
 from rpo_ros.entry_point import start_node
 
-
-def visualizer() -> int:
-    """Run `ros2 run rpo_view visualizer`."""
-    return start_node('rpo_view.visualizer_node', 'visualizer')
-
-
-def web() -> int:
-    """Run `ros2 run rpo_view web`."""
-    return start_node('rpo_view.web_node', 'web')
-
-
-def foxglove() -> int:
-    """Run `ros2 run rpo_view foxglove`."""
-    return start_node('rpo_view.foxglove_node', 'foxglove')
-
-
-def watch() -> int:
-    """Run `ros2 run rpo_view watch`."""
-    return start_node('rpo_view.watch_node', 'watch')
+visualizer = partial(start_node, 'rpo_view.visualizer_node')
+web = partial(start_node, 'rpo_view.web_node')
+foxglove = partial(start_node, 'rpo_view.foxglove_node')
+watch = partial(start_node, 'rpo_view.watch_node')

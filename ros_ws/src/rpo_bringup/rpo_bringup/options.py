@@ -1,0 +1,42 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command line of `final_approach`; without ROS, so that `--help` is quick."""
+
+from __future__ import annotations
+
+import argparse
+
+from rpo_core.files import DEFAULT_CONTROLLER
+
+_EXAMPLE = """example:
+  ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
+
+exit code: 0 complete run, complete log; 1 complete run, incomplete log; 2 bad input; 3 aborted
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    found = argparse.ArgumentParser(
+        prog='final_approach',
+        description='Fly a scenario with all its nodes in one process.',
+        epilog=_EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    found.add_argument('--scenario', default='approach', help='shipped name or path (%(default)s)')
+    found.add_argument(
+        '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
+    )
+    found.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
+    found.add_argument(
+        '--overwrite', action='store_true', help='replace the run in an existing output folder'
+    )
+    found.add_argument(
+        '--real-time-factor',
+        default=0.0,
+        type=float,
+        metavar='X',
+        help='simulated seconds per second; 0: as fast as it goes (default)',
+    )
+    found.add_argument('--no-report', action='store_true', help='leave a log, but no report')
+    return found
