@@ -37,7 +37,7 @@ def test_a_node_of_another_scenario_refuses_and_nothing_flies(ros, node):
     plant = ros.node('rpo_sim', 'plant', scenario='approach')
     started = ros.node(package, node, scenario='paper_test')
     assert started.wait() == 2
-    said = '`scenario` must be the one that the plant flies, approach; got paper_test'
+    said = '`scenario` must be the one of the plant, approach; got paper_test'
     assert started.output.count(said) == 1 and 'Traceback' not in started.output
     assert plant.wait() == 3, plant.output
     assert said in plant.output and 'flying' not in plant.output
@@ -52,5 +52,5 @@ def test_the_same_name_with_another_content_is_told_apart(ros):
     plant = ros.node('rpo_sim', 'plant', scenario='approach')
     controller = ros.node('rpo_ctrl', 'fuzzy_controller', scenario=str(changed))
     assert controller.wait() == 2
-    assert 'got approach of another content' in controller.output
+    assert 'got approach with other content' in controller.output
     assert plant.wait() == 3

@@ -4,7 +4,7 @@
 
 import pytest
 
-from rpo_ros.discovery import LOOPBACK, PEERS, PROFILES, RANGE, keep_to_this_machine
+from rpo_ros.running import LOOPBACK, PEERS, PROFILES, RANGE, keep_to_this_machine
 from tools.node_processes import node_processes
 
 ENFORCED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}

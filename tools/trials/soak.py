@@ -13,7 +13,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 
 from rpo_ros import names, qos
-from rpo_ros.discovery import keep_to_this_machine
+from rpo_ros.running import keep_to_this_machine
 from tools.node_processes import NodeProcess, NodeProcesses
 from tools.trials import common
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between ROS messages and the core's floats.
 
-Every float field gets a float: rclpy publishes garbage for an int in a float64 field, silently.
+Every float field gets a float: for an int in a float64 field rclpy publishes a wrong number
+without a warning.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
 
 from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
 
@@ -32,15 +32,10 @@ def from_stamp(stamp: Time) -> int:
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
 
 
-def to_clock(stamp_ns: int) -> Clock:
-    """Return a /clock message."""
-    return Clock(clock=to_stamp(stamp_ns))
-
-
 def to_odometry(stamp_ns: int, state: Sequence[float]) -> Odometry:
     """Return the relative state (x, y, z, vx, vy, vz) [m, m/s], target LVLH, as Odometry.
 
-    Odometry's twist is in the child frame; attitude being synchronised, that is LVLH too.
+    The twist of Odometry is in the child frame. The attitudes are equal, so that is LVLH too.
     """
     message = Odometry()
     message.header.stamp = to_stamp(stamp_ns)
@@ -60,7 +55,7 @@ def from_odometry(message: Odometry) -> tuple[float, ...]:
 
 
 def to_wrench(stamp: Time, force_n: Sequence[float]) -> WrenchStamped:
-    """Return a force (3,) [N] in target LVLH axes, with the stamp of the state it answers."""
+    """Return a force (3,) [N] in target LVLH axes, with the stamp of its state."""
     message = WrenchStamped()
     message.header.stamp = stamp
     message.header.frame_id = LVLH_FRAME
@@ -90,7 +85,7 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 def to_status(
     level: bytes, name: str, message: str, values: Iterable[tuple[str, object]]
 ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus; values become texts (floats by repr, so that they round-trip)."""
+    """Return a DiagnosticStatus; values become texts, floats by repr so that no digit is lost."""
     return DiagnosticStatus(
         level=level,
         name=name,

@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The first lines that a command runs: `--help`, and a signal during its imports, end it at once.
+"""The first lines that a command runs: `--help`, or a signal during its imports, ends it at once.
 
-Imports take most of a second. It must itself import next to nothing.
+The imports of a node take most of a second, so this module imports almost nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ EXIT_BAD_INPUT = 2
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
-    os._exit(0)  # nothing is started yet
+    os._exit(0)  # nothing has started yet
 
 
 def start(module: str) -> int:
@@ -27,7 +27,7 @@ def start(module: str) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
     code: int = import_module(module).main()
-    gc.freeze()  # or the interpreter collects all that numba made, for seconds on a busy machine
+    gc.freeze()  # else the interpreter collects the objects of numba at exit, which takes seconds
     return code
 
 
@@ -49,11 +49,11 @@ def start_node(module: str) -> int:
         rows = getattr(import_module(f'{package}.parameters'), name.upper())
         print(usage(command, _docstring(module), rows))
         return 0
-    # Not remove_ros_args: rcl takes a bare `scenario:=quick` for an old form of remapping.
+    # Not remove_ros_args: rcl reads a bare `scenario:=quick` as an old form of remapping.
     stray = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
     if stray:
         print(
-            f'unknown argument {stray[0]!r}; parameters come as --ros-args -p NAME:=VALUE, see '
+            f'unknown argument {stray[0]!r}: write parameters as --ros-args -p NAME:=VALUE; see '
             f'`{command} --help`',
             file=sys.stderr,
         )
@@ -62,7 +62,7 @@ def start_node(module: str) -> int:
 
 
 def _docstring(module: str) -> str:
-    """Return what a module says of itself, without importing it."""
+    """Return the docstring of a module, without importing it."""
     import ast
     from importlib.util import find_spec
     from pathlib import Path

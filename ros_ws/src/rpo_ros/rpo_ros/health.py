@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Health of a node on /diagnostics at 1 Hz, and its manifest: files and parameters it runs with.
+"""Health of a node on /diagnostics at 1 Hz, and its manifest: the files and parameters of its run.
 
-diagnostic_updater is not in the wheels; one array a second needs no more than this.
+The ROS 2 wheels have no diagnostic_updater.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Health = tuple[bytes, str, Mapping[str, Any]]
 
 
 class Rate:
-    """How often something that is counted happens."""
+    """Rate of a counted event."""
 
     def __init__(self) -> None:
         self._count, self._moment_s = 0, time.monotonic()
 
     def per_s(self, count: int) -> float:
-        """Return events per second of wall time since the last call, given how many there were."""
+        """Return events per second of wall time since the last call; `count` is the total."""
         now_s = time.monotonic()
         events, passed_s = count - self._count, now_s - self._moment_s
         self._count, self._moment_s = count, now_s
@@ -41,7 +41,7 @@ class Rate:
 
 
 def age_s(moment_s: float | None) -> float:
-    """Return the wall time since a moment of `time.monotonic()` to the millisecond; -1: never."""
+    """Return the wall time since a moment of `time.monotonic()`, rounded to 1 ms; None gives -1."""
     return -1.0 if moment_s is None else round(time.monotonic() - moment_s, 3)
 
 
@@ -61,10 +61,10 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
 
 
 class Manifest:
-    """What a node runs with, latched, for the recorder to attach to the log.
+    """The files and parameters of a node, latched; the recorder attaches them to the log.
 
-    Said again every second: the first latched sample reaches a late reader only with DDS's next
-    heartbeat, seconds later.
+    It is published again every second: otherwise a late reader gets the latched sample only with
+    the next heartbeat of DDS, seconds later.
 
     role : 'plant', 'controller' or 'disturbance'
     """
@@ -72,13 +72,13 @@ class Manifest:
     def __init__(self, node: FlightNode, role: str) -> None:
         self._role, self._name = role, node.get_name()
         self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
-        self._said: DiagnosticStatus | None = None
+        self._status: DiagnosticStatus | None = None
         node.every(PERIOD_S, self.repeat)
 
     def say(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
-        """Publish what the node runs with from now on.
+        """Publish the parameters and files that hold from now on.
 
-        parameters : those that shape the flight; none that concern wall time
+        parameters : those that shape the flight; none of wall time
         files : name of the attachment -> its text
         """
         values = [
@@ -86,10 +86,10 @@ class Manifest:
             *((f'parameter.{key}', value) for key, value in sorted(parameters.items())),
             *((f'file.{name}', text) for name, text in sorted(files.items())),
         ]
-        self._said = to_status(OK, self._name, 'manifest', values)
+        self._status = to_status(OK, self._name, 'manifest', values)
         self.repeat()
 
     def repeat(self) -> None:
         """Publish it again."""
-        if self._said is not None:
-            self._publisher.publish(self._said)
+        if self._status is not None:
+            self._publisher.publish(self._status)

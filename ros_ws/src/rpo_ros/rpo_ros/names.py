@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Names of topics as nodes ask for them; those of the table of interfaces, and those of viewers."""
+"""Names of topics: those of the table of interfaces, and those of the viewers."""
 
 from rpo_core import interfaces
 from rpo_core.interfaces import (

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node parameters as one table: declaration, validation and documentation from the same rows.
 
-ROS-free, so that `--help` need not wait for ROS.
+Without ROS, so that `--help` is quick.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ Value = bool | int | float | str | tuple[float, ...]
 class ParameterRow:
     """One parameter; its type is the type of its default.
 
-    default : a tuple stands for an array of that many numbers
+    default : a tuple is an array of that many numbers
     unit : of a number, '' for others
-    least, most : range of a number, or of each of an array, both included
-    choices : the texts allowed; empty: any
-    wall : concerns wall time or transport only, so it does not change the flight
-    changeable : may change in flight; the node may still refuse at a wrong moment
-    example : a value to show in `--help`; the table's first row needs one
+    least, most : range of a number, or of each number of an array, both included
+    choices : the allowed texts; empty: any text
+    wall : concerns only wall time or transport, so it does not change the flight
+    changeable : may change in flight; the node may refuse a change at a wrong moment
+    example : a value for `--help`; the first row of a table needs one
     """
 
     name: str
@@ -53,7 +53,7 @@ class ParameterRow:
 
     @property
     def range(self) -> str:
-        """What is allowed, in words; '' for anything of its kind."""
+        """The allowed values in words; '': any value of its kind."""
         if self.choices:
             return ' or '.join(self.choices)
         if isinstance(self.default, (bool, str)):
@@ -62,7 +62,7 @@ class ParameterRow:
 
     @property
     def shown_default(self) -> str:
-        """The default as a user would type it, with its unit."""
+        """The default as a user types it, with its unit."""
         if isinstance(self.default, bool):
             return str(self.default).lower()
         if isinstance(self.default, tuple):
@@ -94,7 +94,7 @@ class ParameterRow:
 
     def _numbers(self, value: Any) -> tuple[float, ...]:
         size = len(self.default) if isinstance(self.default, tuple) else 0
-        if hasattr(value, 'tolist'):  # rclpy hands an array.array
+        if hasattr(value, 'tolist'):  # rclpy gives an array.array
             value = value.tolist()
         if not isinstance(value, (list, tuple)) or len(value) != size:
             raise InputError(
@@ -109,10 +109,10 @@ class ParameterRow:
 
 
 SCENARIO = ParameterRow(
-    'scenario', '', 'scenario that the plant must fly; empty: whatever it flies', wall=True,
+    'scenario', '', 'scenario that the plant must have; empty: any scenario', wall=True,
     example='paper_test',
 )  # fmt: skip
-"""Of every node that takes the scenario from the plant."""
+"""Parameter of each node that takes the scenario from the plant."""
 
 
 def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:

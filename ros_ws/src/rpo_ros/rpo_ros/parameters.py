@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Declares the parameters of a node from its table, and follows their changes."""
+"""Declare the parameters of a node from its table, and follow their changes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _STANDARD = ('use_sim_time', 'start_type_description_service')
 
 
 def descriptor(row: ParameterRow) -> ParameterDescriptor:
-    """Return what `ros2 param describe` shows."""
+    """Return the descriptor that `ros2 param describe` prints."""
     text = f'{row.description} [{row.unit}]' if row.unit else row.description
-    # Dynamic typing leaves the type to `check`, whose sentences name the parameter.
+    # With dynamic typing `check` finds a wrong type, and its sentence names the parameter.
     descriptor = ParameterDescriptor(
         name=row.name,
         description=text,
@@ -54,20 +54,20 @@ def _to_parameter(name: str, value: Value) -> Parameter:
 
 
 def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
-    """Declare the table's parameters and return their checked values.
+    """Declare the parameters of a table and return their checked values.
 
-    Warns of overrides that no row declares, which rclpy ignores in silence. Where a row is
-    changeable, the values returned follow it: between two callbacks, after the check.
+    Warns of overrides that no row declares: rclpy ignores them without a word. The returned values
+    follow the changeable parameters: they change between two callbacks, after the check.
 
     Raises
     ------
     InputError
-        On the first value of a wrong type or out of range.
+        If a value has a wrong type or is out of range.
     """
-    # rclpy offers the overrides no other way; they are needed before declaration, since it refuses
-    # `real_time_factor:=20` (an int for a double) and says nothing of a misspelt name.
+    # rclpy has no other access to the overrides. They are needed before the declaration: it refuses
+    # `real_time_factor:=20` (an int for a double) and does not report a misspelt name.
     overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    _warn_of_strangers(node, list(overrides), [row.name for row in rows])
+    _warn_of_unknown(node, list(overrides), [row.name for row in rows])
     values: dict[str, Any] = {}
     for row in rows:
         if row.name in overrides:
@@ -84,23 +84,23 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     return values
 
 
-def _warn_of_strangers(node: Node, given: Sequence[str], known: Sequence[str]) -> None:
-    for name in given:
+def _warn_of_unknown(node: Node, names: Sequence[str], known: Sequence[str]) -> None:
+    for name in names:
         if name not in known and name not in _STANDARD and not name.startswith('qos_overrides.'):
             near = difflib.get_close_matches(name, known, n=1)
             hint = f'; did you mean `{near[0]}`?' if near else ''
-            node.get_logger().warning(f'parameter `{name}` is not one of this node{hint}')
+            node.get_logger().warning(f'this node has no parameter `{name}`{hint}')
 
 
 def _follow_changes(node: Node, rows: dict[str, ParameterRow], values: dict[str, Any]) -> None:
-    """Check changes in flight, all of a request or none, and keep `values` true.
+    """Check changes in flight, and keep `values` up to date; a request is accepted whole or not.
 
-    The node may refuse them (`refuse_change`) and learns of them (`changed`). Parameters that are
-    not in the table are nobody's business here.
+    The node may refuse a change (`refuse_change`) and is informed of it (`changed`). Parameters
+    that are not in the table are ignored.
     """
 
     def with_types(parameters: list[Parameter]) -> list[Parameter]:
-        """Make a whole number given for a real one real, as at the start."""
+        """Convert a whole number to a real one where the row is real, as at the start."""
         return [
             Parameter(p.name, value=float(p.value))
             if p.name in rows
@@ -110,20 +110,21 @@ def _follow_changes(node: Node, rows: dict[str, ParameterRow], values: dict[str,
             for p in parameters
         ]
 
+    def checked(parameters: list[Parameter]) -> dict[str, Value]:
+        return {p.name: rows[p.name].check(p.value) for p in parameters if p.name in rows}
+
     def check(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            asked = {p.name: rows[p.name].check(p.value) for p in parameters if p.name in rows}
-            if asked:
-                node.refuse_change(asked)
+            if wanted := checked(parameters):
+                node.refuse_change(wanted)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def apply(parameters: list[Parameter]) -> None:
-        asked = {p.name: rows[p.name].check(p.value) for p in parameters if p.name in rows}
-        if asked:
-            values.update(asked)
-            node.changed(asked)
+        if wanted := checked(parameters):
+            values.update(wanted)
+            node.changed(wanted)
 
     node.add_pre_set_parameters_callback(with_types)
     node.add_on_set_parameters_callback(check)

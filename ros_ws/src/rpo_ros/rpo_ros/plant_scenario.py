@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""One scenario in a run: the plant says which, all other nodes take it from there."""
+"""One scenario in a run: the plant publishes it, all other nodes take it from there."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ SCENARIO_FILE = 'file.scenario.yaml'
 
 
 class PlantScenario:
-    """Hears the plant's manifest, and holds the scenario against the one that a node was given.
+    """Reads the manifest of the plant, and compares its scenario with the parameter of the node.
 
-    take : takes the scenario of the run; raises InputError if the node cannot take part in it
-    refuse : is told why the node cannot
-    scenario : of the run; that of the parameter until the plant has said its own; None: not known
+    take : takes the scenario of the run; raises InputError if the node cannot take part
+    refuse : gets the reason why the node cannot take part
+    scenario : of the run; the one of the parameter until the plant publishes its own; None: unknown
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class PlantScenario:
         )
 
     def begin(self) -> None:
-        """Hand on the scenario of the parameter, if there is one: the node is ready."""
+        """Pass on the scenario of the parameter, if there is one; the node is ready."""
         if self.scenario is not None:
             self._take(self.scenario)
 
@@ -56,18 +56,18 @@ class PlantScenario:
         try:
             found = files.loads(text, scenario.parse, 'the scenario of the plant')
             if not isinstance(found, Scenario):
-                raise InputError('the scenario of the plant must be a single flight; it is a set')
-            self._hold_against(found)
+                raise InputError('the scenario of the plant must be a single flight; got a set')
+            self._compare(found)
             if found != self.scenario:
                 self.scenario = found
                 self._take(found)
         except InputError as error:
             self._refuse(str(error))
 
-    def _hold_against(self, found: Scenario) -> None:
+    def _compare(self, found: Scenario) -> None:
         if self._asserted is not None and found != self._asserted:
-            same = ' of another content' if found.name == self._asserted.name else ''
+            same = ' with other content' if found.name == self._asserted.name else ''
             raise InputError(
-                f'`scenario` must be the one that the plant flies, {found.name}; '
+                f'`scenario` must be the one of the plant, {found.name}; '
                 f'got {self._asserted.name}{same}'
             )

@@ -12,55 +12,45 @@ from rclpy.qos import (
 from rpo_core import interfaces
 
 
-def _reliable(depth: int, durability: QoSDurabilityPolicy) -> QoSProfile:
+def _profile(depth: int, *, latched: bool = False, reliable: bool = True) -> QoSProfile:
+    durability, reliability = QoSDurabilityPolicy, QoSReliabilityPolicy
     return QoSProfile(
         history=QoSHistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=QoSReliabilityPolicy.RELIABLE,
-        durability=durability,
+        reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
+        durability=durability.TRANSIENT_LOCAL if latched else durability.VOLATILE,
     )
 
 
 def of(offered: interfaces.Qos) -> QoSProfile:
     """Return the profile of a row of the table of interfaces."""
-    durability = QoSDurabilityPolicy.get_from_short_key(offered.durability)
-    return _reliable(offered.depth, durability)
+    return _profile(offered.depth, latched=offered.durability == 'transient_local')
 
 
 LOCKSTEP = of(interfaces.LOCKSTEP)
 """States and forces."""
 
-RECORDING = _reliable(10_000, QoSDurabilityPolicy.VOLATILE)
+RECORDING = _profile(10_000)
 """The recorder's queue for states and forces: some seconds at full speed."""
 
 LATCHED = of(interfaces.LATCHED)
-"""Statuses and manifests: who comes late still learns the last one."""
+"""Statuses and manifests: a late subscriber still gets the last one."""
 
-LATCHED_QUEUE = _reliable(16, QoSDurabilityPolicy.TRANSIENT_LOCAL)
-"""To subscribe to latched topics where none may be missed, or several nodes publish."""
+LATCHED_QUEUE = _profile(16, latched=True)
+"""To subscribe to latched topics where no message may be lost, or several nodes publish."""
 
-CLOCK = _reliable(64, QoSDurabilityPolicy.VOLATILE)
-"""Simulated time; stock subscribers ask for best effort, which this satisfies."""
+CLOCK = _profile(64)
+"""Simulated time; stock subscribers request best effort, which this satisfies."""
 
-DIAGNOSTICS = _reliable(10, QoSDurabilityPolicy.VOLATILE)
+DIAGNOSTICS = _profile(10)
 
-IN_LOOP = QoSProfile(
-    history=QoSHistoryPolicy.KEEP_LAST,
-    depth=64,
-    reliability=QoSReliabilityPolicy.BEST_EFFORT,
-    durability=QoSDurabilityPolicy.VOLATILE,
-)
-"""As plant and answering nodes hear each other. A reliable reader holds back what follows a lost
-message until DDS has repaired it, seconds later on a bad link; here a lost one is sent again by the
-plant, or its successor does."""
+IN_LOOP = _profile(64, reliable=False)
+"""For subscriptions of the plant and the answering nodes. After a lost message a reliable reader
+waits until DDS has repaired it, seconds on a bad link. Here the plant sends the state again, or the
+next message supersedes the lost one."""
 
-NEWEST = QoSProfile(
-    history=QoSHistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=QoSReliabilityPolicy.BEST_EFFORT,
-    durability=QoSDurabilityPolicy.VOLATILE,
-)
-"""For viewers: they look now and then, and no sender repeats anything for them."""
+NEWEST = _profile(1, reliable=False)
+"""For viewers: they look from time to time, and no sender repeats a message for them."""
 
-TF = _reliable(100, QoSDurabilityPolicy.VOLATILE)
+TF = _profile(100)
 """As tf2's broadcasters publish."""

@@ -1,6 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Clean start and stop of nodes: one line for a bad input, exit code 0 on SIGINT and SIGTERM."""
+"""Clean start and stop of nodes: one line for a bad input, exit code 0 on SIGINT and SIGTERM.
+
+ROS's discovery range LOCALHOST keeps a node from looking outside this machine. It does not keep
+others out: a node elsewhere that names this machine as a static peer gets in. So a node that the
+environment does not open listens on the loopback interface only.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
@@ -25,21 +31,34 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 
 from rpo_core.validation import InputError
-from rpo_ros.discovery import keep_to_this_machine
 from rpo_ros.entry_point import EXIT_BAD_INPUT
 
 _POLL_S = 0.02
-"""Time between two looks at the stop signal and at whether the work is done."""
+"""Time between two checks of the stop signal and of whether the work is done."""
 
 _LAST_WORDS_S = 2.0
 """Longest time from a signal to the end: `ros2 launch` kills after 5 s."""
+
+RANGE, PEERS = 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_STATIC_PEERS'
+PROFILES = ('FASTDDS_DEFAULT_PROFILES_FILE', 'FASTRTPS_DEFAULT_PROFILES_FILE')
+LOOPBACK = Path(__file__).with_name('loopback.xml')
+
+
+def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
+    """Bind Fast DDS to the loopback interface if the environment opens no other; before rclpy.init.
+
+    A profile of the user stays as it is.
+    """
+    if env.get(RANGE) != 'LOCALHOST' or env.get(PEERS) or any(env.get(name) for name in PROFILES):
+        return
+    env[PROFILES[1]] = str(LOOPBACK)
 
 
 class FlightNode(Node):
     """A node that knows when it is done.
 
-    done : set by the node itself at the end of its work
-    exit_code : of the process, 0 unless the node says otherwise
+    done : the node sets it at the end of its work
+    exit_code : of the process; 0 unless the node changes it
     """
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
@@ -53,21 +72,21 @@ class FlightNode(Node):
         self.exit_code = 0
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
-        """Call back in steady wall time: a node's own clock stalls with the system's."""
+        """Call back in steady wall time: the clock of a node stops with the clock of the system."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def refuse_change(self, asked: Mapping[str, Any]) -> None:
         """Raise InputError if these checked parameters may not change now; change nothing."""
 
     def changed(self, applied: Mapping[str, Any]) -> None:
-        """React to parameters that have changed; `declare`'s values hold them already."""
+        """React to changed parameters; the values of `declare` hold them already."""
 
     def interrupt(self, reason: str) -> None:
-        """React to a signal; a node with last words to say sets `done` when it has said them."""
+        """React to a signal; a node that still has something to publish sets `done` after it."""
         self.done = True
 
     def close(self) -> None:
-        """Release what the node holds, just before it is destroyed."""
+        """Release resources, just before the node is destroyed."""
 
 
 class _Pending(Future):
@@ -96,13 +115,13 @@ class StopSignal:
 
     @staticmethod
     def ignore() -> None:
-        """From now on the process ends anyway; Python would restore the defaults, which kill."""
+        """Ignore further signals: the process ends already, and Python's defaults would kill it."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
 
 
 def new_executor() -> Executor:
-    """Return the events executor where rclpy has it (three times faster), else the stock one."""
+    """Return the events executor if rclpy has it (three times faster), else the stock one."""
     try:
         from rclpy.experimental import EventsExecutor
     except ImportError:
@@ -116,12 +135,12 @@ def spin(
     stop: StopSignal,
     executor_kind: Callable[[], Executor] = new_executor,
 ) -> str:
-    """Run nodes until `until()`; return '' or the name of the signal that ended it sooner."""
+    """Run nodes until `until()`; return the name of the signal that ended them earlier, or ''."""
     executor = executor_kind()
     for node in nodes:
         executor.add_node(node)
-    # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels; and spin_once comes back
-    # to Python after each of them, which costs a third of a tick.
+    # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels, and spin_once returns to
+    # Python after each callback, which costs a third of a tick.
     while not until() and not stop.name:
         stop.pending = _Pending()  # a new one: the executor adds a callback to it each time
         if not stop.name:
@@ -142,16 +161,16 @@ def spin(
 def _begin(
     make: Callable[[], Sequence[FlightNode]], args: Sequence[str] | None
 ) -> Sequence[FlightNode]:
-    """Make nodes; that the middleware refuses them is a sentence like any bad input."""
+    """Make nodes; an error of the middleware becomes one sentence, as for a bad input."""
     keep_to_this_machine()
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make()
     except rclpy_implementation.RCLError as error:
-        said = str(error).partition('\n')[0].partition(', at /')[0]
+        reason = str(error).partition('\n')[0].partition(', at /')[0]
         secured = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
         hint = '; ROS_SECURITY_ENABLE is set, see docs/network.md' if secured else ''
-        raise InputError(f'ROS 2 does not start: {said}{hint}') from None
+        raise InputError(f'ROS 2 does not start: {reason}{hint}') from None
 
 
 def run(
@@ -162,10 +181,10 @@ def run(
 ) -> int:
     """Make nodes, run them to their end and return the exit code of the process.
 
-    until : tells from the nodes when to end; by default when the first is done
-    executor_kind : SingleThreadedExecutor for nodes that rely on callback groups
+    until : returns from the nodes whether to end; by default when the first is done
+    executor_kind : SingleThreadedExecutor for nodes that need callback groups
     """
-    stop = StopSignal()  # before all else: to load and to compile takes seconds
+    stop = StopSignal()  # first: loading and compiling take seconds
     nodes: Sequence[FlightNode] = ()
     try:
         nodes = _begin(make, args)
@@ -187,5 +206,5 @@ def run(
 def run_node(
     make: Callable[[], FlightNode], executor_kind: Callable[[], Executor] = new_executor
 ) -> int:
-    """Run one node; the `main` of every node. `rpo_ros.entry_point` has looked at the arguments."""
+    """Run one node: the `main` of each node. `rpo_ros.entry_point` has checked the arguments."""
     return run(lambda: [make()], executor_kind=executor_kind)

@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Signals on topics: bytes in, numbers out, and back. No message object is made in the loop.
+"""Signals on topics: bytes in, numbers out, and back. The loop makes no message object.
 
-Making, publishing and taking a message object costs ten times what its bytes cost; the table of
-interfaces knows where the numbers lie in the bytes.
+To make, publish or take a message object costs ten times as much as its bytes. The table of
+interfaces knows the place of each number in the bytes.
 """
 
 from __future__ import annotations
@@ -44,17 +44,17 @@ class Outlet:
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
 
     def publish(self, stamp_ns: int, values: Signal) -> bytes:
-        """Publish the numbers at a stamp; return the message, to be published again."""
+        """Publish the numbers at a stamp; return the bytes, so that they can be published again."""
         data = self._encode(stamp_ns, values)
         self.publisher.publish(data)
         return data
 
 
 def listen(node: Node, name: str, take: Taker, ignore: Callable[[str], Any]) -> Any:
-    """Hear a signal as those in the loop do; return the subscription.
+    """Subscribe to a signal as the nodes in the loop do; return the subscription.
 
     take : gets the stamp and the numbers of each message that can be used
-    ignore : is told why one cannot
+    ignore : gets the reason why a message cannot be used
     """
     row = interfaces.row_of(name)
     on_message = partial(_on_message, row.layout.decode, take, ignore)

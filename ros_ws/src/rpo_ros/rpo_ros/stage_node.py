@@ -26,25 +26,25 @@ from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Outlet, listen
 
 REFUSED = 'refused'
-"""State in `stage_status` of a node that will not take part in the plant's run."""
+"""State in `stage_status` of a node that takes no part in the run of the plant."""
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 
 _LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
-"""Longest wait, at the end, for listeners to acknowledge."""
+"""Longest wait, at the end, until the listeners acknowledge."""
 
 SILENT_S = 3.0
-"""A plant that flies and sends no state for so long is gone; a warning within a second of that."""
+"""A running plant that sends no state for so long is gone; the warning follows within a second."""
 
 PATIENCE_S = 3.0
-"""A plant heard for so long without a manifest is not one of ours: it does not say its scenario."""
+"""A plant that sends states for so long without a manifest has no scenario to publish."""
 
 
 class StageNode(FlightNode):
     """Answers the inputs of each tick with the outputs of its stages, with the stamp of the inputs.
 
-    An input that comes again gets the answer that it got. What comes out of order changes nothing
-    where stages have memory. An input that is not answered is counted by its reason in `ignored`.
+    A repeated input gets the same answer again. Where stages have memory, an input out of order
+    changes nothing. `ignored` counts the inputs without an answer, by reason.
 
     chain : the stages, None until the scenario is known
     """
@@ -78,7 +78,7 @@ class StageNode(FlightNode):
         self._run = PlantScenario(self, self.values['scenario'], self._fly_in, self.refuse)
 
     def begin(self) -> None:
-        """Begin to listen; the subclass is ready."""
+        """Start to listen; the subclass is ready."""
         self._open(self.outlets())
         if not self._inlets:
             self._listen(interfaces.RELATIVE_STATE)
@@ -95,14 +95,14 @@ class StageNode(FlightNode):
 
     @abstractmethod
     def part(self, scenario: Scenario) -> Chain | None:
-        """Return the stages that this node runs; None: the scenario has nothing for it to do."""
+        """Return the stages that this node runs; None: the scenario has no stage for it."""
 
     def outlets(self) -> Sequence[str]:
-        """Return the signals that it publishes whatever the scenario is."""
+        """Return the signals that it publishes for every scenario."""
         return ()
 
     def without_scenario(self) -> Chain | None:
-        """Return the stages for a plant that does not say its scenario; None: there are none."""
+        """Return the stages for a plant without a manifest; None: there are none."""
         return None
 
     def step(self, tick: int, signals: Signals) -> None:
@@ -111,31 +111,31 @@ class StageNode(FlightNode):
             self.chain.step(tick, signals)
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
-        """Do what may wait until the answer is on its way."""
+        """Do the work that can wait until the answer is sent."""
 
     def rebuild(self) -> None:
-        """Make the stages anew; raises InputError."""
+        """Make the stages again; raises InputError."""
         if self.scenario is not None:
             self._fly_in(self.scenario)
 
     def say_stage_status(self, stage: str, state: str, tick: int, reason: str) -> None:
-        """Publish what a stage is from a tick on."""
+        """Publish the state of a stage from a tick on."""
         level = health.OK if state == 'active' else health.WARN
         values = [('stage', stage), ('state', state), ('tick', tick), ('reason', reason)]
         self._stage_status.publish(to_status(level, self.get_name(), reason, values))
 
     def refuse(self, reason: str) -> None:
-        """Take no part in the run: say why in one sentence, also to the plant, and end."""
+        """Take no part in the run: publish the reason, also for the plant, and end."""
         self.get_logger().error(reason)
         self.say_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
         self.exit_code, self.done = EXIT_BAD_INPUT, True
 
     def refusal(self) -> str:
-        """Return why no input is answered now; '' if it is."""
+        """Return why inputs get no answer now; '' if they get one."""
         return ''
 
     def _fly_in(self, scenario: Scenario) -> None:
-        """Take up a scenario: make its stages, connect to their signals; raises InputError."""
+        """Make the stages of a scenario and connect to their signals; raises InputError."""
         chain = self.part(scenario)
         if chain is None:
             return
@@ -148,19 +148,19 @@ class StageNode(FlightNode):
 
     @staticmethod
     def _warm_up(chain: Chain) -> None:
-        """Let kernels be loaded before the first tick."""
+        """Load the kernels before the first tick."""
         zero = (0.0,) * 6
         chain.step(0, {name: zero[: len(interfaces.row_of(name).columns)] for name in chain.inputs})
         chain.reset()
 
     def _open(self, outputs: Iterable[str]) -> None:
-        """Make publishers of what is published."""
+        """Make the publishers of some signals."""
         for name in outputs:
             if name not in self._outlets:
                 self._outlets[name] = Outlet(self, name)
 
     def _hear(self, chain: Chain) -> None:
-        """Listen to what the stages read, and to nothing else."""
+        """Listen to the inputs of the stages, and to nothing else."""
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
         for name in set(self._inlets) - set(self._reads):
             self.destroy_subscription(self._inlets.pop(name))
@@ -197,7 +197,7 @@ class StageNode(FlightNode):
             self._ask(stamp_ns, {read: self._waiting[read][1] for read in reads})
 
     def _wait_for_scenario(self, name: str, stamp_ns: int, values: Signal) -> None:
-        """Keep the newest input; after a while, take the plant for one without a scenario."""
+        """Keep the newest input; after PATIENCE_S go on without a scenario."""
         self._waiting[name] = (stamp_ns, values)
         if self._heard_s is None:
             self._heard_s = time.monotonic()
@@ -209,12 +209,12 @@ class StageNode(FlightNode):
             self.chain = self.without_scenario()
             if self.chain is not None:
                 self.get_logger().warning(
-                    'the plant does not say its scenario: answering relative_state as it is'
+                    'the plant publishes no scenario: this node reads relative_state'
                 )
                 self._take_up()
 
     def _take_up(self) -> None:
-        """Answer what came before the stages were known."""
+        """Answer the inputs that came before the stages were known."""
         waiting, self._waiting = self._waiting, {}
         for name, (stamp_ns, values) in waiting.items():
             self._on_signal(name, stamp_ns, values)
@@ -252,7 +252,7 @@ class StageNode(FlightNode):
                 self.say_stage_status(link.stage.name, 'active', tick, 'began in flight')
 
     def _placed(self, stamp_ns: int) -> tuple[str, int]:
-        """Return why a stamp is not answered ('' if it is), and its tick."""
+        """Return why a stamp gets no answer ('' if it gets one), and its tick."""
         reason = self.refusal()
         if reason or self.chain is None:
             return reason or 'no_stages', -1
@@ -277,17 +277,17 @@ class StageNode(FlightNode):
 
     @property
     def plant_gone(self) -> bool:
-        """Whether states have ceased though the last word of the plant was that it flies."""
+        """Whether no state comes although the last status of the plant was `running`."""
         flying = self.plant_phase == 'running' and self._answered_s is not None
         return flying and health.age_s(self._answered_s) > SILENT_S
 
     def close(self) -> None:
-        """Let the last answer arrive: the log would miss it."""
+        """Wait until the last answer has arrived: otherwise the log would miss it."""
         for outlet in self._outlets.values():
             outlet.publisher.wait_for_all_acked(_LAST_WORDS)
 
     def health(self) -> health.Health:
-        """Return what /diagnostics says of this node."""
+        """Return the health of this node for /diagnostics."""
         ignored = {f'ignored_{kind}': count for kind, count in sorted(self.ignored.items())}
         values = {
             'answered': self.answered,
@@ -297,32 +297,34 @@ class StageNode(FlightNode):
         }
         if self.plant_gone:
             return health.WARN, 'no states: the plant is gone', values
-        said = 'answering states' if self.chain is not None else 'waiting for the scenario'
-        return health.WARN if ignored else health.OK, said, values
+        doing = 'answering states' if self.chain is not None else 'waiting for the scenario'
+        return health.WARN if ignored else health.OK, doing, values
 
 
 class PlaceNode(StageNode):
     """Runs the stages that a scenario has at some places of the chain.
 
+    node_name : of the node
     places : of the chain
-    what : the stages do, in a word, and what they make
+    what : the work of the stages in a word, and their product
     role : in the manifest; '' for none
     """
 
+    node_name = ''
     places: tuple[Place, ...] = ()
     what = ('', '')
     role = ''
 
-    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(name, overrides)
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(self.node_name, overrides)
         self.begin()
 
     def part(self, scenario: Scenario) -> Chain | None:
-        """Return the stages of its places; without any, its work is done."""
+        """Return the stages of its places; without any, the node ends."""
         chain = Chain.of(scenario).part(*self.places)
         does, makes = self.what
         if not chain.links:
-            # So one launch file serves every scenario.
+            # No error: one launch file serves every scenario.
             self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
             self.done = True
             return None

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `fault_injector`: loses, delays, repeats, reorders or spoils messages between two topics.
+"""Node `fault_injector`: drops, delays, repeats, reorders or corrupts messages between two topics.
 
 Remap the sender to `from_topic`; then all its messages pass through this node:
   ros2 run rpo_ctrl fuzzy_controller --ros-args -r control_force:=control_force_raw
@@ -37,14 +37,14 @@ from rpo_sim.parameters import ANY, AUTO, FORCE, LAST_TICK, STATE
 from rpo_sim.parameters import FAULT_INJECTOR as PARAMETERS
 
 _CLOCK_S = 0.002
-"""How finely delays by time are kept."""
+"""Resolution of delays by wall time."""
 
 _WRONG_STAMP_NS = 1_000_000_000
-"""How far back a wrong stamp is."""
+"""Error of a wrong stamp."""
 
 
 def message_type(kind: str, topics: tuple[str, str]) -> type[Odometry] | type[WrenchStamped]:
-    """Return the type of message that the topics carry; raises InputError if not known."""
+    """Return the message type of the topics; raises InputError if it is unknown."""
     if kind == AUTO:
         states = [names.RELATIVE_STATE in topic for topic in topics]
         forces = [
@@ -52,7 +52,7 @@ def message_type(kind: str, topics: tuple[str, str]) -> type[Odometry] | type[Wr
         ]
         if any(states) == any(forces):
             raise InputError(
-                f'`message` must be {STATE} or {FORCE} where the names of the topics do not tell; '
+                f'`message` must be {STATE} or {FORCE}: the names of the topics do not show which; '
                 f'got {AUTO} for {topics[0]} and {topics[1]}'
             )
         kind = STATE if any(states) else FORCE
@@ -60,25 +60,25 @@ def message_type(kind: str, topics: tuple[str, str]) -> type[Odometry] | type[Wr
 
 
 def corrupted(message: Odometry | WrenchStamped, corruption: str) -> Odometry | WrenchStamped:
-    """Return a spoilt copy of a message; the message itself if `corruption` is ''."""
+    """Return a corrupted copy of a message; the message itself if `corruption` is ''."""
     if not corruption:
         return message
-    spoilt = copy.deepcopy(message)
-    first = spoilt.pose.pose.position if isinstance(spoilt, Odometry) else spoilt.wrench.force
+    faulty = copy.deepcopy(message)
+    first = faulty.pose.pose.position if isinstance(faulty, Odometry) else faulty.wrench.force
     if corruption == NAN:
         first.x = math.nan
     elif corruption == INFINITY:
         first.x = math.inf
     elif corruption == WRONG_FRAME:
-        spoilt.header.frame_id = names.CHASER_FRAME
+        faulty.header.frame_id = names.CHASER_FRAME
     else:
         stamp_ns = max(0, conversions.from_stamp(message.header.stamp) - _WRONG_STAMP_NS)
-        spoilt.header.stamp = conversions.to_stamp(stamp_ns)
-    return spoilt
+        faulty.header.stamp = conversions.to_stamp(stamp_ns)
+    return faulty
 
 
 class FaultInjectorNode(FlightNode):
-    """Stands between two topics and does harm by chance, the same harm for the same seed."""
+    """Injects random faults between two topics; the same seed gives the same faults."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('fault_injector', overrides)
@@ -132,9 +132,9 @@ class FaultInjectorNode(FlightNode):
         return health.OK, 'injecting faults', {**self.link.counts, 'held': self.link.held}
 
     def close(self) -> None:
-        """Say what was done."""
+        """Log the number of faults."""
         done = ', '.join(f'{kind} {count}' for kind, count in self.link.counts.items())
-        self.get_logger().info(f'faults injected: {done or "no message came"}')
+        self.get_logger().info(f'faults injected: {done or "no message arrived"}')
 
 
 def main() -> int:

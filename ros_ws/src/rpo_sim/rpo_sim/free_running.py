@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plant in free running, without ROS: it waits for nobody and holds the last force.
+"""The plant in free running, without ROS: it waits for no peer and holds the last force.
 
-A tick ends when the next one is due. It is flown with the newest force that has come by then: the
-answer to its own state, of age 0, or an older one. So what is lost or late shows in whole ticks; a
-latency within the tick changes nothing, and without faults the flight is that of lockstep.
+A tick ends when the next one is due. Its force is the newest that has come by then: the answer to
+its own state, of age 0, or an older one. So a lost or late answer counts in whole ticks, a latency
+within the tick changes nothing, and without faults the flight equals that of lockstep.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from rpo_sim.plant import ACCEPTED, EARLY, FOREIGN, LATE, REPEATED, ZERO, Force,
 
 
 class FreeRunningPlant(Plant):
-    """Holds the newest force of each peer, for so many ticks.
+    """Holds the newest force of each peer, for some ticks.
 
-    stale_after_ticks : a force that answers an older state than that counts as zero
+    stale_after_ticks : an older force counts as zero
     """
 
     def __init__(self, scenario: Scenario, expected: Sequence[str], stale_after_ticks: int) -> None:
@@ -40,9 +40,9 @@ class FreeRunningPlant(Plant):
         return self.tick == self.scenario.ticks
 
     def answer(self, name: str, stamp_ns: int, force_n: Force) -> str:
-        """Take an answer; return ACCEPTED or why it changes nothing (counted in `ignored`).
+        """Take an answer; return ACCEPTED or why it is ignored (counted in `ignored`).
 
-        Only an answer to a newer state than the one before replaces it. The force must be finite.
+        Only an answer to a newer state replaces the one before. The force must be finite.
         """
         tick = self.scenario.tick_of(stamp_ns)
         if tick is None:
@@ -56,12 +56,12 @@ class FreeRunningPlant(Plant):
         return ACCEPTED
 
     def age_ticks(self, name: str) -> int | None:
-        """Return how many ticks ago the state was that a peer's newest force answers."""
+        """Return the age of the newest force of a peer: ticks since its state."""
         return self.tick - self._held[name][0] if name in self._held else None
 
     @property
     def stale(self) -> tuple[str, ...]:
-        """The peers whose force is too old to be flown."""
+        """The peers whose force is too old to act."""
         return tuple(name for name in self.expected if self._is_stale(name))
 
     def _is_stale(self, name: str) -> bool:
@@ -69,7 +69,7 @@ class FreeRunningPlant(Plant):
         return age is None or age > self.stale_after_ticks
 
     def applied(self, name: str) -> Force:
-        """Return the force of a peer that acts in the present tick."""
+        """Return the force of a peer that acts in the current tick."""
         if name not in self.expected or self._is_stale(name):
             return ZERO
         force = self._held[name][1]
@@ -77,12 +77,12 @@ class FreeRunningPlant(Plant):
         return self.saturated(force) if commanded else force
 
     def advance(self) -> None:
-        """Step to the next tick with what is held; the run must not be finished."""
+        """Step to the next tick with the forces held; the run must not be finished."""
         self.stale_ticks += bool(self.stale)
         self.held_ticks += any(self.age_ticks(name) for name in self.expected)
         self.fly(self.answers)
 
     @property
     def answers(self) -> dict[str, Force]:
-        """The forces held, by topic; without those that are stale."""
+        """The forces held, by topic, without the stale ones."""
         return {name: self._held[name][1] for name in self.expected if not self._is_stale(name)}

@@ -7,20 +7,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rpo_core.scenario import Scenario
-from rpo_sim.plant import (
-    ACCEPTED,
-    DROPPED,
-    EARLY,
-    FOREIGN,
-    LATE,
-    REPEATED,
-    Force,
-    Plant,
-)
+from rpo_sim.plant import ACCEPTED, DROPPED, EARLY, FOREIGN, LATE, REPEATED, Force, Plant
 
 
 class LockstepPlant(Plant):
-    """State k waits for the answers that carry stamp k, then steps."""
+    """State k waits for the answers with stamp k, then steps."""
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
         super().__init__(scenario, expected)
@@ -28,7 +19,7 @@ class LockstepPlant(Plant):
 
     @property
     def missing(self) -> list[str]:
-        """The answers still awaited for the present state."""
+        """The missing answers to the current state."""
         return [name for name in self.expected if name not in self.answers]
 
     @property
@@ -37,9 +28,9 @@ class LockstepPlant(Plant):
         return self.tick == self.scenario.ticks and not self.missing
 
     def answer(self, name: str, stamp_ns: int, force_n: Force) -> str:
-        """Take an answer; return ACCEPTED or why it changes nothing (counted in `ignored`).
+        """Take an answer; return ACCEPTED or why it is ignored (counted in `ignored`).
 
-        The force must be finite; the edge checks it.
+        The force must be finite; `signals.listen` checks it.
         """
         awaited = name in self.expected and name not in self.answers
         if awaited and stamp_ns == self._stamp_ns:
@@ -56,12 +47,12 @@ class LockstepPlant(Plant):
         return LATE if tick < self.tick else EARLY
 
     def drop_missing(self) -> list[str]:
-        """Fly on without the peers that are missing, at zero force of theirs; return them."""
+        """Go on without the missing peers, whose force is zero from now on; return them."""
         dropped = self.missing
         self.expected = tuple(name for name in self.expected if name not in dropped)
         return dropped
 
     def advance(self) -> None:
-        """Step to the next tick; all answers must be in and the run not finished."""
+        """Step to the next tick; all answers must be there and the run not finished."""
         self.fly(self.answers)
         self.answers.clear()

@@ -1,38 +1,37 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the plant node, its pacing and its services share, so that none of them knows another."""
+"""The interface between the plant node, its pacing and its services."""
 
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
-WAITING, RUNNING, PAUSED, FINISHED, ABORTED = (
-    'waiting',
-    'running',
-    'paused',
-    'finished',
-    'aborted',
-)
+from rpo_ros.running import FlightNode
+
+WAITING, RUNNING, PAUSED = 'waiting', 'running', 'paused'
+FINISHED, ABORTED = 'finished', 'aborted'
 """Phases of a run."""
 
 ENDED = (FINISHED, ABORTED)
 
 
-class Loop(ABC):
-    """The loop of a plant: whether ticks may pass, and what can be done about it.
+class Loop(FlightNode):
+    """The loop of a plant, as its pacing and its services see it.
 
-    values : the node's parameters
+    values : parameters of the node
     phase : WAITING, RUNNING, FINISHED or ABORTED
-    paused : no tick passes but those requested
-    steps : ticks that were requested and have not passed
+    paused : only requested ticks pass
+    steps : requested ticks that have not passed
     progress_s, sent_s : monotonic times of the last tick, of the last state sent
     """
 
-    def __init__(self) -> None:
-        self.values: Mapping[str, Any] = {}
+    values: Mapping[str, Any]
+
+    def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(name, overrides)
         self.phase = WAITING
         self.paused = False
         self.steps = 0
@@ -51,44 +50,36 @@ class Loop(ABC):
     @property
     @abstractmethod
     def tick(self) -> int:
-        """The present tick."""
+        """The current tick."""
 
     @abstractmethod
     def advance(self) -> None:
-        """Pass the present tick."""
+        """Pass the current tick."""
 
     @abstractmethod
     def send(self) -> None:
-        """Publish the present state."""
+        """Publish the current state."""
 
     @abstractmethod
     def go_on(self) -> None:
-        """Go on after a pause, for good or for some ticks."""
+        """Continue after a pause, for good or for some ticks."""
 
     @abstractmethod
     def abort(self, reason: str) -> None:
-        """End the run before its time, with an exit code that says so."""
+        """End the run early, with the exit code of an abort."""
 
     @abstractmethod
     def reset(self) -> None:
-        """End the run and begin another at tick 0."""
+        """End the run and start another at tick 0."""
 
     @abstractmethod
     def report(self, level: bytes, phase: str, reason: str, **more: str) -> None:
         """Publish run_status."""
 
-    @abstractmethod
     def warn(self, text: str) -> None:
-        """Log a warning, not more than one a second."""
+        """Log a warning, at most one a second."""
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
 
-    @abstractmethod
     def inform(self, text: str) -> None:
-        """Log a piece of news, not more than one a second."""
-
-    @abstractmethod
-    def every(self, period_s: float, callback: Callable[[], None]) -> Any:
-        """Call back in steady wall time; return the timer."""
-
-    @abstractmethod
-    def destroy_timer(self, timer: Any) -> Any:
-        """Release a timer."""
+        """Log a message, at most one a second."""
+        self.get_logger().info(text, throttle_duration_sec=1.0)

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the loop is doing: what the plant says of it on /diagnostics and after free running."""
+"""Health of the loop: for /diagnostics, and for the last run_status of free running."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rpo_sim.plant import Plant
 from rpo_sim.timing import Latency
 
 _FAULTS = ('resends', 'overruns', 'stalls', 'stale_ticks')
-"""Counts that are worth a warning while they grow, as are ignored answers."""
+"""Counts that cause a warning while they grow, as ignored answers do."""
 
 
 class LoopHealth:
@@ -40,7 +40,7 @@ class LoopHealth:
         self._latency.received(tick, self._commanded_s)
 
     def wall_figures(self) -> dict[str, Any]:
-        """Return what depends on the wall clock: counts, latency and lateness."""
+        """Return the values that depend on the wall clock: counts, latency and lateness."""
         return {**self._figures(), **self._latency.histogram.figures('latency')}
 
     def status(self, phase: str, unrecorded: bool) -> health.Health:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `navigation`: what the chaser knows of its relative state, with the scenario's errors.
+"""Node `navigation`: the relative state as the chaser knows it, with the errors of the scenario.
 
 It runs the stages that a scenario has between the true state and guidance. The controller then
 listens to their output, `navigation_state`.
@@ -8,22 +8,17 @@ listens to their output, `navigation_state`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from rpo_core.stage import Place
 from rpo_ros.running import run_node
 from rpo_ros.stage_node import PlaceNode
 
 
 class NavigationNode(PlaceNode):
-    """Answers each true state with the navigation solution, which follows from it and its tick."""
+    """Answers each true state with the navigation solution, a function of state and tick."""
 
+    node_name = 'navigation'
     places = (Place.SENSOR, Place.ESTIMATOR)
     what = ('navigating', 'errors of navigation')
-
-    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__('navigation', overrides)
 
 
 def main() -> int:

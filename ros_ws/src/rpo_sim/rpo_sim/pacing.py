@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""How the plant gets from tick to tick: when all have answered, or when the wall clock says so."""
+"""When a tick passes: after all answers (lockstep), or by the wall clock (free running)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEFAULT_FREE_RUNNING_FACTOR = 1.0
 
 
 def applied_topic(name: str) -> str:
-    """Return the topic that says, in free running, which answer of a topic acts in a tick."""
+    """Return the topic on which free running publishes the force of a topic that acts."""
     commanded = interfaces.row_of(name).carries == interfaces.COMMAND
     return interfaces.APPLIED_FORCE if commanded else interfaces.APPLIED_DISTURBANCE
 
@@ -30,8 +30,7 @@ def applied_topic(name: str) -> str:
 class Pacing(ABC):
     """One way to pass the ticks of a run.
 
-    The plant node calls `begin` at the start of the flight, after a pause and when the speed has
-    changed.
+    The plant node calls `begin` at the start of the flight, after a pause, after a change of speed.
     """
 
     plant: LockstepPlant | FreeRunningPlant
@@ -59,7 +58,7 @@ class Pacing(ABC):
 
     @abstractmethod
     def on_answer(self) -> None:
-        """React to an answer that was accepted while the run flies."""
+        """React to an accepted answer."""
 
     @abstractmethod
     def on_pace(self) -> None:
@@ -67,11 +66,11 @@ class Pacing(ABC):
 
     @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Look after the peers while the run flies."""
+        """Check the peers during the run."""
 
     @abstractmethod
     def applied(self) -> dict[str, Force]:
-        """Return the forces, by topic, that act in the present tick, if that needs to be said."""
+        """Return the forces, by topic, that act in the current tick and need their own topics."""
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
@@ -79,7 +78,7 @@ class Pacing(ABC):
 
 
 class LockstepPacing(Pacing):
-    """A tick passes when every peer has answered, and not before the pace allows."""
+    """A tick passes when every peer has answered, but not faster than the pace."""
 
     def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
@@ -114,7 +113,7 @@ class LockstepPacing(Pacing):
         self.loop.advance()
 
     def watch(self, now_s: float) -> None:
-        """Send the state again; notice a lost peer."""
+        """Send the state again after a while; detect a lost peer."""
         silent_s = self._timeout.look()
         if not self.plant.missing:
             return
@@ -127,17 +126,17 @@ class LockstepPacing(Pacing):
 
     def _lose_peers(self) -> None:
         lost = ', '.join(self.plant.missing)
-        said = f'no answer to tick {self.plant.tick} from {lost}'
+        reason = f'no answer to tick {self.plant.tick} from {lost}'
         if self.loop.values['on_peer_timeout'] == 'abort':
-            self.loop.abort(said)
+            self.loop.abort(reason)
             return
         dropped = ' '.join(self.plant.drop_missing())
-        self.loop.warn(f'{said}: coasting')
+        self.loop.warn(f'{reason}: coasting')
         self.loop.report(health.WARN, 'running', f'coasting without {lost}', dropped=dropped)
         self._pass()
 
     def applied(self) -> dict[str, Force]:
-        """Return nothing: the answers say it."""
+        """Return nothing: the answers themselves act."""
         return {}
 
     def figures(self) -> dict[str, Any]:
@@ -146,7 +145,7 @@ class LockstepPacing(Pacing):
 
 
 class FreeRunningPacing(Pacing):
-    """A tick passes when the wall clock says so, with the forces that are there."""
+    """A tick passes by the wall clock, with the forces that are there."""
 
     def __init__(self, loop: Loop, scenario: Scenario, expected: list[str]) -> None:
         super().__init__(loop, scenario)
@@ -168,21 +167,21 @@ class FreeRunningPacing(Pacing):
         if not self.loop.moving:
             return
         for _ in range(self.pace.due(time.monotonic_ns())):
-            self._say_stale()
+            self._report_stale()
             self.loop.advance()
             if not self.loop.moving:
                 return
 
-    def _say_stale(self) -> None:
+    def _report_stale(self) -> None:
         stale = self.plant.stale
         if stale == self._stale or self.plant.finished:
             return
         self._stale = stale
         tick = self.plant.tick
         if stale:
-            said = f'no force for tick {tick} from {", ".join(stale)}: zero'
-            self.loop.warn(said)
-            self.loop.report(health.WARN, 'running', said)
+            reason = f'no force for tick {tick} from {", ".join(stale)}: zero'
+            self.loop.warn(reason)
+            self.loop.report(health.WARN, 'running', reason)
         else:
             self.loop.inform('forces are back')
             self.loop.report(health.OK, 'running', f'forces are back at tick {tick}')
@@ -191,11 +190,11 @@ class FreeRunningPacing(Pacing):
         """Do nothing: a silent peer is a stale force."""
 
     def applied(self) -> dict[str, Force]:
-        """Return what is flown in the present tick."""
+        """Return the forces that act in the current tick."""
         return {applied_topic(name): self.plant.applied(name) for name in self.plant.expected}
 
     def figures(self) -> dict[str, Any]:
-        """Return overruns, stalls, ticks flown with old or no force, lateness of the ticks."""
+        """Return overruns, stalls, ticks with an old or no force, lateness of the ticks."""
         return {
             'overruns': self.pace.overruns,
             'stalls': self.pace.stalls,

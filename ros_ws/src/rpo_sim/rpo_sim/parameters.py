@@ -19,12 +19,12 @@ LAST_TICK = 1_000_000_000
 PLANT = (
     Row('scenario', 'approach', 'shipped scenario, or path of a scenario file',
         example='paper_test'),
-    Row('mode', LOCKSTEP, 'wait for every answer, or keep the wall clock and hold the last force',
+    Row('mode', LOCKSTEP, 'wait for every answer, or follow the wall clock and hold the last force',
         choices=MODES),
-    Row('on_peer_timeout', 'abort', 'when a peer stops answering: end the run or fly on without it '
+    Row('on_peer_timeout', 'abort', 'when a peer stops answering: end the run, or go on without it '
         '(lockstep)', choices=('abort', 'coast')),
-    Row('stale_after_ticks', 10, 'a force that answers an older state than that counts as zero '
-        '(free running)', most=1_000_000),
+    Row('stale_after_ticks', 10, 'a force older than so many ticks counts as zero (free running)',
+        most=1_000_000),
     Row('real_time_factor', 0.0, 'simulated seconds per second; 0: as fast as it goes in lockstep, '
         '1 in free running', most=1e6, wall=True, changeable=True),
     Row('step_ticks', 1, 'ticks that pass for a call of ~/step', least=1, most=1_000_000, wall=True,
@@ -35,8 +35,8 @@ PLANT = (
         least=1e-2, wall=True),
     Row('start_timeout_s', 0.0, 'wall time to wait for peers before tick 0; 0: for ever', 's',
         wall=True),
-    Row('wait_for_recorder', False, 'insist on a recorder before tick 0; one in sight is waited '
-        'for anyway', wall=True),
+    Row('wait_for_recorder', False, 'do not start without a recorder; for one that is there the '
+        'plant waits anyway', wall=True),
     Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
 
@@ -47,19 +47,19 @@ DISTURBANCE_INJECTOR = (SCENARIO,)
 FAULT_INJECTOR = (
     Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to',
         example='control_force_raw -p drop:=0.2 -p repeat:=0.2'),
-    Row('to_topic', names.CONTROL_FORCE, 'topic to pass messages on to'),
-    Row('message', AUTO, 'what the topics carry; auto: told from their names',
+    Row('to_topic', names.CONTROL_FORCE, 'topic to send messages to'),
+    Row('message', AUTO, 'type of the messages; auto: from the names of the topics',
         choices=(AUTO, STATE, FORCE)),
-    Row('seed', 0, 'of the random numbers'),
+    Row('seed', 0, 'seed of the random numbers'),
     Row('drop', 0.0, 'share of the messages lost', most=1.0),
-    Row('freeze', 0.0, 'share replaced by the message passed on before', most=1.0),
-    Row('corrupt', 0.0, 'share spoilt', most=1.0),
-    Row('delay', 0.0, 'share passed on later', most=1.0),
-    Row('reorder', 0.0, 'share passed on after its successor', most=1.0),
-    Row('repeat', 0.0, 'share passed on twice', most=1.0),
-    Row('corruption', ANY, 'how a message is spoilt', choices=(ANY, *CORRUPTIONS)),
-    Row('delay_messages', 2, 'how many messages later a delayed one goes out', least=1),
-    Row('delay_s', 0.0, 'wall time that a delayed one is held instead; 0: count messages', 's',
+    Row('freeze', 0.0, 'share replaced by the message before', most=1.0),
+    Row('corrupt', 0.0, 'share corrupted', most=1.0),
+    Row('delay', 0.0, 'share sent later', most=1.0),
+    Row('reorder', 0.0, 'share sent after the next message', most=1.0),
+    Row('repeat', 0.0, 'share sent twice', most=1.0),
+    Row('corruption', ANY, 'how a message is corrupted', choices=(ANY, *CORRUPTIONS)),
+    Row('delay_messages', 2, 'delay of a delayed message, in messages', least=1),
+    Row('delay_s', 0.0, 'wall time of the delay instead; 0: count messages', 's',
         most=60.0),
     Row('from_tick', 0, 'first tick with faults', most=LAST_TICK),
     Row('to_tick', LAST_TICK, 'last tick with faults', most=LAST_TICK),

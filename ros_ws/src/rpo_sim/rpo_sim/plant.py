@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plant without ROS: what lockstep and free running have in common."""
+"""The plant without ROS: the part that lockstep and free running share."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from rpo_core import interfaces, kernels
 from rpo_core.chain import Chain, Signals
-from rpo_core.interfaces import (
-    DUE_FORCE,
-    RELATIVE_STATE,
-    SATURATED_FORCE,
-)
+from rpo_core.interfaces import DUE_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
 
@@ -26,8 +22,8 @@ ZERO: Force = (0.0, 0.0, 0.0)
 ACCEPTED = 'accepted'
 LATE, EARLY, REPEATED = 'late', 'early', 'repeated'
 FOREIGN, DROPPED = 'foreign_stamp', 'dropped_peer'
-"""Why an answer is ignored: for a past tick, a future one, one already answered; with a stamp of no
-tick at all; from a peer that the run flies on without."""
+"""Why an answer is ignored: it is for a past tick, a future tick, an answered tick; its stamp is of
+no tick; the run goes on without its peer."""
 
 
 PLACES = (Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
@@ -35,19 +31,15 @@ PLACES = (Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
 
 
 def topics_of(scenario: Scenario) -> tuple[list[str], list[str]]:
-    """Return the signals that a plant waits for at each state, and the topics that its stages make.
-
-    The dynamics' own topic, the true state, is not among them.
-    """
+    """Return the inputs and the output topics of a plant, without the true state."""
     chain = Chain.of(scenario).part(*PLACES)
     made = [name for name in chain.outputs if interfaces.row_of(name).type]
-    return [n for n in chain.inputs if n != RELATIVE_STATE], [
-        n for n in made if n != RELATIVE_STATE
-    ]
+    inputs, outputs = ([n for n in x if n != RELATIVE_STATE] for x in (chain.inputs, made))
+    return inputs, outputs
 
 
 class Plant:
-    """The chaser at an integer tick, what it has spent, and which answers changed nothing.
+    """The chaser at an integer tick, its energy so far, and the ignored answers.
 
     scenario : of the run
     expected : topics of the answers to each state
@@ -74,21 +66,21 @@ class Plant:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the present state."""
+        """Stamp of the current state."""
         return self._stamp_ns
 
     def ignore(self, kind: str) -> str:
-        """Count an answer that changes nothing; return its kind."""
+        """Count an ignored answer; return its kind."""
         self.ignored[kind] += 1
         return kind
 
     def saturated(self, command: Force) -> Force:
-        """Return what the thrusters can give of a command."""
+        """Return a command after the saturation of the thrusters."""
         x, y, z = (kernels.saturate(force, self._limit) for force in command)
         return x, y, z
 
     def fly(self, answers: Mapping[str, Force]) -> None:
-        """Step to the next tick under answers by topic; zero force where there is none."""
+        """Step to the next tick with the answers by topic; a missing answer is zero force."""
         signals = self.signals
         for name in self.inputs:
             signals[name] = answers.get(name, ZERO)
@@ -101,13 +93,13 @@ class Plant:
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
 
     def last_signals(self, answers: Mapping[str, Force]) -> Signals:
-        """Return the signals of the last tick, whose answers move nothing any more."""
+        """Return the signals of the last tick, whose answers change no state."""
         signals = {**self.signals, **{name: answers.get(name, ZERO) for name in self.inputs}}
         self._chain.step(self.tick, signals)
         return signals
 
     def figures(self) -> dict[str, float | int]:
-        """Return the run's figures so far: simulated facts only."""
+        """Return the metrics of the run so far: simulated values only."""
         x, y, z, vx, vy, vz = self.state
         return {
             'tick': self.tick,

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `plant`: flies the chaser, in lockstep with whoever answers its states or free running."""
+"""Node `plant`: simulates the chaser, in lockstep with its peers or free running."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rpo_core.stage import Signal
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode, run_node
+from rpo_ros.running import run_node
 from rpo_ros.signals import listen
 from rpo_ros.stage_node import REFUSED
 from rpo_sim.free_running import FreeRunningPlant
@@ -34,31 +34,30 @@ from rpo_sim.simulator_control import SimulatorControl
 EXIT_ABORTED = 3
 
 _LOOK_S = 0.05
-_SAY_S = 5.0
+_LOG_S = 5.0
 _LAST_WORD_S = 5.0
-"""Longest wait for the recorder to close its log after the end of a run."""
+"""Longest wait, after the end of a run, until the recorder has closed its log."""
 _INTERRUPTED_S = 0.2
 
 
-class PlantNode(FlightNode, Loop):
-    """Publishes state k, lets tick k pass as its mode says, goes on."""
+class PlantNode(Loop):
+    """Publishes state k, passes tick k as its mode requires, continues with k + 1."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        FlightNode.__init__(self, 'plant', overrides)
-        Loop.__init__(self)
+        super().__init__('plant', overrides)
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
-        self.control = SimulatorControl(self, self)
+        self.control = SimulatorControl(self)
         self._manifest(files.read_text(path))
         self._begin_run()
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
         health.publish_health(self, self._health)
 
     def _connect(self) -> None:
-        """Make publishers and subscriptions; in free running it is said which forces act."""
+        """Make publishers and subscriptions; in free running also of the forces that act."""
         free = self.values['mode'] == FREE_RUNNING
         applied = [applied_topic(name) for name in self._peers] if free else []
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
@@ -72,8 +71,8 @@ class PlantNode(FlightNode, Loop):
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         shaping['scenario'] = self.scenario.name
-        self._said_manifest = health.Manifest(self, 'plant')
-        self._said_manifest.say(shaping, {'scenario.yaml': text})
+        self._latched = health.Manifest(self, 'plant')
+        self._latched.say(shaping, {'scenario.yaml': text})
 
     def _begin_run(self) -> None:
         """Wait at tick 0 of a new run."""
@@ -82,7 +81,7 @@ class PlantNode(FlightNode, Loop):
         self.paused, self.steps = False, 0
         self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
-        self._again, self._unrecorded, self._said_s = False, False, 0.0
+        self._again, self._unrecorded, self._logged_s = False, False, 0.0
         self._begun = self.sent_s = self.progress_s = time.monotonic()
         self.report(health.OK, WAITING, 'waiting for peers')
 
@@ -93,7 +92,7 @@ class PlantNode(FlightNode, Loop):
 
     @property
     def tick(self) -> int:
-        """The present tick."""
+        """The current tick."""
         return self.plant.tick
 
     def _ignore(self, reason: str) -> None:
@@ -108,13 +107,13 @@ class PlantNode(FlightNode, Loop):
         self.pacing.on_answer()
 
     def _on_stage_status(self, status: DiagnosticStatus) -> None:
-        """End a run that a node was started for, but will not take part in."""
+        """End the run when a node that was started for it takes no part."""
         values = values_of(status)
         if values.get('state') == REFUSED and self.phase not in ENDED:
             self.abort(f'{values.get("stage")} takes no part: {values.get("reason")}')
 
     def advance(self) -> None:
-        """Pass the present tick."""
+        """Pass the current tick."""
         plant, topics = self.pacing.plant, self.topics
         stamp_ns = plant.stamp_ns
         applied = self.pacing.applied()
@@ -133,13 +132,13 @@ class PlantNode(FlightNode, Loop):
             self.report(health.OK, PAUSED, PAUSED)
 
     def send(self) -> None:
-        """Publish the present state."""
+        """Publish the current state."""
         self.sent_s = time.monotonic()
         plant = self.pacing.plant
         self.topics.state(plant.stamp_ns, plant.state)
 
     def _look(self) -> None:
-        """Wall-clock watch: starts the run, looks after the peers, leaves at the end."""
+        """Check by wall time: start the run, check the peers, leave at the end."""
         now_s = time.monotonic()
         if self.phase == WAITING:
             self._wait(now_s)
@@ -151,7 +150,7 @@ class PlantNode(FlightNode, Loop):
                 self.pacing.watch(now_s)
             if self.recorder.look() and not self._unrecorded:
                 self._unrecorded = True
-                self.get_logger().warning('the recorder is gone: flying on unrecorded')
+                self.get_logger().warning('the recorder is gone: the run goes on, unrecorded')
                 self.report(health.WARN, RUNNING, 'the recorder is gone')
 
     def _leave(self) -> None:
@@ -160,9 +159,9 @@ class PlantNode(FlightNode, Loop):
             self._begin_run()
 
     def _wait(self, now_s: float) -> None:
-        """Send state 0 until it is answered and a recorder is ready: then all are connected."""
+        """Send state 0 until all peers have answered and a recorder is ready: all are connected."""
         absent = [name for name in self._peers if not self.count_publishers(name)]
-        self._said_manifest.repeat()  # whoever waits for the scenario need not wait long
+        self._latched.repeat()  # so that nodes get the scenario quickly
         if not absent:
             self.send()
             self.topics.before_flight(self.scenario.stamp_ns(-1))
@@ -175,12 +174,12 @@ class PlantNode(FlightNode, Loop):
             self.pacing.begin()
         elif 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
             self.abort(f'no answer in time from {", ".join(awaited)}')
-        elif now_s - self._said_s > _SAY_S:
-            self._said_s = now_s
+        elif now_s - self._logged_s > _LOG_S:
+            self._logged_s = now_s
             self.get_logger().info(f'waiting for {", ".join(awaited)}')
 
     def abort(self, reason: str) -> None:
-        """End the run before its time, with an exit code that says so."""
+        """End the run early, with the exit code of an abort."""
         self.exit_code = EXIT_ABORTED
         self._end(ABORTED, reason, health.ERROR)
 
@@ -189,9 +188,9 @@ class PlantNode(FlightNode, Loop):
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
         if phase == ABORTED:
-            said = f'aborted at tick {self.tick}: {reason}'
+            text = f'aborted at tick {self.tick}: {reason}'
             log = self.get_logger()
-            log.error(said) if level == health.ERROR else log.info(said)
+            log.error(text) if level == health.ERROR else log.info(text)
             return
         figures = self.plant.figures()
         self.get_logger().info(
@@ -200,24 +199,24 @@ class PlantNode(FlightNode, Loop):
         )
 
     def reset(self) -> None:
-        """End the run and begin another at tick 0; a recorder closes the log of the first."""
+        """End the run and start another at tick 0; the recorder closes the log of the first."""
         self._again = True
         self._end(ABORTED, 'reset', health.WARN)
 
     def go_on(self) -> None:
-        """Go on after a pause, for good or for some ticks; the pause was nobody's silence."""
+        """Continue after a pause, for good or for some ticks; the pause times out no peer."""
         self.progress_s = time.monotonic()
         self.pacing.begin()
 
     def changed(self, applied: Mapping[str, Any]) -> None:
-        """Take up a new speed."""
+        """Change the speed."""
         if 'real_time_factor' in applied and self.phase == RUNNING:
             self.pacing.begin()
 
     def report(self, level: bytes, phase: str, reason: str, **more: str) -> None:
-        """Publish run_status; in lockstep simulated facts only, so that two runs say the same.
+        """Publish run_status; in lockstep only simulated values, so that two runs publish the same.
 
-        PAUSED is said, but the run goes on: such a status is not part of its log.
+        PAUSED is published, but it is no phase of the run and not part of its log.
         """
         if phase != PAUSED:
             self.phase = phase
@@ -226,19 +225,11 @@ class PlantNode(FlightNode, Loop):
             values |= self.loop.wall_figures()
         self.topics.status(level, reason, values)
 
-    def warn(self, text: str) -> None:
-        """Log a warning, not more than one a second."""
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
-
-    def inform(self, text: str) -> None:
-        """Log a piece of news, not more than one a second."""
-        self.get_logger().info(text, throttle_duration_sec=1.0)
-
     def _health(self) -> health.Health:
         return self.loop.status(PAUSED if self.paused else self.phase, self._unrecorded)
 
     def interrupt(self, reason: str) -> None:
-        """Say that the run was interrupted, and let the recorder close its log."""
+        """Publish that the run was interrupted, and let the recorder close its log."""
         self._again = False
         if self.phase not in ENDED:
             self._end(ABORTED, f'interrupted by {reason}', health.WARN)

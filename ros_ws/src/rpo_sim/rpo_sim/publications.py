@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the plant publishes, and how."""
+"""The topics that the plant publishes."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from rpo_sim.plant import ZERO
 
 
 class Publications:
-    """The plant's topics: /clock, states, run_status, and what its stages and pacing make.
+    """The topics of the plant: /clock, states, run_status, outputs of its stages and pacing.
 
-    made : signals of the plant's own that are topics
+    made : the outputs of stages and pacing that are topics
     """
 
     def __init__(self, node: FlightNode, clock: bool, made: Sequence[str]) -> None:
@@ -32,19 +32,19 @@ class Publications:
         self._made = {name: Outlet(node, name) for name in made}
 
     def state(self, stamp_ns: int, state: Signal) -> None:
-        """Publish a state, and after it its time on /clock, which nobody waits for."""
+        """Publish a state, and then its time on /clock, for which no node waits."""
         self._state.publish(stamp_ns, state)
         if self._clock is not None:
             self._clock.publish(cdr.encode_clock(stamp_ns))
 
     def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> None:
-        """Publish those of some signals that are topics of the plant's own."""
+        """Publish those of some signals that are outputs of the plant."""
         for name, outlet in self._made.items():
             if name in signals:
                 outlet.publish(stamp_ns, signals[name])
 
     def before_flight(self, stamp_ns: int) -> None:
-        """Let a recorder hear the plant's own topics, with a stamp before the first."""
+        """Publish the outputs once with a stamp before the first, to connect a recorder."""
         self.made(stamp_ns, dict.fromkeys(self._made, ZERO))
 
     def status(self, level: bytes, reason: str, values: Mapping[str, Any]) -> None:
@@ -52,5 +52,5 @@ class Publications:
         self._status.publish(conversions.to_status(level, 'run', reason, values.items()))
 
     def last_words(self, most_s: float) -> None:
-        """Wait until everybody has the last run_status."""
+        """Wait until all subscribers have the last run_status."""
         self._status.wait_for_all_acked(Duration(seconds=0, nanoseconds=round(most_s * 1e9)))

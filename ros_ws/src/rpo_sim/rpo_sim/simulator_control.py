@@ -1,14 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Services by which people steer a simulator: pause, step, reset, abort.
+"""Services to steer a simulation: pause, step, reset, abort.
 
-They are std_srvs; simulation_interfaces, the standard names for the same, is not among the ROS
-wheels. A call returns at once; `run_status` says when what was asked for has happened.
+They use std_srvs: the ROS wheels do not have the standard package simulation_interfaces. A call
+returns at once; `run_status` reports when the request is done.
 """
 
 from __future__ import annotations
 
-from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_ros import health
@@ -26,12 +25,12 @@ def _answer(response: Answer, refusal: str, done: str) -> Answer:
 class SimulatorControl:
     """The plant's services `~/pause`, `~/step`, `~/reset` and `~/abort`."""
 
-    def __init__(self, node: Node, loop: Loop) -> None:
+    def __init__(self, loop: Loop) -> None:
         self.loop = loop
-        node.create_service(SetBool, '~/pause', self._on_pause)
-        node.create_service(Trigger, '~/step', self._on_step)
-        node.create_service(Trigger, '~/reset', self._on_reset)
-        node.create_service(Trigger, '~/abort', self._on_abort)
+        loop.create_service(SetBool, '~/pause', self._on_pause)
+        loop.create_service(Trigger, '~/step', self._on_step)
+        loop.create_service(Trigger, '~/reset', self._on_reset)
+        loop.create_service(Trigger, '~/abort', self._on_abort)
 
     def _no_run(self) -> str:
         running = self.loop.phase == RUNNING

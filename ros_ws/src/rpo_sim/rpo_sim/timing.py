@@ -11,14 +11,14 @@ _LEAST_S = 1e-6
 _PER_DECADE = 50
 _DECADES = 9
 _SENT = 1024
-"""How many of the last sent states are remembered."""
+"""Number of sent states whose times are kept."""
 
 MOST_CATCH_UP = 10
-"""Ticks that are made up for after an overrun; a longer stall moves the pace instead."""
+"""Most ticks that are caught up after an overrun; after a longer stall the pace starts anew."""
 
 
 class Histogram:
-    """Durations in bins of 4.7 % width from 1 us to 1000 s; the largest is kept as it is."""
+    """Durations in bins of 4.7 % width from 1 us to 1000 s; the largest is exact."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -43,7 +43,7 @@ class Histogram:
         return self.largest_s
 
     def figures(self, name: str) -> dict[str, float]:
-        """Return median, 95th percentile and largest in milliseconds, by name."""
+        """Return median, 95th percentile and largest [ms], by name."""
         values = (self.quantile_s(0.5), self.quantile_s(0.95), self.largest_s)
         return {
             f'{name}_{what}_ms': round(1e3 * value, 4)
@@ -52,7 +52,7 @@ class Histogram:
 
 
 class Latency:
-    """From a state sent to a force received, by tick.
+    """Time from a sent state to the received force, by tick.
 
     histogram : of the whole run
     """
@@ -75,7 +75,7 @@ class Latency:
             self._recent.add(now_s - self._sent[tick])
 
     def recent(self) -> Histogram:
-        """Return what has come since this was asked last."""
+        """Return the histogram since the last call."""
         found, self._recent = self._recent, Histogram()
         return found
 
@@ -83,8 +83,8 @@ class Latency:
 class Pace:
     """Which ticks are due on the wall clock, and how late they are; in whole nanoseconds.
 
-    overruns : ticks that came a whole period or more after they were due
-    stalls : times that the pace was moved, being more than MOST_CATCH_UP ticks behind
+    overruns : ticks that were late by a period or more
+    stalls : how often the pace started anew, more than MOST_CATCH_UP ticks behind
     """
 
     def __init__(self) -> None:
@@ -93,8 +93,8 @@ class Pace:
         self._period_ns = self._next_ns = 0
 
     def restart(self, now_ns: int, period_s: float) -> None:
-        """Begin to count from now, after a start, a pause or a change of speed."""
-        self._period_ns = max(1, int(period_s * _NS))  # as rclpy makes it of a timer's period
+        """Count from now, after a start, a pause or a change of speed."""
+        self._period_ns = max(1, int(period_s * _NS))  # as rclpy rounds the period of a timer
         self._next_ns = now_ns + self._period_ns
 
     def due(self, now_ns: int) -> int:
