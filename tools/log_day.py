@@ -4,8 +4,8 @@
 
     python tools/log_day.py [hours] [folder]
 
-Each step is a process of its own; its CPU time and its peak memory are what the system says of it.
-The runs that it writes are those of the tests of the log.
+Each step is a process of its own; the system measures its CPU time and its peak memory. The runs
+are those of the tests of the log.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'tests' / 'log'))
 
 STEPS = EMPTY, FLY, WRITE, WRITE_SPLIT, READ, ARRAYS, VERIFY, REPAIR, ROSBAGS = (
-    'import the reader', 'fly, to have it written', 'write', 'write, split hourly',
+    'import the reader', 'simulate only', 'write', 'write, split hourly',
     'read, block by block', 'read into arrays', 'verify', 'repair a cut copy',
     'rosbags: read and decode',
 )  # fmt: skip
 
 
 def day(hours: float):
-    """Return the flight of a day and what it attaches."""
+    """Return the flight of a day and its attachments."""
     from log_runs import make_run
 
     return make_run(hours * 3600.0)
@@ -88,12 +88,12 @@ def write(hours: float, log: Path, split: bool) -> None:
     size = sum(path.stat().st_size for path in log.glob('*.mcap'))
     print(
         f'{total} messages, {size / 1e6:.0f} MB, {spent / total * 1e6:.1f} us a message; '
-        f'the writer had grown to {grown:.0f} MB'
+        f'the writer has grown by {grown:.0f} MB'
     )
 
 
 def resident_mb() -> float:
-    """Return the memory of this process now."""
+    """Return the memory of this process [MiB]."""
     fields = Path('/proc/self/statm').read_text().split()
     return int(fields[1]) * resource.getpagesize() / 2**20
 
@@ -137,10 +137,10 @@ def measure(name: str, hours: float, folder: str) -> None:
     wall = time.perf_counter() - begun
     if done.returncode:
         raise SystemExit(done.stderr)
-    *said, used = done.stdout.splitlines()
+    *lines, used = done.stdout.splitlines()
     processor, memory = map(float, used.split())
-    figures = f'{wall:8.1f} s wall{processor:8.1f} s CPU{memory / 1024:7.0f} MB'
-    print(f'{name:26}{figures}  {" ".join(said)}', flush=True)
+    times = f'{wall:8.1f} s wall{processor:8.1f} s CPU{memory / 1024:7.0f} MB'
+    print(f'{name:26}{times}  {" ".join(lines)}', flush=True)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages of the nodes say that neither parameter tables nor running nodes tell."""
+"""The parts of the pages of the nodes that come neither from parameter tables nor from nodes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rpo_ros import names
 from rpo_ros.parameter_rows import ParameterRow
 
 Outcomes = tuple[tuple[str, str], ...]
-"""What happens -> what then."""
+"""Event -> outcome."""
 
 MEANINGS = {
     **{row.topic: row.meaning for row in interfaces.rows()},
@@ -28,19 +28,23 @@ MEANINGS = {
     '~/get_available_states': 'lifecycle',
     '~/get_available_transitions': 'lifecycle: from the present state',
     '~/get_transition_graph': 'lifecycle',
-    '~/pause': 'data true: no tick passes; false: go on',
-    '~/step': 'while paused, let some ticks pass',
-    '~/reset': 'end this run and wait at tick 0 of another',
+    '~/pause': 'data true: no tick passes; false: continue',
+    '~/step': 'while paused, pass some ticks',
+    '~/reset': 'end this run and wait at tick 0 of the next',
     '~/abort': 'end the run as aborted',
 }
 """Topic or service -> what it carries or does."""
 
 _BAD = 'a bad parameter or file'
-_BAD_OUTCOME = (_BAD, 'one sentence that names it; exit code 2; nothing is started')
+_BAD_OUTCOME = (_BAD, 'one sentence that names it; exit code 2; no node is started')
 _SIGNAL = ('SIGINT or SIGTERM', 'ends in order, exit code 0')
 _UNFIT = (
     'a state in another frame, or not finite',
-    'is not answered; counted on `/diagnostics` as `ignored_<kind>`',
+    'gets no answer; counted on `/diagnostics` as `ignored_<kind>`',
+)
+_LAYER = (
+    'its library is not installed',
+    'one sentence with the command that installs it, exit code 2',
 )
 _OTHER_SCENARIO = (
     '`scenario` is not the scenario of the plant',
@@ -60,11 +64,11 @@ _CODES = {0: 'done, or ended by a signal', 2: _BAD}
 
 @dataclass(frozen=True)
 class Card:
-    """A node: where it is, how it is tried for its page, how it fails.
+    """A node: its module, its start for the page, its failures.
 
-    cls : name of its class in its module, the last part of which is <executable>_node
-    trial : parameters under which the page's tool starts it, to see its topics
-    listens : its topics, for a node that needs an optional layer and is not started for its page
+    cls : name of its class in the module <executable>_node
+    trial : parameters for its start by `node_pages`, to find its topics
+    listens : its topics, for a node that needs an optional layer and is not started
     """
 
     package: str
@@ -89,17 +93,17 @@ class Card:
 
     @property
     def command(self) -> str:
-        """What people type."""
+        """The command of the node."""
         return f'ros2 run {self.package} {self.executable}'
 
 
 _CONTROLLER: Outcomes = (
-    ('a bad file at start', 'one sentence, exit code 2, nothing is started'),
+    ('a bad file at start', 'one sentence, exit code 2, no node is started'),
     ('a bad file at `configure`, later', 'one sentence; the node stays unconfigured'),
     ('before its first activation', 'it answers no state; the plant waits'),
     (
         'deactivated, cleaned up',
-        'answers every state with zero force, warns, and says `inactive` on `decision` and '
+        'answers every state with zero force, warns, and is `inactive` on `decision` and '
         '`/diagnostics`',
     ),
     ('`controller` set while active', 'refused with a sentence; deactivate first'),
@@ -117,7 +121,7 @@ CARDS = (
         ('a wrong answer: late, early, repeated, foreign stamp, not finite, wrong frame',
          'changes nothing; counted on `/diagnostics`'),
         ('no answer in time (lockstep)', 'the state is sent again every `resend_after_s`; after '
-         '`peer_timeout_s` the run is aborted, or flies on at zero force (`on_peer_timeout`)'),
+         '`peer_timeout_s` the run is aborted, or goes on with zero force (`on_peer_timeout`)'),
         ('no fresh force (free running)', 'the last one is held for `stale_after_ticks`, then '
          'zero; a warning on `run_status`'),
         ('a peer is missing at the start', 'waits and names it; `start_timeout_s` limits the wait'),
@@ -169,7 +173,7 @@ CARDS = (
         _BAD_OUTCOME, _LAYER, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
          listens=(*_SEEN, names.MARKERS)),
     Card('rpo_view', 'watch', 'WatchNode', (
-        _BAD_OUTCOME, _LAYER, ('nothing is published', 'says so, and waits'), _SIGNAL),
+        _BAD_OUTCOME, _LAYER, ('no message arrives', 'shows that, and waits'), _SIGNAL),
          {**_CODES, 1: 'the run was aborted (`until_end`)'}, listens=(*_SEEN, names.NODE_MANIFEST)),
 )  # fmt: skip
 """Every node of the stack."""

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`node_pages`: writes one page per node: purpose, topics, parameters, failures, exit codes.
 
-Parameters come from the table that the node declares and checks by, topics and services from the
-node itself, started for it (but for nodes that need an optional library).
+Parameters come from the table of the node. For topics and services the node is started, except a
+node that needs an optional library.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from tools.node_cards import CARDS, MEANINGS, Card
 INDEX = 'index.md'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
 _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
-"""What every node has, and what not every machine has."""
+"""Topics of every node, and a topic that not every machine has."""
 
 _STOCK_SERVICES = ('parameter', 'get_type_description')
 
 
 def tiny_log(folder: Path) -> Path:
     """Write a log of the scenario `quick`, for the nodes that need one."""
-    flown = scenario.load_scenario('quick')
-    flight = fly(flown, controller.load_controller(files.DEFAULT_CONTROLLER))
-    base = run.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    quick = scenario.load_scenario('quick')
+    flight = fly(quick, controller.load_controller(files.DEFAULT_CONTROLLER))
+    base = run.TimeBase(quick.epoch_ns, quick.dt_ns, quick.ticks)
     topics = (names.CLOCK, f'/{names.RELATIVE_STATE}', f'/{names.CONTROL_FORCE}')
     log = RunLogWriter(folder, base, topics, {})
-    for tick in range(flown.ticks + 1):
+    for tick in range(quick.ticks + 1):
         stamp = base.stamp_ns(tick)
         state, force = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
         log.write(topics[0], tick, cdr.encode_clock(stamp))
@@ -64,7 +64,7 @@ def scenario_with_navigation(folder: Path) -> str:
 
 
 def _make(card: Card, folder: Path) -> FlightNode:
-    """Start a node as its card says, with what it needs in a folder of its own."""
+    """Start a node with the parameters of its card, in a folder of its own."""
     trial = dict(card.trial)
     if card.executable == 'recorder':
         trial['output'] = str(folder / 'recorded')
@@ -86,12 +86,12 @@ def _type(message: type) -> str:
 
 def _meaning(name: str) -> str:
     if name not in MEANINGS:
-        raise KeyError(f'{name} has no meaning in tools/node_cards.py: say what it is')
+        raise KeyError(f'{name} has no meaning in tools/node_cards.py: add one')
     return MEANINGS[name]
 
 
 def _short(node: FlightNode, name: str) -> str:
-    """Return a name as it is written in code: ~/ for the node's own, no leading slash else."""
+    """Return a name as in the code: ~/ for the names of the node, else no leading slash."""
     own = f'{node.get_fully_qualified_name()}/'
     if name.startswith(own):
         return f'~/{name.removeprefix(own)}'
@@ -107,7 +107,7 @@ def _topics(node: FlightNode) -> Iterator[tuple[str, ...]]:
         for name, end in sorted(found.items()):
             kind = _type(end.msg_type)
             yield way, f'`{name}`', f'`{kind}`', _qos(end.qos_profile), _meaning(name)
-    if hasattr(node, 'label'):  # rclpy keeps the lifecycle's publisher to itself
+    if hasattr(node, 'label'):  # rclpy hides the publisher of the lifecycle
         name = '~/transition_event'
         yield 'publishes', f'`{name}`', '`lifecycle_msgs/TransitionEvent`', '', _meaning(name)
 
@@ -131,7 +131,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> list[str]:
 
 
 def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
-    """Return the rows of topics and services of a node, which is started for it."""
+    """Start a node; return the rows of its topics and services."""
     if card.listens:
         return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
     node = _make(card, folder)
@@ -143,21 +143,20 @@ def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[
 
 
 def page(card: Card, folder: Path) -> str:
-    """Return the page of a node as Markdown; needs an initialised rclpy."""
-    about = (card.module.__doc__ or '').strip()
-    purpose = about.split(': ', 1)[-1]
+    """Return the page of a node as Markdown; rclpy must be initialised."""
+    purpose = (card.module.__doc__ or '').strip().split(': ', 1)[-1]
     rows = card.parameters
     topics, services = _found(card, folder)
     example = f'{card.command} --ros-args -p {rows[0].name}:={rows[0].example}'
     lines = [f'# {card.executable}', '', purpose[:1].upper() + purpose[1:], '']
     lines += ['```sh', card.command, example, '```', '', '## Topics', '']
-    lines += _table(['', 'topic', 'type', 'quality of service', 'what'], topics)
+    lines += _table(['', 'topic', 'type', 'quality of service', 'content'], topics)
     if services:
-        lines += ['', '## Services', '', *_table(['service', 'type', 'what'], services)]
+        lines += ['', '## Services', '', *_table(['service', 'type', 'effect'], services)]
     lines += ['', '## Parameters', '']
-    head = ['name', 'kind', 'default', 'allowed', 'in flight', 'what']
+    head = ['name', 'kind', 'default', 'allowed', 'in flight', 'meaning']
     lines += _table(head, list(_parameters(rows)))
-    lines += ['', '## When something is wrong', '', *_table(['what', 'outcome'], card.failures)]
+    lines += ['', '## When something is wrong', '', *_table(['event', 'outcome'], card.failures)]
     codes = list(card.exit_codes.items())
     lines += ['', '## Exit codes', '', *_table(['code', 'meaning'], codes), '']
     return '\n'.join(lines)
@@ -169,8 +168,8 @@ def _index() -> str:
          (c.module.__doc__ or '').strip().splitlines()[0].split(': ', 1)[-1])
         for c in CARDS
     ]  # fmt: skip
-    text = 'Written by `ros2 run rpo_bringup node_pages docs/nodes`, from the nodes themselves.'
-    return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'what'], rows), ''])
+    text = '`ros2 run rpo_bringup node_pages docs/nodes` writes these pages from the nodes.'
+    return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'purpose'], rows), ''])
 
 
 def pages() -> dict[str, str]:
@@ -190,7 +189,7 @@ def pages() -> dict[str, str]:
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup node_pages`."""
     parser = argparse.ArgumentParser(prog='node_pages', description=__doc__, epilog=_EXAMPLE)
-    parser.add_argument('folder', type=Path, help='where the pages go')
+    parser.add_argument('folder', type=Path, help='folder of the pages')
     folder = parser.parse_args(remove_ros_args(sys.argv)[1:]).folder
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in pages().items():

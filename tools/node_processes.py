@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes as processes: start them, wait for what they print, signal them; none is left at the end.
+"""Nodes as processes: start them, wait for their output, signal them; none is left at the end.
 
-An executable is found as `ros2 run` finds it, and started itself, in a process group of its own:
-a stock `ros2 run` would stand between and pass no signal on.
+The executable is found as `ros2 run` finds it, and started directly, in a process group of its own:
+a stock `ros2 run` in between would not pass signals on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DEADLINE_S = 40.0
 
 
 class NodeProcessError(Exception):
-    """A node does not start, end or say what it should; holds what it printed."""
+    """A node does not start, does not end or does not print a text; holds its output."""
 
 
 def executable(package: str, name: str, ament_prefix_path: str) -> Path:
@@ -51,7 +51,7 @@ class NodeProcess:
 
     @property
     def output(self) -> str:
-        """What it printed so far, stdout and stderr together."""
+        """Its output so far, stdout and stderr together."""
         return self.log.read_text(errors='replace')
 
     @property
@@ -65,11 +65,11 @@ class NodeProcess:
         while text not in self.output:
             ended = not self.running and text not in self.output
             if ended or time.monotonic() > end:
-                raise NodeProcessError(f'{text!r} was not said in:\n{self.output}')
+                raise NodeProcessError(f'{text!r} is missing in the output:\n{self.output}')
             time.sleep(0.02)
 
     def send(self, number: int) -> None:
-        """Send a signal to the node and all that it started."""
+        """Send a signal to the node and all processes that it started."""
         if self.running:
             os.killpg(self.process.pid, number)
 
@@ -95,8 +95,8 @@ class NodeProcess:
 class NodeProcesses:
     """Starts nodes with the same environment and remembers them.
 
-    folder : of what they print
-    namespace : of all their topics; '' leaves them where they are
+    folder : of their output
+    namespace : of all their topics; '' for none
     prefix : words before the command of the next nodes, such as `ip netns exec NAME`
     """
 

@@ -1,11 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two bare rclpy processes that answer each other: the floor under any loop of two ROS nodes.
+"""Two bare rclpy processes that answer each other: the lower bound of any loop of two ROS nodes.
 
     ros2 run rpo_bringup ping_pong             prints round trips a second
 
-No parameters, checks, figures or recorder: one message type, a callback that publishes. Quality of
-service and executor are those of the flight.
+No parameters, checks, metrics or recorder: one message type, a callback that publishes. Quality of
+service and executor are those of the flight nodes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _START_S = 30.0
 
 
 def _answer() -> None:
-    """Send back every message, until nobody has sent one for a second."""
+    """Send back every message, until none has come for a second."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('pong')
     publisher = node.create_publisher(Odometry, PONG, qos.LOCKSTEP)
@@ -49,7 +49,7 @@ def _answer() -> None:
 
 
 def _ask(count: int) -> float:
-    """Return round trips per second; raises TimeoutError if nobody answers."""
+    """Return round trips per second; raises TimeoutError if no answer comes."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('ping')
     publisher = node.create_publisher(Odometry, PING, qos.LOCKSTEP)
@@ -57,7 +57,7 @@ def _ask(count: int) -> float:
 
     def on_pong(answer: Odometry) -> None:
         nonlocal trips, began
-        if answer.header.stamp.nanosec != trips:  # one message at a time is under way
+        if answer.header.stamp.nanosec != trips:  # only one message at a time
             return
         trips += 1
         message.header.stamp.nanosec = trips
@@ -78,7 +78,7 @@ def _ask(count: int) -> float:
     passed = time.perf_counter() - began
     rclpy.try_shutdown()
     if not trips:
-        raise TimeoutError(f'nobody answered within {_START_S:g} s')
+        raise TimeoutError(f'no answer within {_START_S:g} s')
     return (trips - _WARM_UP) / passed
 
 

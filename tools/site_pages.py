@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What MkDocs does not do by itself: equations as MathML, links that leave docs/, folders in nav.
+"""Hooks of MkDocs: equations as MathML, links that leave docs/, folders in the navigation.
 
-The pages are read on a Git forge as well. There `$...$` is an equation and `../ros_ws/...` a link;
-here equations become MathML, which browsers draw without a script, and a link to a source file
-becomes its text.
+The pages also serve readers on a Git forge, with `$...$` for an equation and `../ros_ws/...` for a
+link. Here equations become MathML, which browsers draw without a script, and a link to a source
+file becomes its text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 from latex2mathml.converter import convert
 
 ROOT = Path(__file__).resolve().parents[1]
-log = logging.getLogger('mkdocs.hooks.pages')  # what it warns of ends a strict build
+log = logging.getLogger('mkdocs.hooks.pages')  # a warning ends a strict build
 
 _EQUATION = re.compile(
     r'<(?P<tag>span|div) class="arithmatex">\\[(\[](?P<latex>.*?)\\[)\]]</(?P=tag)>', re.S
@@ -43,7 +43,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Turn links to files outside docs/ into their text, and warn of those that lead nowhere."""
+    """Replace links to files outside docs/ by their text; warn of broken links."""
     folder = Path(page.file.abs_src_path).parent
 
     def replace(match: re.Match[str]) -> str:
@@ -51,7 +51,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         if target.is_relative_to(ROOT / 'docs'):
             return match[0]
         if not target.exists():
-            log.warning('%s: the link %s leads nowhere', page.file.src_path, match['target'])
+            log.warning('%s: the link %s is broken', page.file.src_path, match['target'])
         where = target.relative_to(ROOT).as_posix() if target.is_relative_to(ROOT) else ''
         return f'{match["text"]} (`{where}`)' if where not in match['text'] else match['text']
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`trial`: try the running nodes, and print what was measured as a table."""
+"""`trial`: measure the running nodes, and print a table."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _above(least: float, most: float) -> type[float]:
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='trial',
-        description='Try the running nodes, and print what was measured as a table.',
+        description='Measure the running nodes, and print a table.',
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -45,19 +45,23 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     one.add_argument(
         '--rates', nargs='+', type=_above(0.1, 1000.0), default=list(latency.RATES_HZ), metavar='HZ'
     )
-    one.add_argument('--seconds', type=_above(1.0, 3600.0), default=30.0, help='of each (30)')
-    one = trials.add_parser('losses', help="the paper's test in free running with faulty channels")
+    one.add_argument(
+        '--seconds', type=_above(1.0, 3600.0), default=30.0, help='real time of each rate [s] (30)'
+    )
+    one = trials.add_parser('losses', help="the paper's test in free running with faulty links")
     one.add_argument(
         '--rates', nargs='+', type=_above(0.0, 1.0), default=[0.0, 0.2, 0.4, 0.6, 0.8],
-        metavar='SHARE', help='of the messages that each fault strikes, both ways',
+        metavar='SHARE', help='share of the messages for each fault, in both directions',
     )  # fmt: skip
     one.add_argument('--kinds', nargs='+', choices=losses.KINDS, default=list(losses.KINDS))
-    one.add_argument('--factor', type=_above(0.1, 100.0), default=20.0, help='x real time (20)')
+    one.add_argument('--factor', type=_above(0.1, 100.0), default=20.0, help='times real time (20)')
     one.add_argument('--seed', type=int, default=1)
     one.add_argument('--stale-after-ticks', type=int, default=10)
-    one = trials.add_parser('soak', help='memory, files and speed over a million ticks')
-    one.add_argument('--ticks', type=int, default=1_000_000, help='(1000000)')
-    one.add_argument('--every', type=_above(1.0, 600.0), default=20.0, help='seconds (20)')
+    one = trials.add_parser('soak', help='memory, open files and speed over a million ticks')
+    one.add_argument('--ticks', type=int, default=1_000_000, help='ticks of the run (1000000)')
+    one.add_argument(
+        '--every', type=_above(1.0, 600.0), default=20.0, help='time between samples [s] (20)'
+    )
     return parser.parse_args(argv)
 
 

@@ -124,4 +124,4 @@ def test_nobody_there_to_react_is_an_error_on_diagnostics(ros_env, tmp_path):
         Liar(bench).state(500.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         bench.until(lambda: watcher.checker.detected['out_of_range'])
         level, said, _ = watcher._health()
-        assert level == b'\x02' and 'nobody there to abort' in said
+        assert level == b'\x02' and 'no service for abort' in said

@@ -146,7 +146,7 @@ def test_silence_is_said():
     run.on_state(START_NS, STATE)
     assert run.sentence('/s') == 'running'
     now[0] = 7.4
-    assert run.sentence('/s') == 'nothing on /s for 7 s'
+    assert run.sentence('/s') == 'no message on /s for 7 s'
     run.on_status('reached the last tick', {'phase': 'finished'})
     assert run.sentence('/s') == 'finished: reached the last tick'
 
@@ -156,7 +156,8 @@ def test_the_terminal_view_names_units_and_reasons():
     console.print(terminal.view(LiveRun(), '/relative_state'))
     console.print(terminal.view(heard(), '/relative_state'))
     text = console.export_text()
-    for words in ('nothing on /relative_state yet', 'position [m]', 'velocity [mm/s]', 'force [N]',
+    for words in ('no message on /relative_state yet', 'position [m]',
+                  'velocity [mm/s]', 'force [N]',
                   'time 1.0 of 5 s', 'of ±0.5 N', '-0.5000', 'position error is zero'):  # fmt: skip
         assert words in text
     assert '72.8' in terminal.line(heard(), '/relative_state')
@@ -194,7 +195,7 @@ def test_the_page_is_whole_and_for_this_machine_alone(page):
     assert get(page.url + 'other')[0] == 404
     assert get(page.url, 'evil.example')[0] == 403
     assert get(page.url, f'evil.example:{page.server_port}')[0] == 403
-    with pytest.raises(InputError, match=r'`port` must be one .* got \d+: it is taken'):
+    with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
         LivePage(page.server_port)
 
 

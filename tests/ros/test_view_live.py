@@ -164,7 +164,7 @@ def test_an_app_is_told_what_ros_says(ros_env, tmp_path):
         found = asyncio.run(heard(url, topics))
         taken = ros.node('rpo_view', 'foxglove', port=url.rpartition(':')[2])
         assert taken.wait() == 2
-        assert '`port` must be one that can be listened on' in taken.output
+        assert '`port` must be free' in taken.output
         assert server.stop() == 0
     state = found['/relative_state']
     assert (state.header.frame_id, state.child_frame_id) == ('target_lvlh', 'chaser')

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the trials share: their nodes, their scenarios, and what a run of them left."""
+"""The common part of the trials: nodes, scenarios, and the results of a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, n
 
 @contextmanager
 def trial_nodes() -> Iterator[NodeProcesses]:
-    """Yield a starter of nodes in a namespace and a folder of their own, both gone at the end."""
+    """Yield a NodeProcesses in a namespace and a folder of its own, both removed at the end."""
     with (
         tempfile.TemporaryDirectory(prefix='rpo_trial_') as folder,
         node_processes({}, Path(folder), f'/trial_{os.getpid()}') as nodes,
@@ -45,7 +45,7 @@ def free_running_plant(nodes: NodeProcesses, path: str, **parameters: Any) -> No
 
 
 def ended(*nodes: NodeProcess) -> None:
-    """Wait for nodes; raise NodeProcessError if one ends otherwise than well."""
+    """Wait for nodes; raise NodeProcessError if one fails."""
     for node in nodes:
         if node.wait(None) != 0:
             raise NodeProcessError(node.output)
@@ -58,7 +58,7 @@ def flight_and_status(run: Path) -> tuple[Flight, dict[str, str]]:
 
 
 def machine() -> str:
-    """Return what the trial runs on, in a line."""
+    """Return the machine of the trial, in a line."""
     load = os.getloadavg()[0]
     return (
         f'{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}, '

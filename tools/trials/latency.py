@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Latency and jitter of the loop in free running, at some rates: plant, controller, recorder."""
+"""Latency and jitter of plant, controller and recorder in free running, at some rates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _row(rate_hz: float, seconds: float) -> str:
 
 
 def run(rates_hz: list[float], seconds: float) -> None:
-    """Fly at each rate for so many seconds of real time, and print a row of the table."""
+    """Run at each rate for some seconds of real time, and print a row of the table."""
     print(common.machine())
     print(
         '| rate | ticks | latency p50 | p95 | max | tick late p95 | max | overruns | held | zero |'

@@ -44,11 +44,11 @@ def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int
 
 
 def run(rates: list[float], kinds: list[str], factor: float, seed: int, stale: int) -> None:
-    """Fly the paper's test at each rate, the same for every kind, both ways; print the table.
+    """Run the paper's test at each rate, the same for all kinds, in both directions; print a table.
 
-    It docks where the paper's claims on position and velocity in the last 200 s hold.
+    It docks if position and velocity in the last 200 s are within the limits of the paper.
     """
-    print(f'{", ".join(kinds)}, both ways; {factor:g} x real time; {common.machine()}')
+    print(f'{", ".join(kinds)}, in both directions; {factor:g} x real time; {common.machine()}')
     print(
         '| rate of each | ticks with an older force | with none | position | velocity | J | docks |'
     )

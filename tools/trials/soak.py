@@ -1,12 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A long run in lockstep: memory, open files and speed of every node, from time to time."""
+"""A long run in lockstep: samples of memory, open files and speed of every node."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
@@ -20,14 +19,14 @@ from tools.trials import common
 _NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
 _PAGE = os.sysconf('SC_PAGE_SIZE')
 _WARM_SHARE = 0.1
-"""Part of the run that is not judged: caches fill, allocators settle."""
+"""Share of the run without a verdict: caches fill, allocators settle."""
 _FILE_S = 3600.0
-"""Simulated time per file of the log: the index of an MCAP file is kept until it is closed."""
+"""Simulated time per file of the log: the index of an MCAP file stays in memory until it closes."""
 
 MOST_GROWTH_MB = 5.0
 """Per node and run, after the warm-up."""
 MOST_SLOWER = 1.5
-"""Median latency of the last quarter beside that of the first after the warm-up."""
+"""Median latency of the last quarter over that of the first, after the warm-up."""
 
 
 Sample = tuple[int, float, list[tuple[float, int]]]
@@ -35,7 +34,7 @@ Sample = tuple[int, float, list[tuple[float, int]]]
 
 
 class _Health:
-    """The plant's last word on /diagnostics."""
+    """The last health of the plant on /diagnostics."""
 
     def __init__(self, namespace: str) -> None:
         keep_to_this_machine()
@@ -66,19 +65,11 @@ class _Health:
         rclpy.try_shutdown()
 
 
-def _resident_mb(pid: int) -> float:
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * _PAGE / 1e6
-
-
-def _open_files(pid: int) -> int:
-    return len(os.listdir(f'/proc/{pid}/fd'))
-
-
-def _sample(nodes: Sequence[NodeProcess]) -> list[tuple[float, int]]:
-    """Return resident memory [MB] and open files of each node."""
-    pids = [node.process.pid for node in nodes]
-    return [(_resident_mb(pid), _open_files(pid)) for pid in pids]
+def _sample(node: NodeProcess) -> tuple[float, int]:
+    """Return resident memory [MB] and open files of a node."""
+    process = Path('/proc', str(node.process.pid))
+    pages = int((process / 'statm').read_text().split()[1])
+    return pages * _PAGE / 1e6, len(os.listdir(process / 'fd'))
 
 
 def _start(nodes: NodeProcesses, ticks: int) -> list[NodeProcess]:
@@ -102,7 +93,7 @@ def _fly(nodes: NodeProcesses, ticks: int, every_s: float) -> list[Sample]:
             health.wait(every_s)
             if not health.running:
                 continue
-            tick, sample = int(health.values['tick']), _sample(started)
+            tick, sample = int(health.values['tick']), [_sample(node) for node in started]
             if tick == ticks or not plant.running:
                 break
             latency_ms = float(health.values['recent_latency_p50_ms'])
@@ -117,10 +108,10 @@ def _fly(nodes: NodeProcesses, ticks: int, every_s: float) -> list[Sample]:
 
 
 def _judge(samples: list[Sample], ticks: int) -> list[str]:
-    """Return what has grown, in words."""
+    """Return the reasons of a failure, in words."""
     warm = [sample for sample in samples if sample[0] > _WARM_SHARE * ticks]
     if len(warm) < 4:
-        return ['too short to judge: fewer than 4 samples after the warm-up']
+        return ['too short: fewer than 4 samples after the warm-up']
     found = []
     for index, name in enumerate(_NODES):
         grown = warm[-1][2][index][0] - warm[0][2][index][0]
@@ -138,14 +129,11 @@ def _judge(samples: list[Sample], ticks: int) -> list[str]:
 
 
 def run(ticks: int, every_s: float) -> int:
-    """Fly so many ticks through four processes; print samples and verdict; return the exit code."""
+    """Run some ticks as four processes; print samples and verdict; return the exit code."""
     begun = time.monotonic()
     print(common.machine())
-    print(
-        '| tick | rate | latency | '
-        + ' | '.join(f'{name}: memory, files' for name in _NODES)
-        + ' |'
-    )
+    heads = ' | '.join(f'{name}: memory, files' for name in _NODES)
+    print(f'| tick | rate | latency | {heads} |')
     print('|' + '---|' * (3 + len(_NODES)))
     with common.trial_nodes() as nodes:
         samples = _fly(nodes, ticks, every_s)

@@ -1,3 +1,3 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The running system: final_approach flies all nodes in one process."""
+"""The running system: final_approach runs all nodes in one process."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the commands of this package begin; see `rpo_ros.entry_point`."""
+"""Entry points of the commands of this package; see `rpo_ros.entry_point`."""
 
 import sys
 from functools import partial
@@ -22,7 +22,10 @@ def _tool(name: str) -> int:
     """Run a program of `tools/`, which is in the checkout that this package is built from."""
     root = Path(__file__).resolve().parents[4]
     if not (root / 'tools' / f'{name}.py').is_file():
-        print(f'`{name}` is in tools/ of the source checkout, and not installed', file=sys.stderr)
+        print(
+            f'`{name}` is in tools/ of the source checkout and is not installed',
+            file=sys.stderr,
+        )
         return 2
     sys.path.insert(0, str(root))
     code: int = import_module(f'tools.{name}').main()

@@ -8,7 +8,6 @@ import argparse
 import datetime
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
@@ -30,7 +29,7 @@ _START_TIMEOUT_S = 30.0
 
 
 def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
-    flown = scenario.load_scenario(options.scenario)
+    chosen = scenario.load_scenario(options.scenario)
     named = {'scenario': options.scenario}
     plant = {
         **named,
@@ -42,25 +41,20 @@ def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
         PlantNode(plant),
         ControllerNode({**named, 'controller': options.controller}),
     ]
-    places = {link.place for link in Chain.of(flown).links}
+    places = {link.place for link in Chain.of(chosen).links}
     for kind in (NavigationNode, DisturbanceInjectorNode):
         if places & set(kind.places):
             nodes.append(kind(named))
-    # Last, because it makes the run folder: nothing is left behind when another node refuses.
+    # Last, because it makes the run folder: if another node fails, no folder is left behind.
     nodes.append(RecorderNode({'output': str(folder), 'overwrite': options.overwrite}))
     return nodes
 
 
-def _both_done(nodes: Sequence[FlightNode]) -> bool:
-    plant, recorder = nodes[0], nodes[-1]
-    return plant.done and recorder.done
-
-
 def _report(folder: Path, plant: PlantNode, wall_s: float) -> None:
-    flown_s = plant.plant.scenario.duration_s
-    print(f'flew {flown_s:g} s in {wall_s:.2f} s, start included: {folder}')
+    duration_s = plant.scenario.duration_s
+    print(f'simulated {duration_s:g} s in {wall_s:.2f} s, start included: {folder}')
     picture = report.show(folder)
-    print(picture or 'no picture: `make setup LAYERS=report` installs matplotlib')
+    print(picture or 'no picture: matplotlib is missing, `make setup LAYERS=report` installs it')
 
 
 def main() -> int:
@@ -75,9 +69,9 @@ def main() -> int:
         nodes.extend(_nodes(options, folder))
         return nodes
 
-    code = run(make, sys.argv, _both_done)
-    flown = code == 0 and nodes[0].phase == 'finished'
-    if flown and not options.no_report:
+    # The first node is the plant, the last the recorder.
+    code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
+    if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
         try:
             _report(folder, nodes[0], time.monotonic() - begun)
         except (InputError, LogError) as error:

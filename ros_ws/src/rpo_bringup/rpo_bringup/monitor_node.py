@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `monitor`: watches a flight and warns, has the controller coast, or aborts the run.
+"""Node `monitor`: checks a run against limits, and warns, deactivates the controller or aborts.
 
 A table of limits (shipped: `config/monitors/default.yaml`) says for each fault in how many of the
 last samples it must appear, and the reaction: `warn`; `coast`, the monitor deactivates the
@@ -37,7 +37,7 @@ _RUNNING = 'running'
 
 
 class MonitorNode(FlightNode):
-    """Samples states, commands and diagnostics; reacts once when a fault begins to hold."""
+    """Samples states, commands and diagnostics; reacts once at the start of a fault."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('monitor', overrides)
@@ -49,7 +49,7 @@ class MonitorNode(FlightNode):
         self.answers: dict[str, str] = {}
         self._timeout = Timeout()
         self._newest_ns = 0
-        self._owed: dict[str, Client] = {}
+        self._pending: dict[str, Client] = {}
         controller, plant = self.values['controller_node'], self.values['plant_node']
         self._coast = self.create_client(ChangeState, f'{controller}/change_state')
         self._abort = self.create_client(Trigger, f'{plant}/abort')
@@ -57,7 +57,7 @@ class MonitorNode(FlightNode):
         self._subscribe()
         self.every(_LOOK_S, self._look)
         health.publish_health(self, self._health)
-        self.get_logger().info(f'watching by the table {self.checker.table.name}')
+        self.get_logger().info(f'checking the limits of table {self.checker.table.name}')
 
     def _subscribe(self) -> None:
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
@@ -82,29 +82,31 @@ class MonitorNode(FlightNode):
         self._sample(self.checker.table.limits.faults_of_force(force))
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        phase = {pair.key: pair.value for pair in message.values}.get('phase', '')
+        phase = conversions.values_of(message).get('phase', '')
         if phase == _RUNNING and self.phase != _RUNNING:
             self._timeout.broken()
             self.checker.clear(self.checker.table.rules)
-            self._owed.clear()
+            self._pending.clear()
         self.phase = phase
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._watched:
-                values = {pair.key: pair.value for pair in status.values}
-                inactive = values.get('state', 'active') != 'active'
+                inactive = conversions.values_of(status).get('state', 'active') != 'active'
                 self._sample({'controller_inactive': inactive and self.phase == _RUNNING})
 
     def _look(self) -> None:
-        """Notice silence, and ask again for what could not be asked for."""
+        """Detect a missing command, and send requests whose service was not there before."""
         silent = self._timeout.look() > self.checker.table.limits.force_age_s
         self._sample({'force_stale': silent and self.phase == _RUNNING})
         if self.phase != _RUNNING:
-            self._owed.clear()
-        for reaction, client in list(self._owed.items()):
+            self._pending.clear()
+        self._send_requests()
+
+    def _send_requests(self) -> None:
+        for reaction, client in list(self._pending.items()):
             if client.service_is_ready():
-                self._ask(reaction, self._owed.pop(reaction))
+                self._request(reaction, self._pending.pop(reaction))
 
     def _sample(self, seen: Mapping[str, bool]) -> None:
         for detection in self.checker.sample(seen):
@@ -115,17 +117,15 @@ class MonitorNode(FlightNode):
         self.reacted[detection.fault] = reaction
         self._fresh.add(detection.fault)
         log = self.get_logger()
-        said = Detection(detection.fault, reaction).sentence
-        log.warning(said) if reaction == WARN else log.error(said)
+        text = Detection(detection.fault, reaction).sentence
+        log.warning(text) if reaction == WARN else log.error(text)
         if reaction == COAST:
-            self._owed[COAST] = self._coast
+            self._pending[COAST] = self._coast
         elif reaction == ABORT:
-            self._owed[ABORT] = self._abort
-        for asked, client in list(self._owed.items()):
-            if client.service_is_ready():
-                self._ask(asked, self._owed.pop(asked))
+            self._pending[ABORT] = self._abort
+        self._send_requests()
 
-    def _ask(self, reaction: str, client: Client) -> None:
+    def _request(self, reaction: str, client: Client) -> None:
         request: Any = Trigger.Request()
         if reaction == COAST:
             request = ChangeState.Request(
@@ -139,25 +139,25 @@ class MonitorNode(FlightNode):
         response = future.result()
         done = response is not None and response.success
         self.answers[reaction] = 'done' if done else 'refused'
-        log, said = self.get_logger(), f'{reaction}: {self.answers[reaction]} by {client.srv_name}'
-        log.info(said) if done else log.warning(said)
+        log, text = self.get_logger(), f'{reaction}: {self.answers[reaction]} by {client.srv_name}'
+        log.info(text) if done else log.warning(text)
 
     def _health(self) -> health.Health:
-        level, said = health.OK, 'nothing to report'
-        faults = self.checker.holding | self._fresh  # one that came and went is told of once
+        level, text = health.OK, 'nothing to report'
+        faults = self.checker.holding | self._fresh  # a short fault is reported once
         self._fresh = set()
         if faults:
-            level, said = health.WARN, ', '.join(sorted(faults))
+            level, text = health.WARN, ', '.join(sorted(faults))
             if any(self.reacted.get(fault) != WARN for fault in faults):
                 level = health.ERROR
-        if self._owed:
-            level, said = health.ERROR, f'{said}; nobody there to {", ".join(self._owed)}'
+        if self._pending:
+            level, text = health.ERROR, f'{text}; no service for {", ".join(self._pending)}'
         counts = {f'detected_{k}': n for k, n in self.checker.detected.items() if n}
         reactions = {f'reaction_{k}': reaction for k, reaction in sorted(self.reacted.items())}
         answers = {f'answer_{k}': answer for k, answer in sorted(self.answers.items())}
         values = {'phase': self.phase, 'table': self.checker.table.name}
         values |= {**counts, **reactions, **answers}
-        return level, said, values
+        return level, text, values
 
 
 def main() -> int:

@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     )
     found.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
     found.add_argument(
-        '--overwrite', action='store_true', help='replace the run in an existing output folder'
+        '--overwrite', action='store_true', help='replace the run in an existing folder'
     )
     found.add_argument(
         '--real-time-factor',
@@ -38,5 +38,5 @@ def parser() -> argparse.ArgumentParser:
         metavar='X',
         help='simulated seconds per second; 0: as fast as it goes (default)',
     )
-    found.add_argument('--no-report', action='store_true', help='leave a log, but no report')
+    found.add_argument('--no-report', action='store_true', help='write the log only, no report')
     return found

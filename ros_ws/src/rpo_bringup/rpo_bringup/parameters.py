@@ -9,7 +9,7 @@ from rpo_ros.parameter_rows import ParameterRow as Row
 MONITOR = (
     Row('table', 'default', 'shipped monitor table, or path of a monitor file',
         example='path/to/mine.yaml'),
-    Row('react', True, 'false: warn only, whatever the table says', changeable=True),
-    Row('controller_node', 'fuzzy_controller', 'the controller that is told to coast'),
-    Row('plant_node', 'plant', 'the plant that is told to abort'),
+    Row('react', True, 'false: only warn, for every fault', changeable=True),
+    Row('controller_node', 'fuzzy_controller', 'controller node to deactivate'),
+    Row('plant_node', 'plant', 'plant node to abort'),
 )  # fmt: skip

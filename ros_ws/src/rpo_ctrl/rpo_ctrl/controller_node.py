@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node of every controller: a managed (lifecycle) node that loads any controller file.
 
-configure loads and checks the file, activate allows to command, deactivate commands zero, cleanup
-makes room for another file, shutdown ends the process. `fuzzy_controller` and `rival_controller`
-are two names of it, which differ in the file that they load if none is named.
+configure loads and checks the file, activate starts to command, deactivate commands zero, cleanup
+unloads the file, shutdown ends the process. `fuzzy_controller` and `rival_controller` are two names
+of it with different default files.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ _AXES = tuple(enumerate(explain.AXES))
 class ControllerNode(LifecycleNodeMixin, StageNode):
     """Answers states with the force of a controller.
 
-    Before its first activation it is silent, and a plant waits. From then on every state is
-    answered: by the controller while active, with zero force otherwise. Each change in flight is
-    an event on `stage_status`.
+    Before its first activation it sends nothing, and a plant waits. After that it answers every
+    state: with the controller while active, with zero force otherwise. Each change in flight is an
+    event on `stage_status`.
 
     node_name : of the node; rows : its parameters
     """
@@ -69,7 +69,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
             self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
 
     def outlets(self) -> Sequence[str]:
-        """Return the commanded force: a plant must see at once that there is a controller."""
+        """Return the commanded force: a plant must find a controller at once."""
         return (interfaces.CONTROL_FORCE,)
 
     def parse(self, document: Any) -> AnyController:
@@ -77,7 +77,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         return controller.parse(document)
 
     def part(self, scenario: Scenario) -> Chain | None:
-        """Return the controller as a stage; raises InputError if it counts other ticks."""
+        """Return the controller as a stage; raises InputError if its tick has another length."""
         if self.controller is None:
             return None
         return Chain.of(scenario, self.controller).part(Place.CONTROLLER)
@@ -90,16 +90,16 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         return Chain([Link(Place.CONTROLLER, stage, (interfaces.RELATIVE_STATE,))])
 
     def refusal(self) -> str:
-        """Return why no state is answered now."""
+        """Return why states get no answer now."""
         return '' if self._began else 'not_activated'
 
     def step(self, tick: int, signals: Signals) -> None:
-        """Add the controller's force, zero when not active."""
+        """Add the force of the controller; zero when not active."""
         if self.active:
             try:
                 super().step(tick, signals)
                 return
-            except Exception:  # a law that breaks must not take the answer with it
+            except Exception:  # after an error in the law the plant still needs an answer
                 self.get_logger().error(f'no command in {signals}: {traceback.format_exc()}')
                 self.last_tick = tick - 1
                 self.trigger_deactivate()
@@ -107,7 +107,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         signals[interfaces.CONTROL_FORCE] = ZERO
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
-        """Publish why, when it is time: the force is on its way already."""
+        """Publish the decision when it is due; the force is sent already."""
         self._decision.offer(stamp_ns, self._label, lambda: self._explain(signals))
 
     def _explain(self, signals: Signals) -> tuple[bytes, Sequence[Reason]]:
@@ -131,7 +131,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         return str(self._state_machine.current_state[1])
 
     def _autostart(self) -> None:
-        """Configure and activate; raises what kept it from that."""
+        """Configure and activate; raises the error of a failed transition."""
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != SUCCESS:
                 raise self._cause or RuntimeError('a lifecycle transition failed')
@@ -144,7 +144,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         return files.loads(content, self.parse, str(path)), content
 
     def _take(self, loaded: AnyController, content: str) -> None:
-        """Make a controller the one of the run, and say so; raises InputError."""
+        """Make a controller the one of the run, and publish it; raises InputError."""
         self.controller = loaded
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
         self._label = f'{loaded.name} {self._sha256[:12]}'
@@ -156,7 +156,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         self.rebuild()
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Load and check the file; a bad one leaves the node unconfigured."""
+        """Load and check the file; after a bad one the node stays unconfigured."""
         return self._try('configure', lambda: self._take(*self._loaded(self.values['controller'])))
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
@@ -172,11 +172,11 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         return self._try('clean up', self._forget)
 
     def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Fall silent and end the process."""
+        """Send nothing more and end the process."""
         return self._try('shut down', self._end)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """After a transition that broke: unconfigured, commanding zero."""
+        """Become unconfigured after an error in a transition, and command zero."""
         self._forget()
         return SUCCESS
 
@@ -195,12 +195,12 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         self.get_logger().warning('inactive: commanding zero')
 
     def _say_state(self, reason: str) -> None:
-        """Say on `stage_status` from which tick on the controller is what it is now."""
+        """Publish on `stage_status` the state of the controller and its first tick."""
         state = 'active' if self.active else 'inactive'
         self.say_stage_status('controller', state, self.last_tick + 1, reason)
 
     def new_run(self) -> None:
-        """Forget the run before; a new one may begin with the controller switched off."""
+        """Forget the run before; a new one may begin with an inactive controller."""
         super().new_run()
         if self._began and not self.active:
             self._say_state('switched off before the run')
@@ -215,13 +215,13 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         self.done = True
 
     def _try(self, name: str, act: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run a transition; rclpy would swallow what it raises."""
+        """Run a transition and log its error: rclpy would hide it."""
         self._cause = None
         try:
             act()
         except InputError as error:
             self._cause = error
-            if not self._starting:  # then it is said by whoever started the node
+            if not self._starting:  # at the start `run` logs it
                 self.get_logger().error(f'cannot {name}: {error}')
             return FAILURE
         except Exception as error:
@@ -230,23 +230,23 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
             return ERROR
         return SUCCESS
 
-    def refuse_change(self, asked: Mapping[str, Any]) -> None:
-        """Refuse another controller in flight, or one that does not load."""
-        if 'controller' in asked:
+    def refuse_change(self, wanted: Mapping[str, Any]) -> None:
+        """Refuse another controller while active, or one that does not load."""
+        if 'controller' in wanted:
             if self.active:
                 raise InputError(
                     '`controller` may not change while the controller is active: '
                     f'`ros2 lifecycle set {self._full} deactivate` first'
                 )
-            self._checked = self._loaded(asked['controller'])
+            self._checked = self._loaded(wanted['controller'])
 
     def changed(self, applied: Mapping[str, Any]) -> None:
-        """Fly the new controller file from the next activation on."""
+        """Use the new controller file from the next activation on."""
         if 'controller' in applied and self.controller is not None:
             self._take(*self._checked)
 
     def health(self) -> health.Health:
-        """Return what /diagnostics says: the lifecycle's state, the file and its hash."""
+        """Return the health: the state of the lifecycle, the file and its hash."""
         level, _, values = super().health()
         doing = 'commanding' if self.active else 'commanding zero' if self._began else 'silent'
         doing = 'no states: the plant is gone' if self.plant_gone else doing

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Topic `decision`: why the controller commands what it commands, some times a second."""
+"""Topic `decision`: the reasons of the commanded force, a few times a second."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rpo_core.decimation import Decimation
 from rpo_ros import conversions, names, qos
 
 Reason = tuple[str, Sequence[tuple[str, float]]]
-"""Of one axis: a sentence, and names and numbers."""
+"""Of one axis: a sentence, and numbers with names."""
 
 
 class DecisionPublisher:
     """Publishes decisions when they are due, each with the stamp of its state.
 
-    rate_hz : per second of simulated time, by the stamps alone; 0: never
+    rate_hz : decisions per simulated second, by the stamps alone; 0: none
     """
 
     def __init__(self, node: Node, rate_hz: float) -> None:
@@ -31,10 +31,10 @@ class DecisionPublisher:
     def offer(
         self, stamp_ns: int, label: str, explain: Callable[[], tuple[bytes, Sequence[Reason]]]
     ) -> None:
-        """Publish the decision on a state if it is due; a state that comes again gets it again.
+        """Publish the decision on a state if it is due; a repeated state gets it again.
 
         label : controller and hash of its file
-        explain : returns level and the reasons of x, y, z
+        explain : returns the level, and the reasons of x, y, z
         """
         if self._decimation.due(stamp_ns, self._before_ns):
             self._explained_ns = stamp_ns

@@ -12,7 +12,7 @@ from rpo_ros.parameter_rows import ParameterRow as Row
 
 FUZZY_CONTROLLER = (
     Row('controller', DEFAULT_CONTROLLER, 'shipped controller, or path of a controller file; may '
-        'change while the controller is not active', changeable=True,
+        'change while the controller is inactive', changeable=True,
         example='path/to/mine.yaml'),
     Row('autostart', True, 'configure and activate at the start; false: wait for `ros2 lifecycle '
         'set`', wall=True),

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `rival_controller`: the same node as `fuzzy_controller`; without a file it loads an LQR."""
+"""Node `rival_controller`: the same node as `fuzzy_controller`; its default file is an LQR."""
 
 from rpo_ctrl import controller_node
 from rpo_ctrl.parameters import RIVAL_CONTROLLER

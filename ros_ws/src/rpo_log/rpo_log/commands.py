@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the commands of this package begin; see `rpo_ros.entry_point`."""
+"""Entry points of the commands of this package; see `rpo_ros.entry_point`."""
 
 from functools import partial
 

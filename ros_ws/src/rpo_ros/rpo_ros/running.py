@@ -75,7 +75,7 @@ class FlightNode(Node):
         """Call back in steady wall time: the clock of a node stops with the clock of the system."""
         return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def refuse_change(self, asked: Mapping[str, Any]) -> None:
+    def refuse_change(self, wanted: Mapping[str, Any]) -> None:
         """Raise InputError if these checked parameters may not change now; change nothing."""
 
     def changed(self, applied: Mapping[str, Any]) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `foxglove`: a WebSocket server from which the Foxglove and Lichtblick apps show the run."""
+"""Node `foxglove`: a WebSocket server that shows the run in the Foxglove and Lichtblick apps."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SAMPLED = {
 
 
 class FoxgloveNode(FlightNode):
-    """Passes messages on as the bytes that came, under the simulated time of the newest state."""
+    """Passes on the bytes of the messages, with the simulated time of the newest state."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('foxglove', overrides)
@@ -64,9 +64,7 @@ class FoxgloveNode(FlightNode):
                 name='rpo', host=HOST, port=values['port'], context=self._app_context
             )
         except RuntimeError as error:
-            raise InputError(
-                f'`port` must be one that can be listened on; got {values["port"]}: {error}'
-            ) from None
+            raise InputError(f'`port` must be free; got {values["port"]}: {error}') from None
         self.create_subscription(
             DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
@@ -96,9 +94,9 @@ class FoxgloveNode(FlightNode):
             self._channels[name].log(data, log_time=self._stamp_ns)
 
     def _on_state(self, state: Odometry) -> None:
-        """Set the time, and say where the chaser is: what ROS says on /tf."""
+        """Set the time, and send the position of the chaser, as /tf does in ROS."""
         stamp_ns = conversions.from_stamp(state.header.stamp)
-        if stamp_ns < self._stamp_ns:  # another run: what the app has of the last one is to go
+        if stamp_ns < self._stamp_ns:  # another run: clear the old one in the app
             self._server.clear_session()
         self._stamp_ns = stamp_ns
         x, y, z = conversions.from_odometry(state)[:3]
@@ -116,12 +114,12 @@ class FoxgloveNode(FlightNode):
         self._say_status()
 
     def _say_status(self) -> None:
-        """Pass on run_status again and again: for the apps nothing is latched."""
+        """Send run_status again: the apps know no latched topics."""
         if self._status and self._stamp_ns:
             self._channels[names.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
 
     def close(self) -> None:
-        """Let the apps go."""
+        """Disconnect the apps."""
         self._server.stop()
 
 

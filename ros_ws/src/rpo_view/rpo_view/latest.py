@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The newest message of a topic, taken when a viewer looks.
 
-At full speed a run publishes thousands of states a second; a callback for each would take a
-processor from the flight. Here the middleware keeps the last one, and Python sees only that.
+At full speed a run publishes thousands of states a second; a callback for each would use a whole
+processor. Here the middleware keeps the last message, and Python takes only that.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rpo_ros.running import FlightNode, run_node
 
 
 class _Unspun(CallbackGroup):
-    """Keeps its subscriptions out of the executor's hands."""
+    """Keeps its subscriptions away from the executor."""
 
     def can_execute(self, entity: object) -> bool:
         return False
@@ -29,11 +29,11 @@ class _Unspun(CallbackGroup):
         return False
 
     def ending_execution(self, entity: object) -> None:
-        """Nothing was begun."""
+        """Do nothing."""
 
 
 class Latest:
-    """One topic, looked at now and then; the node must be run by `run_viewer`."""
+    """The newest message of one topic; run the node by `run_viewer`."""
 
     def __init__(self, node: Node, kind: type, topic: str, *, raw: bool = False) -> None:
         self._subscription = node.create_subscription(
@@ -42,7 +42,7 @@ class Latest:
 
     @staticmethod
     def _never(_message: object) -> None:
-        raise RuntimeError('a viewer looks by itself: run it by run_viewer')
+        raise RuntimeError('run a viewer by run_viewer')
 
     def take(self) -> Any:
         """Return the newest message since the last look; None if none came."""
@@ -54,5 +54,5 @@ class Latest:
 
 
 def run_viewer(make: Callable[[], FlightNode]) -> int:
-    """Run a viewer node: by the stock executor, since only that one honours callback groups."""
+    """Run a viewer node by the stock executor: only that one respects callback groups."""
     return run_node(make, SingleThreadedExecutor)

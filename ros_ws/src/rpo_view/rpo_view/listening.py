@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the page and the terminal view have in common: they listen to a run's topics."""
+"""The common part of the page and the terminal view: a node that listens to a run."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
 from rpo_ros import conversions, names, qos
+from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
 from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
@@ -37,7 +38,7 @@ class ListeningNode(FlightNode):
             self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
 
     def look(self) -> None:
-        """Take in the newest of every topic; what is not finite or in another frame is left out."""
+        """Take the newest message of each topic; skip other frames and what is not finite."""
         state = self._states.take()
         if state is not None:
             values = conversions.from_odometry(state)
@@ -59,8 +60,3 @@ class ListeningNode(FlightNode):
 
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         self.live.on_manifest(values_of(manifest))
-
-
-def values_of(status: DiagnosticStatus) -> dict[str, str]:
-    """Return the values of a status by their keys."""
-    return {pair.key: pair.value for pair in status.values}

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the live views know of a run: plain numbers and texts, no ROS."""
+"""The data of a run for the live views: plain numbers and texts, no ROS."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rpo_core import files, scenario
+from rpo_core import files
+from rpo_core import scenario as scenarios
+from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_view.trail import Trail
 
@@ -18,12 +20,12 @@ Vector = tuple[float, ...]
 
 _NANOSECONDS = 1_000_000_000
 SILENCE_S = 3.0
-"""Without a state for so long a run that is under way counts as silent."""
+"""A run in progress without a state for so long is silent."""
 
 
 @dataclass(frozen=True)
 class AxisDecision:
-    """Why the controller commands what it commands on one axis.
+    """The reason of the commanded force on one axis.
 
     rules : (position word, velocity word, force word, strength), the strongest first
     """
@@ -33,7 +35,7 @@ class AxisDecision:
 
     @classmethod
     def of(cls, sentence: str, values: Mapping[str, str]) -> AxisDecision:
-        """Return what a status of the topic `decision` says; a pair that is no rule is left out."""
+        """Return the decision in a status of topic `decision`; skip values that are no rules."""
         rules = []
         for key, value in values.items():
             kind, *words = key.split('.')
@@ -54,16 +56,16 @@ def _number(text: str) -> float | None:
 
 @dataclass
 class LiveRun:
-    """The run as far as it was heard; None where nothing was.
+    """The run as far as messages came; None where none came.
 
     position_m, velocity_m_s, force_n, disturbance_n : (3,), target LVLH
-    flights : how many runs were seen to begin
+    flights : number of runs since the start of the viewer
     clock : wall time [s]
     """
 
     clock: Callable[[], float] = time.monotonic
     trail: Trail = field(default_factory=Trail)
-    flown: scenario.Scenario | None = None
+    scenario: Scenario | None = None
     controller: str = ''
     phase: str = ''
     reason: str = ''
@@ -79,7 +81,7 @@ class LiveRun:
     _heard_s: float | None = None
 
     def on_state(self, stamp_ns: int, state: Sequence[float]) -> None:
-        """Take in x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+        """Take a state x, y, z [m], vx, vy, vz [m/s], target LVLH."""
         if self.position_m is None or stamp_ns < self._stamp_ns:
             self._begin(stamp_ns)
         self._stamp_ns, self._heard_s = stamp_ns, self.clock()
@@ -94,64 +96,64 @@ class LiveRun:
         self.force_n = self.disturbance_n = None
 
     def on_status(self, message: str, values: Mapping[str, str]) -> None:
-        """Take in run_status."""
+        """Take a run_status."""
         self.phase, self.reason = values.get('phase', ''), message
         numbers = {key: _number(value) for key, value in values.items()}
         self.figures = {key: number for key, number in numbers.items() if number is not None}
 
     def on_manifest(self, values: Mapping[str, str]) -> None:
-        """Take in what a node runs with."""
+        """Take the manifest of a node."""
         role = values.get('role')
         if role == 'controller':
             self.controller = values.get('parameter.controller', '')
         if role != 'plant':
             return
         try:
-            found = files.loads(values.get('file.scenario.yaml', ''), scenario.parse, 'scenario')
+            found = files.loads(values.get('file.scenario.yaml', ''), scenarios.parse, 'scenario')
         except InputError:
-            return  # another make of plant: what it flies stays unknown
-        self.flown = found if isinstance(found, scenario.Scenario) else None
+            return  # another kind of plant: its scenario stays unknown
+        self.scenario = found if isinstance(found, Scenario) else None
 
     def on_decision(self, axis: str, sentence: str, values: Mapping[str, str]) -> None:
-        """Take in why the controller commands what it commands on an axis."""
+        """Take the decision of the controller on an axis."""
         self.decisions[axis] = AxisDecision.of(sentence, values)
 
     @property
     def time_s(self) -> float:
         """Simulated time since the start of the run."""
-        begun_ns = self.flown.epoch_ns if self.flown is not None else self._first_ns
+        begun_ns = self.scenario.epoch_ns if self.scenario is not None else self._first_ns
         return (self._stamp_ns - begun_ns) / _NANOSECONDS
 
     @property
     def silent_s(self) -> float | None:
-        """Wall time since a run that is under way was last heard, if that is long; else None."""
+        """Wall time since the last state of a run in progress, if it is long; else None."""
         if self._heard_s is None or self.phase in ('finished', 'aborted'):
             return None
         silence_s = self.clock() - self._heard_s
         return silence_s if silence_s > SILENCE_S else None
 
     def sentence(self, topic: str) -> str:
-        """Return in a sentence where the run stands; `topic` is where states are listened for."""
+        """Return the status of the run in a sentence; `topic` is the topic of its states."""
         if self.position_m is None:
             if self.phase:
                 return f'{self.phase}: {self.reason}'
-            return f'nothing on {topic} yet: is a plant running, in this namespace and domain?'
+            return f'no message on {topic} yet: is a plant running, in this namespace and domain?'
         if self.silent_s is not None:
-            return f'nothing on {topic} for {self.silent_s:.0f} s'
+            return f'no message on {topic} for {self.silent_s:.0f} s'
         return f'{self.phase or "running"}: {self.reason}' if self.reason else 'running'
 
     def snapshot(self, topic: str) -> dict[str, Any]:
-        """Return everything but the trail, ready for JSON; None for what is not known."""
+        """Return all data but the trail, ready for JSON; None for unknown data."""
         position, velocity = self.position_m, self.velocity_m_s
         return {
             'topic': topic,
             'sentence': self.sentence(topic),
             'phase': self.phase,
             'flights': self.flights,
-            'scenario': self.flown.name if self.flown else None,
+            'scenario': self.scenario.name if self.scenario else None,
             'controller': self.controller or None,
-            'duration_s': self.flown.duration_s if self.flown else None,
-            'max_force_n': self.flown.max_force_n if self.flown else None,
+            'duration_s': self.scenario.duration_s if self.scenario else None,
+            'max_force_n': self.scenario.max_force_n if self.scenario else None,
             'time_s': self.time_s if position else None,
             'position_m': position,
             'velocity_m_s': velocity,

@@ -15,19 +15,19 @@ VISUALIZER = (
         wall=True),
     Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach; 0: none', 'deg',
         most=80.0, wall=True),
-    Row('trail_points', 1000, 'longest trail; a longer one gets coarser', least=2, most=1e5,
-        wall=True),
+    Row('trail_points', 1000, 'most points of the trail; a longer trail gets coarser', least=2,
+        most=1e5, wall=True),
 )  # fmt: skip
 
 WEB = (
-    Row('port', 8700, 'of the page, on 127.0.0.1 only; 0: any that is free', most=65535,
+    Row('port', 8700, 'port of the page, on 127.0.0.1 only; 0: any free port', most=65535,
         wall=True, example='8701'),
-    Row('rate_hz', 15.0, 'how often the page is brought up to date, by wall time', 'Hz',
+    Row('rate_hz', 15.0, 'how often the page is updated, by wall time', 'Hz',
         least=0.1, most=60.0, wall=True),
 )  # fmt: skip
 
 FOXGLOVE = (
-    Row('port', 8765, 'of the server, on 127.0.0.1 only; 0: any that is free', most=65535,
+    Row('port', 8765, 'port of the server, on 127.0.0.1 only; 0: any free port', most=65535,
         wall=True, example='8766'),
     Row('rate_hz', 30.0, 'how often the newest messages are passed on, by wall time', 'Hz',
         least=0.1, most=200.0, wall=True),
@@ -36,8 +36,8 @@ FOXGLOVE = (
 WATCH = (
     Row('rate_hz', 8.0, 'how often the view is drawn, by wall time', 'Hz', least=0.1, most=30.0,
         wall=True, example='4.0'),
-    Row('line_every_s', 2.0, 'time between lines where the output is no terminal', 's', least=0.1,
+    Row('line_every_s', 2.0, 'time between lines if the output is no terminal', 's', least=0.1,
         most=3600.0, wall=True),
-    Row('until_end', False, 'leave when the run has ended, with exit code 1 if it was aborted',
+    Row('until_end', False, 'end with the run, with exit code 1 if it was aborted',
         wall=True),
 )  # fmt: skip

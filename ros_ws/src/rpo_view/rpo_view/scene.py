@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The scene as RViz and Foxglove draw it: markers of one state, all in target LVLH.
+"""The scene for RViz and Foxglove: markers of one state, all in target LVLH.
 
-(ns, id) of a marker stays its own for ever, so a viewer replaces what it has.
+Each marker keeps its (ns, id), so that a viewer replaces the old one.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ _EDGES = 8
 _ARROW = (0.25, 0.6, 0.8)
 """Diameters of shaft and head, length of the head [m]."""
 _MIN_FORCE_N = 1e-3
-"""Below this there is nothing to draw: RViz warns of an arrow without length."""
+"""A smaller force is not drawn: RViz warns of an arrow without length."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What the scene shows beside the two spacecraft: aids to the eye, not limits of the flight.
+    """The aids in the scene beside the two spacecraft; they are no limits of the flight.
 
     arrow_m_per_n : length of the thrust arrow for a force
     keep_out_radius_m : of the sphere around the target; 0: none
@@ -109,7 +109,7 @@ def _chaser(position_m: Vector) -> list[Marker]:
 
 
 def _thrust(position_m: Vector, force_n: Vector, arrow_m_per_n: float) -> Marker:
-    """Return the commanded force, from the chaser; the plume goes the other way."""
+    """Return the commanded force, drawn from the chaser; the plume points the other way."""
     marker = _marker('thrust', 0, Marker.ARROW, _ARROW, _colour('small_positive'))
     if math.hypot(*force_n) < _MIN_FORCE_N:
         marker.action = Marker.DELETE
@@ -120,7 +120,7 @@ def _thrust(position_m: Vector, force_n: Vector, arrow_m_per_n: float) -> Marker
 
 
 def _aids(start_m: Vector, look: Look) -> list[Marker]:
-    """Return the sphere, and a cone along the LVLH axis on which the way begins farthest out."""
+    """Return the sphere, and a cone along the LVLH axis with the largest start coordinate."""
     found = []
     if look.keep_out_radius_m > 0.0:
         size_m = (2.0 * look.keep_out_radius_m,) * 3
@@ -135,7 +135,7 @@ def _aids(start_m: Vector, look: Look) -> list[Marker]:
 def cone(start_m: Vector, half_angle_deg: float) -> list[list[float]]:
     """Return the ends of line pieces (2n, 3) [m] along a cone and around its wide end.
 
-    The apex is in the target, the axis along that of `start_m` which is longest, as long as that.
+    The apex is in the target. Axis and length are those of the largest coordinate of `start_m`.
     """
     axis = max(range(3), key=lambda i: abs(start_m[i]))
     across, up = (i for i in range(3) if i != axis)

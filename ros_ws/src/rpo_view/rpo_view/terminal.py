@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A live run as rich draws it on a terminal; no ROS."""
+"""A live run on a terminal, drawn by rich; no ROS."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def bar(share: float, colour: str) -> Text:
 
 
 def line(run: LiveRun, topic: str) -> str:
-    """Return the run in one line, for where there is no terminal."""
+    """Return the run in one line, for an output that is no terminal."""
     if run.position_m is None or run.velocity_m_s is None:
         return run.sentence(topic)
     forces = ' '.join(f'{force:+.4f}' for force in run.force_n or ())
@@ -49,7 +49,7 @@ def view(run: LiveRun, topic: str) -> Panel:
         parts += [_progress(run), Text(), _axes(run)]
     if run.decisions:
         parts += [Text(), _decisions(run)]
-    named = [name for name in (run.flown.name if run.flown else '', run.controller) if name]
+    named = [name for name in (run.scenario.name if run.scenario else '', run.controller) if name]
     return Panel(Group(*parts), title=' · '.join(['final approach', *named]), title_align='left')
 
 
@@ -58,16 +58,16 @@ def _bad(run: LiveRun) -> bool:
 
 
 def _progress(run: LiveRun) -> Table:
-    """Return time, range and speed, and how far the run is."""
+    """Return time, range, speed and progress of the run."""
     position, velocity = run.position_m or (), run.velocity_m_s or ()
     grid = Table.grid(padding=(0, 3))
-    whole = f' of {run.flown.duration_s:g}' if run.flown else ''
+    whole = f' of {run.scenario.duration_s:g}' if run.scenario else ''
     grid.add_row(
         f'time {run.time_s:.1f}{whole} s',
         f'range [bold]{math.hypot(*position):.3f}[/] m',
         f'speed [bold]{1000.0 * math.hypot(*velocity):.1f}[/] mm/s',
-        ProgressBar(total=run.flown.duration_s, completed=run.time_s, width=24)
-        if run.flown
+        ProgressBar(total=run.scenario.duration_s, completed=run.time_s, width=24)
+        if run.scenario
         else '',
     )
     return grid
@@ -75,12 +75,12 @@ def _progress(run: LiveRun) -> Table:
 
 def _axes(run: LiveRun) -> Table:
     position, velocity = run.position_m or (), run.velocity_m_s or ()
-    limit_n = run.flown.max_force_n if run.flown else 1.0
+    limit_n = run.scenario.max_force_n if run.scenario else 1.0
     table = Table(box=None, padding=(0, 2, 0, 0), header_style='dim')
     table.add_column('axis')
     for title in ('position [m]', 'velocity [mm/s]', 'force [N]'):
         table.add_column(Text(title), justify='right')  # not markup: brackets hold units
-    table.add_column(f'of ±{limit_n:g} N' if run.flown else 'of ±1 N')
+    table.add_column(f'of ±{limit_n:g} N' if run.scenario else 'of ±1 N')
     for i, (axis, name, colour) in enumerate(AXES):
         force_n = run.force_n[i] if run.force_n else None
         table.add_row(
@@ -94,7 +94,7 @@ def _axes(run: LiveRun) -> Table:
 
 
 def _decisions(run: LiveRun) -> Table:
-    """Return why: each axis's sentence, and the rules that fire beside the strongest."""
+    """Return the sentence of each axis, and the next strongest rules."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for axis, _, colour in AXES:
         decision = run.decisions.get(axis)
@@ -102,7 +102,7 @@ def _decisions(run: LiveRun) -> Table:
             continue
         table.add_row(Text(axis, style=colour), Text(decision.sentence))
         others = decision.rules[1 : 1 + _RULES]
-        said = [f'{p}, {v} → {force} {strength:.2f}' for p, v, force, strength in others]
-        if said:
-            table.add_row('', Text('also ' + '; '.join(said), style='dim'))
+        texts = [f'{p}, {v} → {force} {strength:.2f}' for p, v, force, strength in others]
+        if texts:
+            table.add_row('', Text('also ' + '; '.join(texts), style='dim'))
     return table

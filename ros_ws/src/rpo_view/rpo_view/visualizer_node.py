@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `visualizer`: the run as RViz and Foxglove show it: /tf, a pose, markers."""
+"""Node `visualizer`: the run for RViz and Foxglove: /tf, a pose, markers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ except ImportError:  # not among the ROS 2 wheels
 
 
 class VisualizerNode(FlightNode):
-    """Looks at the newest state and force now and then, so that it never slows a run down."""
+    """Takes the newest state and force from time to time, so that it never slows a run down."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('visualizer', overrides)
@@ -44,7 +44,7 @@ class VisualizerNode(FlightNode):
         self._tf = None
         if TFMessage is None:
             self.get_logger().warning(
-                f'tf2_msgs is not installed: {names.TF} is not published, {names.CHASER_POSE} is'
+                f'tf2_msgs is not installed: publishing {names.CHASER_POSE}, but not {names.TF}'
             )
         else:
             self._tf = self.create_publisher(TFMessage, names.TF, qos.TF)

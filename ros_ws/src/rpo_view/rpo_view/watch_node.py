@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `watch`: a run on the terminal: range, rates, force bars, the rules that act."""
+"""Node `watch`: a run on the terminal: range, rates, force bars, active rules."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EXIT_ABORTED = 1
 
 
 class WatchNode(ListeningNode):
-    """Draws what it hears; Ctrl-C leaves."""
+    """Draws the run; Ctrl-C ends it."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('watch', overrides)
@@ -52,7 +52,7 @@ class WatchNode(ListeningNode):
             self.done = True
 
     def close(self) -> None:
-        """Leave the last view on the terminal."""
+        """Keep the last view on the terminal."""
         if self._live is not None:
             self._live.stop()
 

@@ -15,7 +15,7 @@ from rpo_view.web_server import LivePage
 
 
 class WebNode(ListeningNode):
-    """Hands what it hears to the page's server."""
+    """Passes the run to the server of the page."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('web', overrides)
@@ -29,7 +29,7 @@ class WebNode(ListeningNode):
         self.page.feed.publish(self.live.snapshot(self.topic), list(self.live.trail.points))
 
     def close(self) -> None:
-        """Let the browsers go."""
+        """Disconnect the browsers."""
         self.page.close()
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The live page and its stream of events, served to this machine alone; no ROS."""
+"""Server of the live page and its stream of events, for this machine only; no ROS."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def page() -> bytes:
 
 
 class Feed:
-    """The newest snapshot, for any number of readers; a slow reader misses some."""
+    """The newest snapshot, for any number of readers; a slow reader skips some."""
 
     def __init__(self) -> None:
         self._news = threading.Condition()
@@ -51,7 +51,7 @@ class Feed:
         self.closed = False
 
     def publish(self, snapshot: dict[str, Any], trail: list[Any]) -> None:
-        """Set what readers get next; the trail goes to those who come new."""
+        """Set the next snapshot; a new reader also gets the trail."""
         with self._news:
             self._now = json.dumps(snapshot, allow_nan=False).encode()
             self._trail = trail
@@ -59,25 +59,25 @@ class Feed:
             self._news.notify_all()
 
     def close(self) -> None:
-        """Let all readers go."""
+        """Disconnect all readers."""
         with self._news:
             self.closed = True
             self._news.notify_all()
 
     def trail(self) -> bytes:
-        """Return the way so far, as JSON."""
+        """Return the trail as JSON."""
         with self._news:
             return json.dumps(self._trail, allow_nan=False).encode()
 
     def after(self, version: int) -> tuple[int, bytes]:
-        """Return the newest snapshot once it is newer than `version`, or b'' when none comes."""
+        """Return the newest snapshot when it is newer than `version`; b'' if none comes."""
         with self._news:
             self._news.wait_for(lambda: self.closed or self._version > version, _KEEP_ALIVE_S)
             return self._version, self._now if self._version > version else b''
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """`/` the page, `/events` the stream of events; anything else is not here."""
+    """Serves `/`, the page, and `/events`, the stream of events."""
 
     server: LivePage
     protocol_version = 'HTTP/1.1'
@@ -85,7 +85,7 @@ class _Handler(BaseHTTPRequestHandler):
     sys_version = ''
 
     def do_GET(self) -> None:
-        # A page elsewhere that has its name resolved to this machine says that name here.
+        # Another host name means DNS rebinding: a page elsewhere gave its name to this machine.
         host, _, port = self.headers.get('Host', '').rpartition(':')
         if host not in _NAMES or port != str(self.server.server_port):
             self.send_error(HTTPStatus.FORBIDDEN, 'only as 127.0.0.1 or localhost')
@@ -125,7 +125,7 @@ class _Handler(BaseHTTPRequestHandler):
             pass  # the reader is gone
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing: a page that reloads is no news."""
+        """Log nothing: requests of the page are not interesting."""
 
 
 class LivePage(ThreadingHTTPServer):
@@ -134,7 +134,7 @@ class LivePage(ThreadingHTTPServer):
     Raises
     ------
     InputError
-        If the port cannot be had.
+        If the port is not free.
     """
 
     daemon_threads = True
@@ -147,15 +147,13 @@ class LivePage(ThreadingHTTPServer):
             super().__init__((HOST, port), _Handler)
         except OSError as error:
             taken = error.errno == errno.EADDRINUSE
-            why = 'it is taken' if taken else str(error.strerror)
-            raise InputError(
-                f'`port` must be one that can be listened on; got {port}: {why}'
-            ) from None
+            why = 'it is in use' if taken else str(error.strerror)
+            raise InputError(f'`port` must be free; got {port}: {why}') from None
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f'http://{HOST}:{self.server_port}/'
 
     def close(self) -> None:
