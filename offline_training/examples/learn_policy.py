@@ -1,13 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Learn two small policies through the Gymnasium environment, and compare them with `trained`.
+"""Learn two small policies in the Gymnasium environment, and compare them with `trained`.
 
     python offline_training/examples/learn_policy.py --seed 1
 
-Each is searched by CMA-ES (the library `cma`), a few minutes on one core. What is minimised is the
-fitness with graded penalties over six of the 216 training starts; what is printed is the paper's
-fitness over all 216 starts, and its test, flown through the environment by learnt policies and
-shipped controllers alike.
+CMA-ES (the library `cma`) searches each policy, a few minutes on one core. It minimises the fitness
+with graded penalties over six of the 216 training starts. The program prints the fitness of the
+paper over all 216 starts, and the results of its test, for learnt policies and shipped controllers.
 """
 
 from __future__ import annotations
@@ -48,20 +47,20 @@ HEADINGS = (
 )
 
 
-def say(text: str) -> None:
-    """Tell the user how far it is; the table alone goes to standard output."""
+def report(text: str) -> None:
+    """Print the progress; only the table goes to standard output."""
     print(text, file=sys.stderr, flush=True)
 
 
-def linear(knobs: Floats) -> Policy:
-    """Proportional-derivative: f = -kp r - kd v on each axis; knobs are log10 of kp, kd."""
-    kp, kd = 10.0**knobs
+def linear(parameters: Floats) -> Policy:
+    """Proportional-derivative: f = -kp r - kd v on each axis; parameters are log10 of kp, kd."""
+    kp, kd = 10.0**parameters
     return lambda seen, _: -kp * seen[:3] - kd * seen[3:6]
 
 
-def profile(knobs: Floats) -> Policy:
-    """Speed profile: f = k (-v_max tanh(r / L) - v); knobs are log10 of k, v_max, L."""
-    k, v_max, length = 10.0**knobs
+def profile(parameters: Floats) -> Policy:
+    """Speed profile: f = k (-v_max tanh(r / L) - v); parameters are log10 of k, v_max, L."""
+    k, v_max, length = 10.0**parameters
     return lambda seen, _: k * (-v_max * np.tanh(seen[:3] / length) - seen[3:6])
 
 
@@ -73,7 +72,7 @@ POLICIES = {
 
 
 def shipped(name: str, max_force_n: float) -> Policy:
-    """Return a shipped controller as a policy; it reads the exact state, and flies its own bits."""
+    """Return a shipped controller as a policy; it reads the exact state."""
     controller = load_controller(name)
 
     def policy(_: Floats, info: dict[str, Any]) -> Floats:
@@ -84,7 +83,7 @@ def shipped(name: str, max_force_n: float) -> Policy:
 
 
 def fly(env: Any, policy: Policy, **options: Any) -> dict[str, Any]:
-    """Fly one episode; return the last info, with the flight in it."""
+    """Run one episode; return the last info, with the metrics of the flight."""
     observation, info = env.reset(options=options)
     over = False
     while not over:
@@ -93,7 +92,7 @@ def fly(env: Any, policy: Policy, **options: Any) -> dict[str, Any]:
 
 
 def graded(info: dict[str, Any]) -> float:
-    """Fitness with penalties that grow with the distance to the limit, as training has them."""
+    """Return the fitness with the graded penalties of the training."""
     figures = info['figures']
     columns = ('arrival_speed_m_s', 'slew_n_s', 'arrival_distance_m')
     values = np.array([figures[name] for name in columns])
@@ -102,16 +101,16 @@ def graded(info: dict[str, Any]) -> float:
 
 
 class Learnt(NamedTuple):
-    """A policy, and what it took to find it."""
+    """A policy, and the effort of its search."""
 
     policy: Policy
     flights: int
     cpu_s: float
-    knobs: Floats
+    parameters: Floats
 
 
 def learn(env: Any, name: str, seed: int, generations: int) -> Learnt:
-    """Search the knobs of a policy."""
+    """Search the parameters of a policy."""
     make, guess = POLICIES[name]
     others = np.random.default_rng(seed).choice(FARTHEST, STARTS - 1, replace=False).tolist()
     starts = [*others, FARTHEST]
@@ -121,18 +120,18 @@ def learn(env: Any, name: str, seed: int, generations: int) -> Learnt:
     for generation in range(1, generations + 1):
         asked = search.ask()
         values = [
-            np.mean([graded(fly(env, make(knobs), start=start)) for start in starts])
-            for knobs in asked
+            np.mean([graded(fly(env, make(parameters), start=start)) for start in starts])
+            for parameters in asked
         ]
         search.tell(asked, values)
-        say(f'{name}: generation {generation} of {generations}, best {min(values):.4f}')
+        report(f'{name}: generation {generation} of {generations}, best {min(values):.4f}')
     best = np.asarray(search.result.xbest)
     flights = generations * POPULATION * STARTS
     return Learnt(make(best), flights, time.process_time() - began, 10.0**best)
 
 
-def judge(env: Any, policy: Policy) -> list[str]:
-    """Return the figures of a policy: all training starts, and the paper's test."""
+def evaluate(env: Any, policy: Policy) -> list[str]:
+    """Return the metrics of a policy: all training starts, and the paper's test."""
     infos = [fly(env, policy, scenario='paper_training', start=i) for i in range(FARTHEST + 1)]
     energy = np.mean([info['figures']['energy_n2s'] for info in infos])
     fitness = np.mean([info['fitness_n2s'] for info in infos])
@@ -150,7 +149,7 @@ def judge(env: Any, policy: Policy) -> list[str]:
 
 
 def main() -> None:
-    """Learn, judge, print."""
+    """Learn, evaluate, print."""
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
         epilog='example: python offline_training/examples/learn_policy.py --seed 1',
@@ -162,13 +161,13 @@ def main() -> None:
     rows = []
     for name in POLICIES:
         found = learn(env, name, arguments.seed, arguments.generations)
-        say(f'{name}: knobs {np.array2string(found.knobs, precision=4)}')
-        row = judge(env, found.policy)
+        report(f'{name}: parameters {np.array2string(found.parameters, precision=4)}')
+        row = evaluate(env, found.policy)
         rows.append([f'`{name}`', f'{found.flights}', f'{found.cpu_s:.0f}', *row])
     for name in ('handmade', 'paper_ga', 'trained'):
-        say(f'{name}: flies')
+        report(f'{name}: evaluated')
         flights = load_controller(name).provenance.get('evaluations', 0) * (FARTHEST + 1)
-        row = judge(env, shipped(name, env.scenario.max_force_n))
+        row = evaluate(env, shipped(name, env.scenario.max_force_n))
         rows.append([f'`{name}`', f'{flights or "–"}', '–', *row])
     for row in (HEADINGS, ['---', *['---:'] * (len(HEADINGS) - 1)], *rows):
         print('|', ' | '.join(row), '|')

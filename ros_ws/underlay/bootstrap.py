@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Set the project up: virtual environment, locked packages, colcon build.
 
-Does nothing, quickly and without the network, where all is in place. A set-up that was interrupted
-or damaged is repaired by the next call. Uses an installed ROS 2 Jazzy where there is one, else its
-wheels.
+If all is in place, it does nothing, in a moment and without the network. The next call repairs an
+interrupted or damaged set-up. It uses an installed ROS 2 Jazzy if there is one, else the wheels.
 """
 
 import argparse
@@ -22,8 +21,8 @@ from layers import Environment, Identity, say
 from workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[2]
-# What another ROS shell, or our own, left in the environment; sourcing must start without it.
-# Without bytecode a build takes twice as long.
+# Variables of another ROS shell, or of our own; sourcing must start without them. Without bytecode
+# a build takes twice as long.
 _NOT_FOR_A_BUILD = (
     'AMENT_PREFIX_PATH',
     'CMAKE_PREFIX_PATH',
@@ -37,7 +36,7 @@ _NOT_FOR_A_BUILD = (
 
 @contextlib.contextmanager
 def only_one(path: Path) -> Iterator[None]:
-    """Hold the set-up of this checkout; wait for another one that holds it."""
+    """Lock the set-up of this checkout; wait while another one holds the lock."""
     with path.open('a+') as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -48,18 +47,18 @@ def only_one(path: Path) -> Iterator[None]:
 
 
 def underlay_environment(ros_prefix: str) -> Dict[str, str]:
-    """Return the variables under which ROS 2 packages are built."""
+    """Return the environment variables for the build of ROS 2 packages."""
     environ = {k: v for k, v in os.environ.items() if k not in _NOT_FOR_A_BUILD}
     return host.ros_environment(ros_prefix, environ) if ros_prefix else environ
 
 
 def choose(asked: Optional[str], ros_prefix: str, last: Optional[Identity]) -> Interpreter:
-    """Return the interpreter for a new environment; the one of the last environment if it can."""
+    """Return the interpreter for a new environment; that of the last environment if possible."""
     names: List[str] = [asked] if asked else list(host.CANDIDATES)
     if last is not None and not asked:
         names.insert(0, last.python)
     if ros_prefix and not asked:
-        names.append('/usr/bin/python3')  # behind a pyenv or conda that comes first on the PATH
+        names.append('/usr/bin/python3')  # a pyenv or conda may come first on the PATH
     found = [python for python in map(host.probe, names) if python is not None]
     if ros_prefix:
         env = underlay_environment(ros_prefix)
@@ -71,10 +70,10 @@ def choose(asked: Optional[str], ros_prefix: str, last: Optional[Identity]) -> I
 
 
 def ros_for(current: Optional[Identity]) -> str:
-    """Return the prefix of the ROS 2 to stand on, empty for the wheels.
+    """Return the prefix of the ROS 2 to use, empty for the wheels.
 
-    An environment that stands on an installation keeps it, whether or not this shell has sourced
-    it, as long as it exists.
+    An environment on an installation keeps it while it exists, whether this shell has sourced it or
+    not.
     """
     found = host.find_ros(os.environ)
     if found or host.ROS_PREFIX_VARIABLE in os.environ or current is None:
@@ -90,11 +89,11 @@ def reason_to_rebuild(venv: Environment, asked: Optional[str], ros_prefix: str) 
     if have.root != str(ROOT):
         return f'it was made in {have.root}'
     if have.ros_prefix != ros_prefix:
-        return f'it stands on {have.ros_prefix or "the ROS 2 wheels"}'
+        return f'it uses {have.ros_prefix or "the ROS 2 wheels"}'
     if venv.record.get('installing'):
         return 'an installation into it was interrupted'
     if not venv.runs():
-        return f'its interpreter {have.python} has gone or changed'
+        return f'its interpreter {have.python} is missing or has changed'
     if asked:
         python = host.probe(asked)
         if python is None or python.path != have.python:
@@ -103,11 +102,11 @@ def reason_to_rebuild(venv: Environment, asked: Optional[str], ros_prefix: str) 
 
 
 def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
-    """Bring environment, layers and build to what the checkout says."""
+    """Bring environment, layers and build up to date with the checkout."""
     if any(character in str(ROOT) for character in ' \t\n:;"\''):
         raise SetupError(
             f'The path of this checkout, `{ROOT}`, holds a space, quote or colon, which the build '
-            'tools of ROS 2 cannot handle: move it.'
+            'tools of ROS 2 cannot handle: move the checkout.'
         )
     venv = Environment(ROOT)
     venv.check_layers(layers)
@@ -133,7 +132,7 @@ def parse_arguments(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:
         epilog='example: python3 ros_ws/underlay/bootstrap.py --python python3.12 train report',
     )
     parser.add_argument(
-        'layers', nargs='*', metavar='LAYER', help='layers of requirements/ beside `fly`'
+        'layers', nargs='*', metavar='LAYER', help='layers of requirements/ in addition to `fly`'
     )
     parser.add_argument('--python', metavar='PATH', help='the interpreter to build on')
     return parser.parse_args(argv)
@@ -150,7 +149,7 @@ def main() -> int:
         print(f'[setup] {error}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print('\n[setup] interrupted; the same command goes on from here', file=sys.stderr)
+        print('\n[setup] interrupted; the same command continues from here', file=sys.stderr)
         return 130
     seconds = time.monotonic() - start
     if seconds > 1.5:

@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What this machine offers: Python interpreters, a ROS 2 installation, a fitting platform.
+"""The facts about this machine: Python interpreters, ROS 2 installation, platform.
 
-The decisions are pure functions of probed facts, so that tests can put any machine before them.
-This directory runs on any Python 3.6 or later, in order to be able to say which one is wanted.
+The decisions are pure functions of these facts, so that tests can try any machine. This directory
+runs on Python 3.6 or later, so that it can name the version that is needed.
 """
 
 import json
@@ -19,8 +19,8 @@ DEFAULT_ROS_PREFIX = '/opt/ros/jazzy'
 ROS_PREFIX_VARIABLE = 'RPO_ROS_PREFIX'
 MINIMUM_GLIBC = (2, 28)
 
-# Names the interpreter behind a virtual environment too: an environment built on another one would
-# die with it. `-I` keeps the caller's PYTHONPATH out.
+# It finds the interpreter behind a virtual environment: an environment built on another one would
+# break with it. `-I` ignores the PYTHONPATH of the caller.
 _PROBE = """
 import importlib.util, json, os, sys, sysconfig
 path = sys.executable
@@ -33,13 +33,13 @@ print(json.dumps([os.path.realpath(path), list(sys.version_info[:3]), sys.implem
 
 
 class SetupError(Exception):
-    """A set-up that cannot go on; the message says what is wrong and what to do, in a sentence."""
+    """A set-up that cannot continue; the message is a sentence: what is wrong and what to do."""
 
 
 class Interpreter(NamedTuple):
-    """A Python interpreter as probed."""
+    """A Python interpreter."""
 
-    name: str  #: as it was asked for, e.g. ``python3``
+    name: str  #: as requested, e.g. ``python3``
     path: str  #: the base executable, links resolved
     version: Tuple[int, int, int]
     implementation: str
@@ -48,7 +48,7 @@ class Interpreter(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether wheels and packages of this project exist for it."""
+        """Whether the packages of this project have wheels for it."""
         standard = self.implementation == 'cpython' and not self.free_threaded
         return standard and self.version[:2] in SUPPORTED_VERSIONS
 
@@ -61,7 +61,7 @@ class Interpreter(NamedTuple):
 def run_python(
     python: str, code: str, env: Optional[Mapping[str, str]] = None, flags: Sequence[str] = ()
 ) -> Optional[str]:
-    """Return what `python` prints for `code`, or None if it does not run."""
+    """Return the output of `python` for `code`, or None if it does not run."""
     try:
         done = subprocess.run(
             [python, *flags, '-c', code],
@@ -88,9 +88,9 @@ def probe(name: str) -> Optional[Interpreter]:
 
 
 def choose_interpreter(found: Sequence[Interpreter], asked: Optional[str] = None) -> Interpreter:
-    """Return the first interpreter that can carry the project.
+    """Return the first interpreter that fits the project.
 
-    `asked` is the name the user insisted on, if any; `found` holds then at most that one.
+    `asked` is the name that the user requires, if any; then `found` holds at most that one.
     """
     fitting = [python for python in found if python.fits]
     for python in fitting:
@@ -120,7 +120,7 @@ def platform_problem(system: str, machine: str, glibc: Optional[Tuple[int, ...]]
     return (
         'Without a ROS 2 Jazzy installation this project needs x86-64 Linux with glibc 2.28 or '
         f'later, but this is {machine} {system} with {libc}: install ROS 2 Jazzy here (it is then '
-        'used as it is), or work on such a Linux or in a container of it.'
+        'used), or work on such a Linux or in a container of it.'
     )
 
 
@@ -132,7 +132,7 @@ def this_platform() -> Tuple[str, str, Optional[Tuple[int, ...]]]:
         if words[:1] == ['glibc']:
             glibc = tuple(int(part) for part in words[1].split('.')[:2])
     except (AttributeError, ValueError, OSError):
-        pass  # macOS and musl do not know the name
+        pass  # macOS and musl do not have this name
     return platform.system(), platform.machine(), glibc
 
 
@@ -141,8 +141,8 @@ def find_ros(
 ) -> Optional[str]:
     """Return the prefix of the ROS 2 Jazzy installation to use, or None for the wheels.
 
-    RPO_ROS_PREFIX decides if it is set (empty: the wheels); then a sourced Jazzy; then the usual
-    place. A virtual environment on AMENT_PREFIX_PATH is our own wheels, or another checkout's.
+    First RPO_ROS_PREFIX if it is set (empty: the wheels), then a sourced Jazzy, then the usual
+    place. A virtual environment on AMENT_PREFIX_PATH holds wheels, ours or of another checkout.
     """
     if ROS_PREFIX_VARIABLE in environ:
         named = environ[ROS_PREFIX_VARIABLE].rstrip('/')

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The project's virtual environment and the layers of locked packages in it.
 
-pip installs uv, and uv the rest, from the same indexes. `.venv/rpo_setup.json` says what is there.
-It is written after each finished step; during an installation it says so, and an environment found
-in that state is built anew.
+pip installs uv, and uv the rest, from the same indexes. `.venv/rpo_setup.json` records what is
+installed, after each step. It also marks an installation in progress; an environment with that mark
+is built again.
 """
 
 import ast
@@ -19,9 +19,9 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from host import Interpreter, SetupError, run_python
 
-ROS_LAYER = 'ros'  # stands in for an installed ROS 2
+ROS_LAYER = 'ros'  # replaces an installed ROS 2
 BASE_LAYER = 'fly'
-INSTALLER = 'installer'  # uv, and what it builds empy with
+INSTALLER = 'installer'  # uv, and the build tools of empy
 FROM_ROS = ('numpy',)  # an installed ROS 2 is compiled against its own
 _LOCKED = ('--no-deps', '--require-hashes')
 _IN_THE_WAY = (  # of installing into .venv
@@ -48,29 +48,29 @@ _NO_NETWORK = re.compile(
 
 
 class Identity(NamedTuple):
-    """What an environment is bound to; if any of it changes, the environment is built anew."""
+    """The facts that an environment depends on; if one changes, the environment is built again."""
 
     root: str  #: the checkout (scripts hold absolute paths)
     python: str  #: the base interpreter
     version: str  #: its version, two numbers
-    ros_prefix: str  #: the installed ROS 2 it stands on; empty for the wheels
+    ros_prefix: str  #: the installed ROS 2 that it uses; empty for the wheels
 
 
 def say(text: str) -> None:
-    """Tell the user about a step."""
+    """Print a step."""
     print(f'[setup] {text}', flush=True)
 
 
 def digest(*parts: bytes) -> str:
-    """Return a hash of `parts` that keeps their borders."""
+    """Return a hash of `parts` that depends on their borders."""
     return hashlib.sha256(b''.join(b'%d:' % len(part) + part for part in parts)).hexdigest()
 
 
 def uv_environment(pip_config: str, environ: Mapping[str, str]) -> Dict[str, str]:
-    """Return the environment in which uv asks the indexes that pip is configured for.
+    """Return the environment in which uv uses the indexes of the configuration of pip.
 
-    pip_config : what `pip config list` prints
-    environ : variables of uv in here go before pip's configuration
+    pip_config : output of `pip config list`
+    environ : its variables of uv override the configuration of pip
     """
     options: Dict[str, str] = {}
     for section in ('global', 'install', ':env:'):  # the last one decides
@@ -79,7 +79,7 @@ def uv_environment(pip_config: str, environ: Mapping[str, str]) -> Dict[str, str
                 options[_UV_FOR_PIP[name]] = ' '.join(str(ast.literal_eval(value)).split())
     if 'UV_FIND_LINKS' in options:
         options['UV_FIND_LINKS'] = options['UV_FIND_LINKS'].replace(' ', ',')
-    # As pip does: all indexes are asked, and the system's certificates count.
+    # As pip does: use all indexes, and the certificates of the system.
     options['UV_INDEX_STRATEGY'] = 'unsafe-best-match'
     if os.path.isdir(_SYSTEM_CERTIFICATES) and os.listdir(_SYSTEM_CERTIFICATES):
         options['UV_SYSTEM_CERTS'] = 'true'
@@ -116,22 +116,22 @@ class Environment:
 
     @property
     def identity(self) -> Optional[Identity]:
-        """What a finished environment is bound to."""
+        """The facts that a finished environment depends on."""
         return Identity(**self.record['identity']) if self.record else None
 
     def runs(self) -> bool:
-        """Whether the interpreter runs and is still of the recorded version."""
+        """Whether the interpreter runs and still has the recorded version."""
         version = 'import sys; print("%d.%d" % sys.version_info[:2])'
         answer = run_python(str(self.python), version, flags=['-S', '-E'])
         return self.identity is not None and (answer or '').strip() == self.identity.version
 
     def layers_for(self, wanted: Sequence[str]) -> List[str]:
-        """Return the layers `wanted` stands on and itself, in the order of installation."""
+        """Return `wanted` and the layers below it, in the order of installation."""
         base = [BASE_LAYER] if self.identity and self.identity.ros_prefix else [ROS_LAYER, 'fly']
         return base + [layer for layer in wanted if layer not in base]
 
     def missing(self, wanted: Sequence[str]) -> List[str]:
-        """Return the layers whose lock file is not the one that was installed."""
+        """Return the layers whose lock file has changed since their installation."""
         have = self.record.get('layers', {})
         return [x for x in self.layers_for(wanted) if have.get(x) != digest(self._lock(x))]
 
@@ -140,7 +140,7 @@ class Environment:
         known = sorted(p.stem for p in self.requirements.glob('*.txt') if p.stem != 'versions')
         for layer in wanted:
             if layer not in known:
-                raise SetupError(f'There is no layer `{layer}`; there are {", ".join(known)}.')
+                raise SetupError(f'There is no layer `{layer}`: choose from {", ".join(known)}.')
 
     def _lock_file(self, layer: str) -> Path:
         return self.requirements / f'{layer}.txt'
@@ -149,7 +149,7 @@ class Environment:
         return self._lock_file(layer).read_bytes()
 
     def create(self, python: Interpreter, ros_prefix: str, reason: str) -> None:
-        """Build an empty environment on `python`, in place of any other."""
+        """Build an empty environment on `python`; it replaces any other."""
         version = '.'.join(map(str, python.version))
         ground = f'ROS 2 in {ros_prefix}' if ros_prefix else 'ROS 2 wheels'
         say(f'making .venv ({reason}): Python {version} ({python.path}), {ground}')
@@ -184,18 +184,18 @@ class Environment:
         return [f'--requirement={self._lock_file(layer)}' for layer in layers]
 
     def _left_out(self) -> List[str]:
-        """Return the options that leave out what an installed ROS 2 brings."""
+        """Return the options that leave out the packages of an installed ROS 2."""
         names = self.path / 'rpo_from_ros.txt'
         names.write_text('\n'.join(FROM_ROS) + '\n')
         return [f'--excludes={names}'] if self.identity and self.identity.ros_prefix else []
 
     def install_editable(self, project: Path) -> None:
-        """Install `project` as a link to its source, unless its metadata is as installed."""
+        """Install `project` as a link to its source, if its metadata has changed."""
         mark = digest((project / 'pyproject.toml').read_bytes())
         if self.record.get(project.name) == mark:
             return
         say(f'linking {project.name}')
-        # A plain path entry: the default import hook would slow down every interpreter's start.
+        # A plain path entry: the default import hook would slow down the start of each interpreter.
         plain = ('--config-settings', 'editable_mode=compat')
         self.run(self.uv('--no-deps', '--offline', *plain, '--editable', str(project)))
         self.write(**{project.name: mark})
@@ -207,12 +207,12 @@ class Environment:
 
     def uv(self, *arguments: str) -> List[str]:
         """Return a command of uv that installs."""
-        # The lock is complete, so nothing is resolved; empy's source is built with our setuptools.
+        # The lock is complete, so uv resolves nothing; it builds empy with our setuptools.
         command = [str(self.path / 'bin' / 'uv'), 'pip', 'install', '--python', str(self.python)]
         return [*command, '--color', 'never', '--no-build-isolation', *arguments]
 
     def _environment(self) -> Dict[str, str]:
-        """Return the variables of an installation; asked of pip once."""
+        """Return the environment variables of an installation; pip is called once."""
         if not self._environ:
             environ = {k: v for k, v in os.environ.items() if k not in _IN_THE_WAY}
             command = self.pip('config', 'list')
@@ -221,12 +221,12 @@ class Environment:
         return self._environ
 
     def _contents(self) -> List[int]:
-        """Return when a package last came or went."""
+        """Return the times of the last installed or removed package."""
         folders = self.path.glob('lib/python3.*/site-packages')
         return [folder.stat().st_mtime_ns for folder in folders]
 
     def run(self, command: Sequence[str]) -> None:
-        """Run an installation; raise SetupError with what to do."""
+        """Run an installation; raise SetupError if it fails."""
         before = self._contents()
         lines: List[str] = []
         self.write(installing=True)
@@ -242,9 +242,9 @@ class Environment:
         try:
             for line in process.stdout:
                 lines.append(line)
-                if line.startswith(('Downloading', 'Installed')):  # uv names the large ones
+                if line.startswith(('Downloading', 'Installed')):  # uv prints the large packages
                     print(f'  {line}', end='', flush=True)
-        finally:  # an interrupt reaches the installer too; it ends by itself
+        finally:  # an interrupt also reaches the installer, which then ends
             output = ''.join([*lines, *process.stdout])
             code = process.wait()
             self._log.write_text(output)
@@ -259,11 +259,11 @@ def _last_line(text: str) -> str:
 
 
 def failure(output: str, log: str) -> str:
-    """Return what went wrong in pip or uv, and what to do, in a sentence."""
+    """Return the error of pip or uv, and what to do, in a sentence."""
     if _NO_NETWORK.search(output):
         return (
             "The package index cannot be reached: check the network (or the proxy, or pip's "
-            'configuration), then run the same command again; it goes on where it stopped.'
+            'configuration), then run the same command again; it continues where it stopped.'
         )
     if 'DO NOT MATCH THE HASHES' in output or 'Hash mismatch' in output:
         return (

@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Regenerate the lock files of `requirements/`.
+"""Regenerate the lock files of `requirements/`; needs a package index.
 
-One resolution of all layers together fixes every version (`versions.txt`); each layer's file is
-then its own closure at those versions, with hashes. Locked versions stay where they still fit,
-unless `--upgrade` is given. Needs a package index.
+One resolution of all layers together fixes every version (`versions.txt`). The file of each layer
+then holds its own packages at those versions, with hashes. Locked versions that still fit stay,
+except with `--upgrade`.
 """
 
 import argparse
@@ -32,7 +32,9 @@ def compile_lock(*arguments: str) -> None:
         command, cwd=str(REQUIREMENTS), env=env, stderr=subprocess.PIPE, text=True
     )
     if done.returncode != 0:
-        raise SystemExit(f'lock: uv found no answer (exit code {done.returncode}):\n{done.stderr}')
+        raise SystemExit(
+            f'lock: uv found no versions that fit (exit code {done.returncode}):\n{done.stderr}'
+        )
 
 
 def check_system_numpy(layers: list[str]) -> None:
@@ -43,7 +45,7 @@ def check_system_numpy(layers: list[str]) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         constraints = Path(scratch) / 'pins.txt'
         constraints.write_text('\n'.join([*pins, f'numpy=={SYSTEM_NUMPY}', '']))
-        overrides = Path(scratch) / 'overrides.txt'  # all but that of NumPy, which is asked here
+        overrides = Path(scratch) / 'overrides.txt'  # without NumPy, which is checked here
         overrides.write_text('\n'.join(line for line in untrue if not line.startswith('numpy')))
         compile_lock(
             *(f'{layer}.in' for layer in layers if layer != 'ros'),

@@ -1,9 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The colcon build of `ros_ws`: which packages need it, and running it.
+"""The colcon build of `ros_ws`.
 
-Links lead from the build to the sources, so only a change of metadata, or a file that comes or
-goes, needs another build.
+The build links to the sources, so only a change of metadata, or a new or deleted file, needs a build.
 """
 
 import json
@@ -20,7 +19,7 @@ METADATA = ('package.xml', 'setup.py', 'setup.cfg')
 
 
 def package_digest(package: Path) -> str:
-    """Return a hash of what the built form of `package` depends on."""
+    """Return a hash of the inputs of the build of `package`."""
     files: List[str] = []
     for folder, folders, names in os.walk(str(package)):
         folders[:] = [
@@ -59,7 +58,7 @@ class Workspace:
         ]
 
     def _built(self, name: str) -> List[str]:
-        """Return what is there of a package's built form: its marks and its executables."""
+        """Return the existing files of a built package: its marks and its executables."""
         install = self.path / 'install' / name
         marks = [install / 'share' / name / 'package.xml', self.path / 'build' / name]
         executables = sorted((install / 'lib' / name).glob('*'))
@@ -71,7 +70,7 @@ class Workspace:
             shutil.rmtree(str(self.path / name), ignore_errors=True)
 
     def build(self, python: Path, environ: Mapping[str, str], names: Sequence[str]) -> None:
-        """Build the packages `names`; a second try starts from nothing."""
+        """Build the packages `names`; a second try builds all of them from the start."""
         say(f'building {", ".join(names)}')
         before = self._record()
         interrupted = self.path / 'install' / '.rpo_building'
@@ -81,7 +80,7 @@ class Workspace:
         interrupted.parent.mkdir(parents=True, exist_ok=True)
         interrupted.touch()
         if not self._colcon(python, environ, names):
-            say('the build failed; building all packages from nothing')
+            say('the build failed; building all packages from the start')
             self.wipe()
             names, before = [x.name for x in self.packages()], {}
             if not self._colcon(python, environ, names):

@@ -208,7 +208,7 @@ class TestLayers:
         assert reason() is None
         assert reason(asked=sys.executable) is None
         assert 'is made with' in reason(asked='/no/such/python')
-        assert 'stands on the ROS 2 wheels' in reason(ros_prefix='/opt/ros/jazzy')
+        assert 'uses the ROS 2 wheels' in reason(ros_prefix='/opt/ros/jazzy')
         venv.write(installing=True)
         assert 'interrupted' in reason()
         venv.write(installing=False)
@@ -218,7 +218,7 @@ class TestLayers:
         monkeypatch.setattr(bootstrap, 'ROOT', venv.root)
         venv.python.unlink()
         venv.python.symlink_to('/no/such/python')
-        assert 'has gone' in reason()
+        assert 'is missing or has changed' in reason()
         (venv.path / 'rpo_setup.json').write_text('{"identity": {"root"')
         assert 'not complete' in reason()
         shutil.rmtree(venv.path)

@@ -93,7 +93,7 @@ def test_a_lost_interpreter_and_a_lost_build_are_replaced(clone):
     python.unlink()
     python.symlink_to('/no/such/python')
     done = make(clone, 'setup')
-    assert done.returncode == 0 and 'has gone' in done.stdout
+    assert done.returncode == 0 and 'is missing or has changed' in done.stdout
     assert flies(clone)
     (clone / 'ros_ws' / 'install' / 'rpo_sim' / 'lib' / 'rpo_sim' / 'plant').unlink()
     done = make(clone, 'setup')

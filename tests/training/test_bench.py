@@ -56,7 +56,7 @@ def test_times_of_a_flight_are_the_plants():
     )
     loop = ros._loop(said)
     assert (loop.wall_s, loop.real_time_factor, loop.ticks_per_s) == (2.5, 160.0, 1600.0)
-    with pytest.raises(InputError, match='the plant did not say when it flew'):
+    with pytest.raises(InputError, match='no times of the flight'):
         ros._loop(said.splitlines()[1])
 
 
@@ -79,7 +79,7 @@ def test_bad_arguments_are_one_sentence():
 @pytest.mark.slow
 def test_the_parts_that_fly_count_what_they_fly():
     shares = []
-    budget = flying.training(70, 1, said=shares.append)
+    budget = flying.training(70, 1, progress=shares.append)
     assert shares == [60 / 70, 1.0]
     assert budget.evaluations == 70 and budget.steps == 2000 and budget.loops_per_evaluation == 78
     assert budget.cpu_s > 0

@@ -21,14 +21,14 @@ from rpo_training.engine.simulator import Simulator
 from rpo_training.search.genes import GeneSpace
 
 PAPER_BUDGET = 60 * 301
-"""Controllers that the paper's genetic algorithm flies: 60, in the first and 300 generations."""
+"""Evaluations of the paper's genetic algorithm: 60 controllers in the first and 300 generations."""
 
 CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
 CAMPAIGN_RUNS = 10_000
 
 
 class Budget(NamedTuple):
-    """A training budget flown: wall and CPU seconds, and what the numbers mean."""
+    """Wall and CPU time [s] of a training budget, and its sizes."""
 
     evaluations: int
     workers: int
@@ -39,7 +39,7 @@ class Budget(NamedTuple):
 
     @property
     def inferences_per_cpu_s(self) -> float:
-        """Inferences flown per CPU second."""
+        """Inferences per CPU second."""
         return self.evaluations * self.loops_per_evaluation * self.steps / self.cpu_s
 
 
@@ -47,11 +47,11 @@ def training(
     evaluations: int = PAPER_BUDGET,
     workers: int = 0,
     seed: int = 1,
-    said: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Budget:
-    """Fly the paper's training budget: free rule tables, 216 starts, 2000 steps each.
+    """Simulate the training budget of the paper: free rule tables, 216 starts, 2000 steps each.
 
-    said : is told the share that is flown
+    progress : gets the share that is done
     """
     case = case_of_set(load_set('paper_training'))
     space = GeneSpace('free')
@@ -62,14 +62,14 @@ def training(
         for first in range(0, evaluations, 60):
             count = min(60, evaluations - first)
             simulator.fly(space.decode(rng.random((count, space.size))))
-            said((first + count) / evaluations)
+            progress((first + count) / evaluations)
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
         axes = 2 * len(case.full.runs.planar) + len(case.full.runs.vertical)
         return Budget(evaluations, simulator.workers, wall, cpu, axes, case.windows.horizon)
 
 
 class Dispersed(NamedTuple):
-    """A campaign flown: wall and CPU seconds; and of one run at a time, through the core."""
+    """Wall and CPU time [s] of a campaign; and CPU time [s] of a single run in the core."""
 
     runs: int
     ticks: int
@@ -79,21 +79,23 @@ class Dispersed(NamedTuple):
 
 
 def campaign(
-    runs: int = CAMPAIGN_RUNS, workers: int = 0, said: Callable[[float], None] = lambda share: None
+    runs: int = CAMPAIGN_RUNS,
+    workers: int = 0,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Dispersed:
-    """Fly the shipped campaign, every dispersion on; then a few of its runs one by one.
+    """Run the shipped campaign, every dispersion on; then a few of its runs one by one.
 
-    said : is told the share that is flown
+    progress : gets the share that is done
     """
     chosen = config.load(CAMPAIGN, runs=runs)
     run_batch.fly_runs(chosen, 0, 1)  # compiles
     single.fly_run(chosen, 0)
-    flown = 0
+    done = 0
 
     def add(count: int, _successful: int) -> None:
-        nonlocal flown
-        flown += count
-        said(flown / runs)
+        nonlocal done
+        done += count
+        progress(done / runs)
 
     with tempfile.TemporaryDirectory() as folder:
         store = Store.create(Path(folder) / 'campaign', chosen)

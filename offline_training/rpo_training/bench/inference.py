@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""P1, fuzzy inference beside the peers: the same system, the same inputs, agreement checked.
+"""P1, fuzzy inference compared with other libraries: same system, same inputs, outputs compared.
 
 Times are CPU seconds of this process, the best of a few repetitions.
 """
@@ -29,12 +29,12 @@ AGREEMENT = 1e-9
 """Largest difference of normalised outputs that counts as the same result."""
 
 POLYGON_AGREEMENT = 0.02
-"""The same for scikit-fuzzy, which takes the centroid of the polygon through the samples and added
-points where sets are cut, instead of the samples' centroid."""
+"""The same for scikit-fuzzy: instead of the centroid of the samples it takes the centroid of the
+polygon through the samples and the points where sets are cut."""
 
 
 class Rate(NamedTuple):
-    """Inferences per CPU second of one implementation, and how far it is from the core's."""
+    """Inferences per CPU second of an implementation, and the largest difference from the core."""
 
     name: str
     per_second: float
@@ -52,7 +52,7 @@ def _measure(work: Callable[[], Any], count: int, repetitions: int = 3) -> float
 
 
 def inference(controller: str = 'handmade', seed: int = 1) -> list[Rate]:
-    """Return the rates of this package, of the scalar kernel and of the peers; ours first."""
+    """Return the rates of the engine, of the scalar kernel and of the other libraries."""
     system = load_fuzzy(controller).system
     errors = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 100_000))
     expected = np.array([system.output(r, v) for r, v in errors[:, :4000].T])
@@ -81,7 +81,9 @@ def _rate(
     outputs = np.asarray(run())[: len(expected)]
     difference = float(np.abs(outputs - expected[: len(outputs)]).max())
     if difference > agreement:
-        raise InputError(f'{name} does not compute the same: its outputs differ by {difference}')
+        raise InputError(
+            f'the outputs of {name} must equal those of the core; they differ by {difference}'
+        )
     return Rate(name, _measure(run, count, 1 if count < 1000 else 5), difference)
 
 
@@ -131,7 +133,7 @@ def _fuzzylite_engine(system: FuzzySystem) -> Any:
         terms = [fl.Triangle(word, *feet) for word, feet in _triangle_feet(functions).items()]
         return kind(name=name, minimum=-1.0, maximum=1.0, terms=terms, **options)
 
-    # Its centroid takes the middles of equal intervals: 101 on this range are our 101 samples.
+    # Its centroid uses the middles of equal intervals: 101 on this range are our 101 samples.
     edge = 1.0 / (system.samples - 1)
     output = variable(
         fl.OutputVariable,
@@ -197,12 +199,12 @@ def _skfuzzy(system: FuzzySystem, errors: Floats) -> Callable[[], Floats]:
 
 
 BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and step')
-"""Parts of a control step that `breakdown` times."""
+"""The parts of a control step that `breakdown` measures."""
 
 
 @lanes.compiled
 def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
-    """Run one of `BREAKDOWN` over and over."""
+    """Repeat one part of `BREAKDOWN`."""
     for _ in range(count):
         if part == 0:
             lanes.fuzzify(w, n, lanes.E_R, lanes.GRADES, law.functions[:5])

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The machine that figures were measured on."""
+"""The machine of the measurements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 BUSY = 0.5
-"""Load per core from which wall times say more of the others than of us."""
+"""Load per core above which other work lengthens the wall times."""
 
 PACKAGES = ('numpy', 'numba', 'pymoo', 'pyfuzzylite', 'scikit-fuzzy', 'ros-jazzy-rclpy')
 
@@ -25,7 +25,7 @@ def model() -> str:
 
 
 def load_per_core() -> float:
-    """Return the load average of the last minute, per core that this process may use."""
+    """Return the load average of the last minute, per core of this process."""
     return os.getloadavg()[0] / len(os.sched_getaffinity(0))
 
 

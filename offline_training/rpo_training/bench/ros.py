@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""P4, the ROS loop: real nodes over the paper's test, beside two bare rclpy processes.
+"""P4, the ROS loop: real nodes with the paper's test, compared with two bare rclpy processes.
 
-Each way is started with `ros2 run`, in a ROS domain of its own; the time is from `flying` to
-`finished`, as the plant's log lines have it: without start and discovery.
+`ros2 run` starts each in a ROS domain of its own. The time is from `flying` to `finished` in the
+log lines of the plant, without start and discovery.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rpo_core.validation import InputError
 
 SCENARIO = 'paper_test'
 DOMAIN = '98'
-"""Away from everybody's 0 and from what tests take first."""
+"""Not the default 0, and not the first domains of the tests."""
 
 _DEADLINE_S = 300.0
 _LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
@@ -44,7 +44,7 @@ class Loop(NamedTuple):
 
     @property
     def ticks_per_s(self) -> float:
-        """Closed loops per second."""
+        """Ticks per second of wall time."""
         return self.ticks / self.wall_s
 
 
@@ -61,7 +61,7 @@ def _environment(folder: str) -> dict[str, str]:
 
 @contextmanager
 def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
-    """Run nodes in the background; they are gone at the end."""
+    """Run nodes in the background, and end them."""
     environment, quiet = _environment(folder), subprocess.DEVNULL
     nodes = [
         subprocess.Popen(
@@ -82,8 +82,8 @@ def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
             node.wait()
 
 
-def _said(command: Sequence[str], folder: str) -> str:
-    """Return what a command says; raises InputError if it fails."""
+def _output(command: Sequence[str], folder: str) -> str:
+    """Return the output of a command; raises InputError if it fails."""
     done = subprocess.run(
         ['ros2', 'run', *command],
         env=_environment(folder),
@@ -98,40 +98,38 @@ def _said(command: Sequence[str], folder: str) -> str:
     return done.stdout
 
 
-def _loop(said: str) -> Loop:
-    times = {phase: float(moment) for moment, phase in _LINE.findall(said)}
+def _loop(output: str) -> Loop:
+    times = {phase: float(moment) for moment, phase in _LINE.findall(output)}
     if set(times) != {'flying', 'finished'}:
-        raise InputError(f'the plant did not say when it flew; it said: {said[-300:]!r}')
+        raise InputError(f'no times of the flight in the output of the plant: {output[-300:]!r}')
     scenario = load_scenario(SCENARIO)
     return Loop(times['finished'] - times['flying'], scenario.ticks, scenario.duration_s)
 
 
 def one_process() -> Loop:
-    """Fly plant, controller, disturbance and recorder in one process."""
+    """Run plant, controller, disturbance and recorder in one process."""
     with tempfile.TemporaryDirectory() as folder:
         output = str(Path(folder) / 'run')
         command = ['rpo_bringup', 'final_approach', '--scenario', SCENARIO, '--no-report']
-        return _loop(_said([*command, '--output', output], folder))
+        return _loop(_output([*command, '--output', output], folder))
 
 
 def four_processes() -> Loop:
-    """Fly plant, controller, disturbance and recorder as four processes."""
+    """Run plant, controller, disturbance and recorder as four processes."""
     with tempfile.TemporaryDirectory() as folder:
-        flown = ['--ros-args', '-p', f'scenario:={SCENARIO}']
+        scenario = ['--ros-args', '-p', f'scenario:={SCENARIO}']
         output = ['--ros-args', '-p', f'output:={folder}/run']
         others = [
             ['rpo_ctrl', 'fuzzy_controller'],
-            ['rpo_sim', 'disturbance_injector', *flown],
+            ['rpo_sim', 'disturbance_injector', *scenario],
             ['rpo_log', 'recorder', *output],
         ]
         with _started(others, folder):
-            return _loop(
-                _said(['rpo_sim', 'plant', *flown, '-p', 'wait_for_recorder:=true'], folder)
-            )
+            plant = ['rpo_sim', 'plant', *scenario, '-p', 'wait_for_recorder:=true']
+            return _loop(_output(plant, folder))
 
 
 def ping_pong() -> float:
     """Return round trips per second of two bare rclpy processes."""
     with tempfile.TemporaryDirectory() as folder:
-        said = _said(['rpo_bringup', 'ping_pong'], folder)
-    return float(said.split()[0])
+        return float(_output(['rpo_bringup', 'ping_pong'], folder).split()[0])

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""All of P1 to P4 in one run: a table with the target and the peer's figure beside ours."""
+"""P1 to P4 in one run: a table of targets, our results and those of the peers."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ LEAST_FOUR, LEAST_ONE = 100.0, 150.0
 NAIVE_LOOPS = 216 * 3
 """Axis loops of a controller, without symmetry."""
 
-Said = Callable[[str, float], None]
-"""Is told what is measured, and the share of it that is done."""
+Progress = Callable[[str, float], None]
+"""Gets the name of a measurement, and the share of it that is done."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A target: what it is about, what was measured, and the peer's figure of the same run."""
+    """A target, its subject, our result and the result of the peer in the same run."""
 
     target: str
     what: str
@@ -44,7 +44,7 @@ class Bench:
     """One run of all.
 
     machine : facts, `machine.facts`
-    figures : every number measured, with its unit in its name
+    figures : all measured numbers; the names hold the units
     """
 
     date: str
@@ -53,13 +53,13 @@ class Bench:
     figures: dict[str, float]
 
 
-def run(said: Said = lambda what, share: None) -> Bench:
+def run(progress: Progress = lambda what, share: None) -> Bench:
     """Measure all; some minutes."""
     date = datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
     facts, rows = machine.facts(), []
     figures: dict[str, float] = {}
     for part in (_inference, _training, _campaign, _ros):
-        for row, measured in part(said, figures):
+        for row, measured in part(progress, figures):
             rows.append(row)
             figures.update(measured)
     return Bench(date, facts, tuple(rows), figures)
@@ -68,10 +68,10 @@ def run(said: Said = lambda what, share: None) -> Bench:
 Measured = Iterator[tuple[Row, dict[str, float]]]
 
 
-def _inference(said: Said, _: dict[str, float]) -> Measured:
-    said('P1 inference', 0.0)
+def _inference(progress: Progress, _: dict[str, float]) -> Measured:
+    progress('P1 inference', 0.0)
     ours, _scalar, *peers = inference.inference()
-    said('P1 inference', 1.0)
+    progress('P1 inference', 1.0)
     figures = {'inference_per_cpu_s': ours.per_second}
     for peer, least in zip(peers, (LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY), strict=True):
         ratio = ours.per_second / peer.per_second
@@ -79,7 +79,7 @@ def _inference(said: Said, _: dict[str, float]) -> Measured:
         yield (
             Row(
                 'P1',
-                f'inference, beside {name}',
+                f'inference, compared with {name}',
                 f'≥ {least:g} ×',
                 f'{ours.per_second:.2e}/s',
                 f'{peer.per_second:.2e}/s',
@@ -90,8 +90,8 @@ def _inference(said: Said, _: dict[str, float]) -> Measured:
         )
 
 
-def _training(said: Said, figures: dict[str, float]) -> Measured:
-    budget = flying.training(said=lambda share: said('P2 training', share))
+def _training(progress: Progress, figures: dict[str, float]) -> Measured:
+    budget = flying.training(progress=lambda share: progress('P2 training', share))
     naive = budget.evaluations * NAIVE_LOOPS * budget.steps
     peer_s = naive / figures['pyfuzzylite_per_cpu_s']
     yield (
@@ -108,8 +108,8 @@ def _training(said: Said, figures: dict[str, float]) -> Measured:
     )
 
 
-def _campaign(said: Said, _: dict[str, float]) -> Measured:
-    found = flying.campaign(said=lambda share: said('P3 campaign', share))
+def _campaign(progress: Progress, _: dict[str, float]) -> Measured:
+    found = flying.campaign(progress=lambda share: progress('P3 campaign', share))
     peer_s = found.core_s_per_run * found.runs
     yield (
         Row(
@@ -129,8 +129,8 @@ def _campaign(said: Said, _: dict[str, float]) -> Measured:
     )
 
 
-def _ros(said: Said, _: dict[str, float]) -> Measured:
-    said('P4 ROS loop', 0.0)
+def _ros(progress: Progress, _: dict[str, float]) -> Measured:
+    progress('P4 ROS loop', 0.0)
     trips = ros.ping_pong()
     figures = {'ping_pong_per_s': trips}
     for number, (name, fly, least) in enumerate(
@@ -139,7 +139,7 @@ def _ros(said: Said, _: dict[str, float]) -> Measured:
             ('in one process', ros.one_process, LEAST_ONE),
         )
     ):
-        said('P4 ROS loop', (number + 1) / 3)
+        progress('P4 ROS loop', (number + 1) / 3)
         loop = fly()
         factor = loop.real_time_factor
         yield (
@@ -154,11 +154,11 @@ def _ros(said: Said, _: dict[str, float]) -> Measured:
             ),
             {**figures, f'{name.replace(" ", "_")}_ticks_per_s': loop.ticks_per_s},
         )
-    said('P4 ROS loop', 1.0)
+    progress('P4 ROS loop', 1.0)
 
 
 def markdown(bench: Bench) -> str:
-    """Return the table as it stands in the documentation."""
+    """Return the table as Markdown for the documentation."""
     facts = bench.machine
     versions = ', '.join(f'{name} {facts[name]}' for name in ('python', *machine.PACKAGES))
     lines = [
@@ -174,7 +174,7 @@ def markdown(bench: Bench) -> str:
         ),
     ]
     if facts['load_per_core'] > machine.BUSY:
-        lines += ['', 'The machine was busy with other work: wall times are longer than its own.']
+        lines += ['', 'The machine was busy with other work, which lengthens wall times.']
     return '\n'.join(lines) + '\n'
 
 
