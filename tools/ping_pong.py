@@ -17,6 +17,9 @@ import time
 
 import rclpy
 from nav_msgs.msg import Odometry
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -28,11 +31,17 @@ _WARM_UP = 200
 _START_S = 30.0
 
 
+def _node(topic: str) -> tuple[Node, Publisher, Executor]:
+    """Return a node, its publisher of a topic and its executor."""
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node, executor = rclpy.create_node(topic), new_executor()
+    executor.add_node(node)
+    return node, node.create_publisher(Odometry, topic, qos.LOCKSTEP), executor
+
+
 def _answer() -> None:
     """Send back every message, until none has come for a second."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node('pong')
-    publisher = node.create_publisher(Odometry, PONG, qos.LOCKSTEP)
+    node, publisher, executor = _node(PONG)
     heard = time.monotonic() + _START_S
 
     def on_ping(message: Odometry) -> None:
@@ -41,8 +50,6 @@ def _answer() -> None:
         publisher.publish(message)
 
     node.create_subscription(Odometry, PING, on_ping, qos.LOCKSTEP)
-    executor = new_executor()
-    executor.add_node(node)
     while time.monotonic() - heard < 1.0:
         executor.spin_once(timeout_sec=0.2)
     rclpy.try_shutdown()
@@ -50,9 +57,7 @@ def _answer() -> None:
 
 def _ask(count: int) -> float:
     """Return round trips per second; raises TimeoutError if no answer comes."""
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node('ping')
-    publisher = node.create_publisher(Odometry, PING, qos.LOCKSTEP)
+    node, publisher, executor = _node(PING)
     message, trips, began = Odometry(), 0, 0.0
 
     def on_pong(answer: Odometry) -> None:
@@ -66,8 +71,6 @@ def _ask(count: int) -> float:
         publisher.publish(message)
 
     node.create_subscription(Odometry, PONG, on_pong, qos.LOCKSTEP)
-    executor = new_executor()
-    executor.add_node(node)
     deadline = time.monotonic() + _START_S
     while not trips and time.monotonic() < deadline:
         if node.count_subscribers(PING) and node.count_publishers(PONG):

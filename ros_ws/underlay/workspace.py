@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The colcon build of `ros_ws`.
 
-The build links to the sources, so only a change of metadata, or a new or deleted file, needs a build.
+The build links to the sources, so it is repeated only after a change of metadata, or for a new or
+deleted file.
 """
 
 import json

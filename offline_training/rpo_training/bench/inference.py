@@ -56,9 +56,8 @@ def inference(controller: str = 'handmade', seed: int = 1) -> list[Rate]:
     system = load_fuzzy(controller).system
     errors = np.random.default_rng(seed).uniform(-1.0, 1.0, (2, 100_000))
     expected = np.array([system.output(r, v) for r, v in errors[:, :4000].T])
-    ours = _Lanes(controller, errors)
     rates = [
-        _rate('rpo, batch in lanes', ours.infer, expected, 100_000),
+        _rate('rpo, batch in lanes', _lanes(controller, errors), expected, 100_000),
         _rate(
             'rpo, one at a time',
             lambda: [system.output(r, v) for r, v in errors[:, :4000].T],
@@ -87,18 +86,18 @@ def _rate(
     return Rate(name, _measure(run, count, 1 if count < 1000 else 5), difference)
 
 
-class _Lanes:
-    """The inference of the engine over any number of inputs."""
+def _lanes(controller: str, errors: Floats) -> Callable[[], Floats]:
+    """Return the inference of the engine over any number of inputs."""
+    loaded = load_fuzzy(controller)
+    law, rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(parts.ROWS)
+    lanes.set_law(law, *(field[0] for field in population_of(loaded)))
+    outputs = np.empty(errors.shape[1])
 
-    def __init__(self, controller: str, errors: Floats) -> None:
-        loaded = load_fuzzy(controller)
-        self.law, self.rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(parts.ROWS)
-        lanes.set_law(self.law, *(field[0] for field in population_of(loaded)))
-        self.errors, self.outputs = errors, np.empty(errors.shape[1])
+    def run() -> Floats:
+        lanes.infer_many(errors, law, rows, outputs)
+        return outputs
 
-    def infer(self) -> Floats:
-        lanes.infer_many(self.errors, self.law, self.rows, self.outputs)
-        return self.outputs
+    return run
 
 
 def _triangle_feet(functions: MembershipFunctions) -> dict[str, tuple[float, float, float]]:

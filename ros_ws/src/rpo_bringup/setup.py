@@ -22,11 +22,6 @@ setup(
     ],
     install_requires=['setuptools'],
     zip_safe=True,
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='The running system: final_approach flies all nodes in one process.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

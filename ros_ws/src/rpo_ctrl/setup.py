@@ -17,11 +17,6 @@ setup(
     ],
     install_requires=['setuptools'],
     zip_safe=True,
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='The controller nodes, and the controller files that ship.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

@@ -15,10 +15,5 @@ setup(
     ],
     install_requires=['setuptools'],
     zip_safe=True,
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='What nodes share: QoS, conversions, parameter tables, start and stop.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest']},
 )

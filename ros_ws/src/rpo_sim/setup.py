@@ -14,11 +14,6 @@ setup(
     ],
     install_requires=['setuptools'],
     zip_safe=True,
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='Nodes of the simulated world: CW plant and disturbance injector.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest']},
     entry_points={
         'console_scripts': [

@@ -15,11 +15,6 @@ setup(
     ],
     install_requires=['setuptools'],
     zip_safe=False,  # the page is read as a file
-    author='The RPO stack authors',
-    maintainer='The RPO stack authors',
-    maintainer_email='rpo-stack@example.org',
-    description='Live views of a run: visualizer, web, foxglove, watch.',
-    license='Apache-2.0',
     extras_require={'test': ['pytest'], 'view': ['foxglove-sdk', 'rich']},
     entry_points={
         'console_scripts': [

@@ -152,7 +152,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         shaping['controller'] = loaded.name
         if not hasattr(self, '_manifest'):
             self._manifest = health.Manifest(self, 'controller')
-        self._manifest.say(shaping, {'controller.yaml': content})
+        self._manifest.publish(shaping, {'controller.yaml': content})
         self.rebuild()
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
@@ -185,25 +185,25 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         if again:
             if self.chain is not None:
                 self.chain.reset()
-            self._say_state('activated')
+            self._publish_state('activated')
         if self.controller is not None:
             self.get_logger().info(f'controlling with {self.controller.name}')
 
     def _deactivate(self) -> None:
         self.active = False
-        self._say_state('deactivated')
+        self._publish_state('deactivated')
         self.get_logger().warning('inactive: commanding zero')
 
-    def _say_state(self, reason: str) -> None:
+    def _publish_state(self, reason: str) -> None:
         """Publish on `stage_status` the state of the controller and its first tick."""
         state = 'active' if self.active else 'inactive'
-        self.say_stage_status('controller', state, self.last_tick + 1, reason)
+        self.publish_stage_status('controller', state, self.last_tick + 1, reason)
 
     def new_run(self) -> None:
         """Forget the run before; a new one may begin with an inactive controller."""
         super().new_run()
         if self._began and not self.active:
-            self._say_state('switched off before the run')
+            self._publish_state('switched off before the run')
 
     def _forget(self) -> None:
         self.active = False

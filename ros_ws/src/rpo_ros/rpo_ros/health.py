@@ -75,7 +75,7 @@ class Manifest:
         self._status: DiagnosticStatus | None = None
         node.every(PERIOD_S, self.repeat)
 
-    def say(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
+    def publish(self, parameters: Mapping[str, Any], files: Mapping[str, str]) -> None:
         """Publish the parameters and files that hold from now on.
 
         parameters : those that shape the flight; none of wall time

@@ -118,7 +118,7 @@ class StageNode(FlightNode):
         if self.scenario is not None:
             self._fly_in(self.scenario)
 
-    def say_stage_status(self, stage: str, state: str, tick: int, reason: str) -> None:
+    def publish_stage_status(self, stage: str, state: str, tick: int, reason: str) -> None:
         """Publish the state of a stage from a tick on."""
         level = health.OK if state == 'active' else health.WARN
         values = [('stage', stage), ('state', state), ('tick', tick), ('reason', reason)]
@@ -127,7 +127,7 @@ class StageNode(FlightNode):
     def refuse(self, reason: str) -> None:
         """Take no part in the run: publish the reason, also for the plant, and end."""
         self.get_logger().error(reason)
-        self.say_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
+        self.publish_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
         self.exit_code, self.done = EXIT_BAD_INPUT, True
 
     def refusal(self) -> str:
@@ -331,6 +331,6 @@ class PlaceNode(StageNode):
         if self.role:
             if not hasattr(self, '_manifest'):
                 self._manifest = health.Manifest(self, self.role)
-            self._manifest.say({'scenario': scenario.name}, {})
+            self._manifest.publish({'scenario': scenario.name}, {})
         self.get_logger().info(f'{does} as in {scenario.name}')
         return chain

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import Any
 
 from rpo_core import interfaces
@@ -27,7 +27,7 @@ def applied_topic(name: str) -> str:
     return interfaces.APPLIED_FORCE if commanded else interfaces.APPLIED_DISTURBANCE
 
 
-class Pacing(ABC):
+class Pacing:
     """One way to pass the ticks of a run.
 
     The plant node calls `begin` at the start of the flight, after a pause, after a change of speed.
@@ -56,21 +56,19 @@ class Pacing(ABC):
     def begin(self) -> None:
         """Set the pace, and go on."""
 
-    @abstractmethod
     def on_answer(self) -> None:
-        """React to an accepted answer."""
+        """React to an accepted answer; by default hold it for the end of the tick."""
 
     @abstractmethod
     def on_pace(self) -> None:
         """React to the end of a tick of wall time."""
 
-    @abstractmethod
     def watch(self, now_s: float) -> None:
-        """Check the peers during the run."""
+        """Check the peers during the run; by default none can be lost."""
 
-    @abstractmethod
     def applied(self) -> dict[str, Force]:
-        """Return the forces, by topic, that act in the current tick and need their own topics."""
+        """Return the forces, by topic, that act in the current tick; none if all answers act."""
+        return {}
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:
@@ -135,10 +133,6 @@ class LockstepPacing(Pacing):
         self.loop.report(health.WARN, 'running', f'coasting without {lost}', dropped=dropped)
         self._pass()
 
-    def applied(self) -> dict[str, Force]:
-        """Return nothing: the answers themselves act."""
-        return {}
-
     def figures(self) -> dict[str, Any]:
         """Return the number of states sent again."""
         return {'resends': self.resends}
@@ -158,9 +152,6 @@ class FreeRunningPacing(Pacing):
         factor = self.loop.values['real_time_factor'] or DEFAULT_FREE_RUNNING_FACTOR
         self.pace.restart(time.monotonic_ns(), self._dt_s / factor)
         self._time(factor)
-
-    def on_answer(self) -> None:
-        """Do nothing: the force is held for the end of the tick."""
 
     def on_pace(self) -> None:
         """Pass the ticks that are due."""
@@ -185,9 +176,6 @@ class FreeRunningPacing(Pacing):
         else:
             self.loop.inform('forces are back')
             self.loop.report(health.OK, 'running', f'forces are back at tick {tick}')
-
-    def watch(self, now_s: float) -> None:
-        """Do nothing: a silent peer is a stale force."""
 
     def applied(self) -> dict[str, Force]:
         """Return the forces that act in the current tick."""

@@ -72,7 +72,7 @@ class PlantNode(Loop):
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         shaping['scenario'] = self.scenario.name
         self._latched = health.Manifest(self, 'plant')
-        self._latched.say(shaping, {'scenario.yaml': text})
+        self._latched.publish(shaping, {'scenario.yaml': text})
 
     def _begin_run(self) -> None:
         """Wait at tick 0 of a new run."""

@@ -69,7 +69,7 @@ class FoxgloveNode(FlightNode):
             DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
         self.every(1.0 / values['rate_hz'], self._pass_on)
-        self.every(_STATUS_PERIOD_S, self._say_status)
+        self.every(_STATUS_PERIOD_S, self._send_status)
         self.get_logger().info(
             f'open ws://{HOST}:{self._server.port} in the Foxglove or Lichtblick app'
         )
@@ -111,9 +111,9 @@ class FoxgloveNode(FlightNode):
 
     def _on_status(self, data: bytes) -> None:
         self._status = data
-        self._say_status()
+        self._send_status()
 
-    def _say_status(self) -> None:
+    def _send_status(self) -> None:
         """Send run_status again: the apps know no latched topics."""
         if self._status and self._stamp_ns:
             self._channels[names.RUN_STATUS].log(self._status, log_time=self._stamp_ns)
