@@ -249,7 +249,7 @@ class StageNode(FlightNode):
         """Say that stages with memory begin without it, in the middle of a run."""
         for link in chain.links:
             if link.stage.memory_ticks != 0:
-                self.say_stage_status(link.stage.name, 'active', tick, 'began in flight')
+                self.publish_stage_status(link.stage.name, 'active', tick, 'began in flight')
 
     def _placed(self, stamp_ns: int) -> tuple[str, int]:
         """Return why a stamp gets no answer ('' if it gets one), and its tick."""
