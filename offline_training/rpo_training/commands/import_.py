@@ -32,10 +32,12 @@ def import_controller(
 
     from rpo_core.controller import dumps
     from rpo_training.analysis.rule_base import warnings
-    from rpo_training.export.importing import load, write
+    from rpo_training.export.importing import load
+    from rpo_training.outputs import writing
 
     loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
-    write(output, dumps(loaded))
+    with writing(output):
+        output.write_text(dumps(loaded), encoding='utf-8')
     for warning in warnings(loaded.system):
         typer.echo(f'warning: {warning}', err=True)
     typer.echo(output)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_training import outputs
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -39,7 +40,7 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`), and by SciPy.
     """
-    from rpo_training import outputs
+    from rpo_log.show.report import folder_of
     from rpo_training.truth.two_body import TRUTHS, compare
 
     names = [name for name in TRUTHS if name != 'Basilisk' or find_spec('Basilisk')]
@@ -49,8 +50,8 @@ def truth(
     found = compare(flight, title, names)
     text = markdown(found)
     typer.echo(text, nl=False)
-    path = plot or (Path('runs/truth.png') if run is None else _report(run) / 'truth.png')
-    _draw(found, path)
+    folder = Path('runs') if run is None else folder_of(run)
+    _draw(found, plot or folder / 'truth.png')
     if write is not None:
         outputs.put(write, 'rpo truth --write', text)
         typer.echo(write)
@@ -67,10 +68,6 @@ def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, s
         return flight, f'{run}, {flight.scenario.name}'
     chosen = load_controller(controller)
     return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'
-
-
-def _report(run: Path) -> Path:
-    return (run if run.is_dir() else run.parent) / 'report'
 
 
 def markdown(found: Comparison) -> str:
@@ -106,15 +103,13 @@ def markdown(found: Comparison) -> str:
 
 
 def _draw(found: Comparison, path: Path) -> None:
-    from rpo_core.validation import InputError
     from rpo_training.truth.picture import draw
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw(found, path)
+        with outputs.writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw(found, path)
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
     else:
         typer.echo(path)

@@ -79,14 +79,6 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
         return controller_of(read(content), path.name, scales)
 
 
-def write(path: Path, text: str) -> None:
-    """Write a text file; InputError if it cannot be written."""
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
-
-
 def facts_of(content: str) -> dict[str, float]:
     """Return the numbers that `rpo export` noted in comments."""
     return {

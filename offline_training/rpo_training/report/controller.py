@@ -14,7 +14,7 @@ from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
 from rpo_log.show import style
 from rpo_training.analysis.certificate import Certificate, certify
-from rpo_training.analysis.rule_base import activities, warnings
+from rpo_training.analysis.rule_base import FORCES, WELL, force_rows, warnings
 from rpo_training.evaluation.assessment import Assessment, assess
 from rpo_training.report import baseline, controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
@@ -91,15 +91,7 @@ def _functions(controller: FuzzyController) -> Picture:
 
 
 def _rules(controller: FuzzyController) -> list[Block]:
-    shares = activities(controller.system)
-    rows = tuple(
-        (
-            f'{word} ({SPOKEN[word]})',
-            *(f'{c.force} {c.decides:.0%}' for c in shares[5 * row : 5 * row + 5]),
-        )
-        for row, word in enumerate(WORDS)
-    )
-    found = warnings(controller.system)
+    headings, rows = force_rows(controller.system)
     return [
         Picture(
             'rules',
@@ -107,12 +99,8 @@ def _rules(controller: FuzzyController) -> list[Block]:
             'The rule table: the word of the force for each pair of words.',
             'The rule table; the table below has the same words.',
         ),
-        Table(
-            'Force, and the share of the input square where the rule decides its word',
-            ('velocity error ↓ position error →', *WORDS),
-            rows,
-        ),
-        *map(Text, found or ('Every rule decides somewhere, no hole, the rules are monotone.',)),
+        Table(FORCES, headings, tuple(rows)),
+        *map(Text, warnings(controller.system) or (WELL,)),
     ]
 
 

@@ -17,8 +17,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from rpo_core.validation import InputError
 from rpo_log.show import style
+from rpo_training.outputs import writing
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 PAGE = 'report.html'
@@ -37,18 +37,13 @@ _NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
 
 def write(report: Report, folder: Path) -> list[Path]:
     """Write the pictures as PNGs and the page; return their paths, the page last."""
-    try:
+    paths = [folder / f'{picture.name}.png' for picture in report.pictures]
+    with writing(folder), style.applied():
         folder.mkdir(parents=True, exist_ok=True)
-        paths = []
-        with style.applied():
-            for picture in report.pictures:
-                paths.append(folder / f'{picture.name}.png')
-                _save(picture, paths[-1])
-        paths.append(folder / PAGE)
-        paths[-1].write_text(html(report), encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{folder}: cannot be written: {error.strerror or error}') from None
-    return paths
+        for picture, path in zip(report.pictures, paths, strict=True):
+            _save(picture, path)
+        (folder / PAGE).write_text(html(report), encoding='utf-8')
+    return [*paths, folder / PAGE]
 
 
 def _save(picture: Picture, target: Any, **options: Any) -> None:
