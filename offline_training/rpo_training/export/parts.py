@@ -10,6 +10,8 @@ from typing import NamedTuple
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS, MembershipFunctions
 
+SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
+
 Triangle = tuple[float, float, float]
 
 
@@ -61,16 +63,14 @@ def rules(controller: FuzzyController) -> list[Rule]:
 
 
 def facts(controller: FuzzyController) -> list[str]:
-    """Return the lines that a comment must hold, for a person and for `rpo import`."""
+    """Return the lines of a comment for a person and for `rpo import`."""
     lines = [
         f'{one_line(controller.name)}: fuzzy controller of one axis of a final approach',
         *([one_line(controller.description)] if controller.description.strip() else []),
         'position_error = -position / position_scale, velocity_error = -velocity / velocity_scale,',
         'both saturated to [-1, 1]; force on that axis = force * force_scale',
     ]
-    scales = zip(
-        ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n'), controller.scales, strict=True
-    )
+    scales = zip(SCALES, controller.scales, strict=True)
     lines += [f'rpo: {name} = {value!r}' for name, value in scales]
     return [*lines, f'rpo: samples = {controller.system.samples}']
 
