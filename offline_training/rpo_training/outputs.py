@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -64,6 +64,12 @@ def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         if isinstance(error, OSError):
             raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
         raise
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    lines = [f'| {" | ".join(cells)} |' for cells in (headings, *rows)]
+    return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
 
 
 def put(page: Path, command: str, text: str) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a designer should know of a rule base: holes in coverage, idle rules, wrong order."""
+"""Warnings about a rule base: holes in coverage, idle rules, wrong order."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ WELL = 'Every rule decides somewhere, no hole, the rules are monotone.'
 
 
 def warnings(system: FuzzySystem) -> tuple[str, ...]:
-    """Return what a designer should know of a rule base, a sentence each; empty if all is well."""
+    """Return the warnings about a rule base, a sentence each."""
     return (*_hole_warnings(system), *_rule_warnings(system), *_order_warnings(system))
 
 

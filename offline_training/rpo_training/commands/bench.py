@@ -30,7 +30,7 @@ def bench(
     output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
 ) -> None:
-    """Measure speed beside the peers, in one run: targets P1 to P4."""
+    """Measure speed, and that of other tools in the same run: targets P1 to P4."""
     from rpo_training.bench import machine
 
     choice('what', what, PARTS)
@@ -62,14 +62,7 @@ def _all(output: Path, page: Path | None) -> None:
 
     with progress() as show:
         found = table.run(lambda what, share: show(what, 100.0 * share, 100.0))
-    print_table(
-        ('', 'what', 'target', 'ours', 'peer, same run', 'ratio', ''),
-        (
-            (r.target, r.what, r.wanted, r.ours, r.peer, r.ratio, 'held' if r.holds else 'MISSED')
-            for r in found.rows
-        ),
-        left=3,
-    )
+    print_table(table.HEADINGS, [row.cells for row in found.rows], left=3)
     typer.echo(table.save(found, output))
     if page is not None:
         outputs.put(page, 'rpo bench --write', table.markdown(found))

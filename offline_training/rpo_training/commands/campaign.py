@@ -46,7 +46,7 @@ def campaign(
     ] = None,
     csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
     export: Annotated[
-        Path | None, typer.Option(help='with --run: write its scenario, for the ROS nodes')
+        Path | None, typer.Option(help='with --run: write its scenario for the ROS nodes')
     ] = None,
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
@@ -57,7 +57,7 @@ def campaign(
     workers: Workers = 0,
     cluster: Cluster = '',
 ) -> None:
-    """Fly dispersed closed loops, and say how often and how surely they succeed.
+    """Fly dispersed closed loops, and print how many succeed, with confidence intervals.
 
     Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on.
     """
@@ -71,9 +71,7 @@ def campaign(
         _fly(Store.open(resume), workers, cluster)
         return
     if source is None:
-        raise InputError(
-            'a campaign file, a folder of a campaign with --run, or --resume is needed'
-        )
+        raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
     for option, path in (('csv', csv), ('export', export)):
         if path is not None and run is None:
             raise InputError(f'`--{option}` writes one run: give --run too')
@@ -222,7 +220,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
 
 
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
-    """Say that the core flew the same bits, and that they are those of the folder."""
+    """Check that the core flies the same bits, and that the folder holds the same."""
     from rpo_training.campaign.run_batch import FINAL
 
     final = [float(columns[name][0]) for name in FINAL]
@@ -230,6 +228,6 @@ def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, numbe
     if store is not None:
         same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
     if not same:
-        raise InputError(f'run {number} was flown again to other bits: this is a defect')
+        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
     what = 'the core' if store is None else 'the core and of the campaign'
     typer.echo(f'The bits are those of {what}.')

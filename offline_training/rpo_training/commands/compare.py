@@ -37,9 +37,9 @@ def compare(
     ] = None,
     workers: Workers = 0,
 ) -> None:
-    """Put controllers beside each other: energy, conditions, tests, success under dispersion.
+    """Compare controllers: energy, conditions, tests, success under dispersion.
 
-    What was computed is kept: Ctrl-C stops cleanly, the same command goes on.
+    Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
     from rpo_training.display import print_table, progress
     from rpo_training.evaluation import comparison, comparison_table

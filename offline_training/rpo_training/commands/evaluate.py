@@ -31,7 +31,7 @@ def evaluate(
     ] = False,
     workers: Workers = 0,
 ) -> None:
-    """Judge controllers: the targets Q1-Q5, and each start beside the least energy possible."""
+    """Judge controllers by the targets Q1-Q5; compare each start with the least energy."""
     from rpo_core.controller import load_fuzzy
     from rpo_training.display import print_table
     from rpo_training.evaluation.assessment import assess

@@ -37,7 +37,7 @@ def explain(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help=f'controller that a state is given to; {DEFAULT_CONTROLLER} if none'),
+        typer.Option(help=f'with --state: shipped name or file  [{DEFAULT_CONTROLLER}]'),
     ] = None,
     certify: Annotated[
         bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
@@ -97,31 +97,33 @@ def _explain_run(console: Console, path: str, at: float) -> None:
         console.print('The logged force is the same, bit for bit.')
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
-    said = _compare_said(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
-    if not said or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
+    same_decision = _compare_decision(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
+    if not same_decision or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
         raise typer.Exit(1)
 
 
-def _compare_said(console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]) -> bool:
-    """Compare with what the controller said in flight; return whether that is no other."""
+def _compare_decision(
+    console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]
+) -> bool:
+    """Compare with the decision that the controller published; return whether none differs."""
     from rpo_log.read.decisions import decision_at
 
-    said = decision_at(path, stamp_ns)
-    if said is None:
+    logged = decision_at(path, stamp_ns)
+    if logged is None:
         console.print('The run holds no decision of the controller: this is computed anew.')
         return True
-    age_s = (stamp_ns - said.stamp_ns) / 1e9
+    age_s = (stamp_ns - logged.stamp_ns) / 1e9
     if age_s > 0.0:
         console.print(
             f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
         )
         return True
     expected = [(d.sentence, {name: repr(x) for name, x in d.pairs()}) for d in found]
-    told = [(axis.message, dict(axis.values)) for axis in said.axes]
-    if told == expected:
+    published = [(axis.message, dict(axis.values)) for axis in logged.axes]
+    if published == expected:
         console.print('The controller said the same in flight, number by number.')
         return True
-    for axis, (sentence, _) in zip(found, told, strict=False):
+    for axis, (sentence, _) in zip(found, published, strict=False):
         console.print(f'In flight the controller said of {axis.axis}: {sentence}', highlight=False)
     return False
 
@@ -221,10 +223,10 @@ def _print_certificate(
     def say(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True)
 
-    marks = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
+    colors = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
     say('\n[bold]Certificate[/bold] over all position errors e and velocity errors v in \\[-1, 1]')
     for claim in certificate.claims:
-        color = marks[claim.verdict]
+        color = colors[claim.verdict]
         say(f'[{color}]{claim.verdict:9s}[/{color}] {claim.name}: {claim.statement}')
         for p in claim.points:
             say(f'            u({p.position_error!r}, {p.velocity_error!r}) = {p.output!r}')

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `rpo train` and `rpo tune` do with a run: watch it, stop it cleanly, say what came out."""
+"""What `rpo train` and `rpo tune` share: show a run, stop it cleanly, print its result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def fly(run: SearchRun[Config, Found]) -> Found:
-    """Fly a run to its end, watched; return the best. Interrupted, say how to go on, and exit."""
+    """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
     from rpo_training.search.progress import TrainingDisplay
 
     def sentence() -> str:

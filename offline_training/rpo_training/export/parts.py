@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+import textwrap
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS, MembershipFunctions
@@ -73,6 +76,13 @@ def facts(controller: FuzzyController) -> list[str]:
     scales = zip(SCALES, controller.scales, strict=True)
     lines += [f'rpo: {name} = {value!r}' for name, value in scales]
     return [*lines, f'rpo: samples = {controller.system.samples}']
+
+
+def listed(values: Any, indent: int, width: int) -> str:
+    """Return numbers that read back bit for bit, in indented lines of at most `width`."""
+    text = ', '.join(map(repr, np.asarray(values).tolist()))
+    space = ' ' * indent
+    return textwrap.fill(text, width, initial_indent=space, subsequent_indent=space)
 
 
 def one_line(text: str) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_log.show import style
+from rpo_training.campaign.statistics import Rate
 from rpo_training.report.sensitivity import Influence
 
 Floats = NDArray[np.float64]
@@ -75,7 +76,7 @@ def _dots(points: Floats, colour: str) -> Any:
 
 
 def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
-    """Return histograms of figures; columns : label with unit -> values (n,)."""
+    """Return histograms of metrics; columns : label with unit -> values (n,)."""
     rows = -(-len(columns) // 2)
     figure, panels = style.new_panels(2.3 * rows, rows, 2, squeeze=False)
     for axes in panels.ravel()[len(columns) :]:
@@ -126,21 +127,24 @@ def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
     return figure
 
 
-def rates(names: Sequence[str], shares: Floats, low: Floats, high: Floats) -> Any:
+def rates(found: Sequence[Rate]) -> Any:
     """Return success rates with their intervals."""
-    figure, axes = style.new_panels(0.9 + 0.36 * len(names))
-    places = np.arange(len(names))
+    shares = np.array([rate.kept / rate.runs for rate in found])
+    below = shares - [rate.low for rate in found]
+    above = [rate.high for rate in found] - shares
+    figure, axes = style.new_panels(0.9 + 0.36 * len(found))
+    places = np.arange(len(found))
     axes.errorbar(
         100.0 * shares,
         places,
-        xerr=100.0 * np.array([shares - low, high - shares]),
+        xerr=100.0 * np.array([below, above]),
         fmt='o',
         color=_KEPT,
         capsize=4,
         markersize=5,
         label='share of runs, Wilson 95 %',
     )
-    axes.set_yticks(places, names)
-    axes.set(xlabel='runs that keep it [%]', ylim=(len(names) - 0.5, -0.5))
+    axes.set_yticks(places, [rate.name for rate in found])
+    axes.set(xlabel='runs that keep it [%]', ylim=(len(found) - 0.5, -0.5))
     style.legend_below(figure, axes)
     return figure
