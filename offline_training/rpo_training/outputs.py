@@ -1,17 +1,47 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that commands write: whole or not at all, and parts of pages between two markers."""
+"""Files that commands write: complete or not at all, and parts of pages between two markers."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from rpo_core.validation import InputError
 
+if TYPE_CHECKING:
+    from rpo_core.flight import Flight
+
 END = '<!-- end -->'
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError inside into an InputError: `path` cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
+
+
+def write_flight(flight: Flight, path: Path) -> None:
+    """Write time, state, force and disturbance of every tick as CSV; raises InputError."""
+    import numpy as np
+
+    heading = 't_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,fx_n,fy_n,fz_n,dx_n,dy_n,dz_n'
+    columns = flight.scenario.times_s, flight.states, flight.forces_n, flight.disturbances_n
+    with writing(path):
+        np.savetxt(
+            path,
+            np.column_stack(columns),
+            fmt='%.17g',
+            delimiter=',',
+            header=heading,
+            comments='',
+        )
 
 
 def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
@@ -36,8 +66,14 @@ def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         raise
 
 
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    lines = [f'| {" | ".join(cells)} |' for cells in (headings, *rows)]
+    return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
+
+
 def put(page: Path, command: str, text: str) -> None:
-    """Replace what stands between the marker of a command and END; a page without gets both."""
+    """Replace the text between the marker of a command and END; add both to a page without."""
     begin = f'<!-- printed by `{command}` -->'
     page_text = page.read_text() if page.is_file() else ''
     if begin not in page_text:

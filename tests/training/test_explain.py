@@ -117,8 +117,11 @@ def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
         (['--state', '1,2,3'], '`state` must be 6 finite numbers x,y,z,vx,vy,vz'),
         (['--state', '1,2,3,4,5,six'], '`state` must be 6 finite numbers'),
         (['--state', '1e9,0,0,0,0,0'], '`x` must be a finite number >= -100000 and <= 100000 m'),
-        (['--state', '1,2,3,0,0,0', '--at', '3'], '`--state` goes with `--controller` alone'),
-        (['--controller', 'handmade'], '`--controller` goes with `--state`'),
+        (
+            ['--state', '1,2,3,0,0,0', '--at', '3'],
+            '`--state` takes `--controller` and nothing else',
+        ),
+        (['--controller', 'handmade'], '`--controller` needs `--state`'),
         (['--at', '3'], '`--at` needs a run'),
         (['/no/such/run', '--at', '3'], '/no/such/run'),
         (['FOLDER'], 'say which instant of the run, like --at 37.5'),

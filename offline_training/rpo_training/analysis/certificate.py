@@ -6,7 +6,7 @@ The square is covered by boxes on which `rpo_core.surface` bounds the output and
 are divided where the bounds do not decide. A claim is
 
 - proven: it holds at every point of the square;
-- refuted: it fails at a point that is given, and at which the flown kernel was evaluated;
+- refuted: it fails at a point, which is named and where the kernel was evaluated;
 - undecided: neither, within the boxes allowed.
 
 Errors and outputs are normalised. Slopes and falls are those of F, the inference in real arithmetic
@@ -42,8 +42,7 @@ _GRID = 1 / 64  # widest box to start with
 _TOLERANCE = 0.02  # boxes are divided until a bound is within 2 % of what was found
 _STEP = 2.0**-20  # of difference quotients; rounding spoils them by 1e-7
 
-
-NDArrayBool = NDArray[np.bool_]
+Bools = NDArray[np.bool_]
 
 
 class Point(NamedTuple):
@@ -90,7 +89,7 @@ class Certificate:
 def certify(
     system: FuzzySystem, max_fall: float = MAX_FALL, most_boxes: int = MOST_BOXES
 ) -> Certificate:
-    """Return the certificate of a fuzzy system; `MAX_FALL` and `MOST_BOXES` say the defaults."""
+    """Return the certificate of a fuzzy system."""
     return _Examination(system, max_fall, most_boxes).certificate()
 
 
@@ -115,7 +114,7 @@ class _Examination:
         return surface.enclose(self.system, boxes)
 
     def point(self, e: float, v: float) -> Point:
-        """Return what the kernel answers."""
+        """Return a point with the output of the kernel."""
         return Point(float(e), float(v), self.system.output(float(e), float(v)))
 
     def certificate(self) -> Certificate:
@@ -137,7 +136,7 @@ class _Examination:
         found: float,
         improve: Callable[[Boxes], float] | None = None,
     ) -> float:
-        """Return a bound of `score` on the square, near what is found; divides where it is not."""
+        """Return a bound of `score` on the square; divide boxes until it is near `found`."""
         boxes, enclosure = self.cover, self.enclosure
         bound, spent = found, 0
         while True:
@@ -161,14 +160,8 @@ class _Examination:
         found = abs(witness.output)
         bound = self.branch(lambda box: np.maximum(-box.low, box.high), found)
         bound = min(bound, 1.0) + self.rounding
-        return Claim(
-            'output',
-            f'|u| <= {bound:.4f} of full force',
-            PROVEN,
-            bound,
-            found,
-            (witness,),
-        )
+        statement = f'|u| <= {bound:.4f} of full force'
+        return Claim('output', statement, PROVEN, bound, found, (witness,))
 
     def lipschitz(self, name: str, axis: int) -> Claim:
         """Claim a Lipschitz constant in one error."""
@@ -187,14 +180,9 @@ class _Examination:
             lambda box: np.maximum(-box[2 + 2 * axis], box[3 + 2 * axis]), 0, improve
         )
         found, points = best[-1]
-        return Claim(
-            f'slope in {name}',
-            f'|du| <= {bound:.3f} |d({name})|',
-            PROVEN if np.isfinite(bound) else UNDECIDED,
-            bound,
-            found,
-            points,
-        )
+        verdict = PROVEN if np.isfinite(bound) else UNDECIDED
+        statement = f'|du| <= {bound:.3f} |d({name})|'
+        return Claim(f'slope in {name}', statement, verdict, bound, found, points)
 
     def _steepest(self, boxes: Boxes, axis: int) -> tuple[float, tuple[Point, ...]]:
         """Return the greatest difference quotient from the middles of boxes, and its two points."""
@@ -257,14 +245,9 @@ class _Examination:
         if found > self.max_fall:
             verdict = REFUTED
         seen = f'; {found:.4f} seen' if found > self.rounding else '; no fall was seen'
-        return Claim(
-            f'monotone in {name}',
-            f'u falls by at most {bound:.4f} as the {name} grows (allowed {self.max_fall:g}){seen}',
-            verdict,
-            bound,
-            found,
-            points,
-        )
+        allowed = f'(allowed {self.max_fall:g})'
+        statement = f'u falls by at most {bound:.4f} as the {name} grows {allowed}{seen}'
+        return Claim(f'monotone in {name}', statement, verdict, bound, found, points)
 
     def equilibrium(self) -> Claim:
         """Claim that there is no force at rest at the target."""
@@ -344,7 +327,7 @@ class _FallSearch:
             rising = [*(rising[i] for i in kept), *new_rising]
             bounds = np.concatenate([bounds[kept], new_bounds])
 
-    def _bounds(self, strips: list[_Strip]) -> tuple[Floats, list[NDArrayBool]]:
+    def _bounds(self, strips: list[_Strip]) -> tuple[Floats, list[Bools]]:
         """Return the bound of each strip, and for each of its boxes whether F surely rises."""
         left = np.concatenate([strip.edges[:-1] for strip in strips])
         right = np.concatenate([strip.edges[1:] for strip in strips])
@@ -353,16 +336,10 @@ class _FallSearch:
         high = np.repeat([strip.high for strip in strips], counts)
         boxes = Boxes(low, high, left, right) if self.axis else Boxes(left, right, low, high)
         box = self.examination.enclose(boxes)
-        slope = box[2 + 2 * self.axis]
-        bounds, rising, first = [], [], 0
-        for count in counts:
-            part = slice(first, first + count)
-            bounds.append(
-                self._fall(box.low[part], box.high[part], slope[part], right[part] - left[part])
-            )
-            rising.append(slope[part] >= 0.0)
-            first += count
-        return np.array(bounds), rising
+        slope, cuts = box[2 + 2 * self.axis], np.cumsum(counts)[:-1]
+        columns = (np.split(column, cuts) for column in (box.low, box.high, slope, right - left))
+        bounds = [self._fall(*strip) for strip in zip(*columns, strict=True)]
+        return np.array(bounds), np.split(slope >= 0.0, cuts)
 
     def _fall(self, low: Floats, high: Floats, slope: Floats, width: Floats) -> float:
         """Return the bound of the fall along one strip, from its boxes.
@@ -392,7 +369,7 @@ class _FallSearch:
             self.found, self.points = fall, pair
 
 
-def _halves(strip: _Strip, rising: NDArrayBool) -> list[_Strip]:
+def _halves(strip: _Strip, rising: Bools) -> list[_Strip]:
     """Return both halves of a strip, its boxes divided where F may fall."""
     left, right = strip.edges[:-1], strip.edges[1:]
     edges = np.sort(np.concatenate([strip.edges, (left + (right - left) / 2)[~rising]]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a designer should know of a rule base: holes in coverage, idle rules, wrong order."""
+"""Warnings about a rule base: holes in coverage, idle rules, wrong order."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rpo_core.explain import SPOKEN
 from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_training.analysis import surface
 
@@ -71,8 +72,27 @@ def activities(system: FuzzySystem) -> tuple[Activity, ...]:
     return tuple(found)
 
 
+FORCES = 'Force, and the share of the input square where the rule decides its word'
+"""What the table `force_rows` shows."""
+
+
+def force_rows(system: FuzzySystem) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the rule table, each cell with the share where it decides."""
+    shares = activities(system)
+    rows = []
+    for row, word in enumerate(WORDS):
+        cells = shares[5 * row : 5 * row + 5]
+        forces = (f'{cell.force} {cell.decides:.0%}' for cell in cells)
+        rows.append((f'{word} ({SPOKEN[word]})', *forces))
+    return ('velocity error ↓ position error →', *WORDS), rows
+
+
+WELL = 'Every rule decides somewhere, no hole, the rules are monotone.'
+"""What holds where there are no `warnings`."""
+
+
 def warnings(system: FuzzySystem) -> tuple[str, ...]:
-    """Return what a designer should know of a rule base, a sentence each; empty if all is well."""
+    """Return the warnings about a rule base, a sentence each."""
     return (*_hole_warnings(system), *_rule_warnings(system), *_order_warnings(system))
 
 

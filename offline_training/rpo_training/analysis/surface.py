@@ -223,16 +223,13 @@ def _samples(system: FuzzySystem) -> Floats:
 def _output_grades(system: FuzzySystem) -> list[tuple[int, slice, Floats]]:
     """Return (word, samples of its support, their grades) of the words that any sample sees."""
     z, sp, lp = (np.asarray(t) for t in (system.tables.z, system.tables.sp, system.tables.lp))
-    nothing = np.zeros(len(z))
-    table = {
-        LN: np.concatenate([lp[::-1], [0.0], nothing]),
-        SN: np.concatenate([sp[::-1], [0.0], nothing]),
-        Z: np.concatenate([z[::-1], [1.0], z]),
-        SP: np.concatenate([nothing, [0.0], sp]),
-        LP: np.concatenate([nothing, [0.0], lp]),
-    }
+    half = len(z)
+    table = np.zeros((5, 2 * half + 1))
+    table[[SP, LP], half + 1 :] = sp, lp
+    table[[SN, LN], :half] = sp[::-1], lp[::-1]
+    table[Z] = np.concatenate([z[::-1], [1.0], z])
     found = []
-    for word, grades in table.items():
+    for word, grades in enumerate(table):
         support = np.flatnonzero(grades)
         if len(support):
             span = slice(int(support[0]), int(support[-1]) + 1)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_training.bench import flying, inference, machine, ros
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import markdown_table, write_aside
 
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 180.0, 10.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
@@ -26,6 +26,9 @@ Progress = Callable[[str, float], None]
 """Gets the name of a measurement, and the share of it that is done."""
 
 
+HEADINGS = ('', 'what', 'target', 'ours', 'peer, same run', 'ratio', '')
+
+
 @dataclass(frozen=True)
 class Row:
     """A target, its subject, our result and the result of the peer in the same run."""
@@ -37,6 +40,12 @@ class Row:
     peer: str
     ratio: str
     holds: bool
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The row under `HEADINGS`."""
+        verdict = 'held' if self.holds else 'MISSED'
+        return self.target, self.what, self.wanted, self.ours, self.peer, self.ratio, verdict
 
 
 @dataclass(frozen=True)
@@ -165,13 +174,7 @@ def markdown(bench: Bench) -> str:
         f'Measured {bench.date} on {facts["processor"]}, {facts["cores"]} cores, load per core '
         f'{facts["load_per_core"]:g} at the start. {versions}.',
         '',
-        '| | what | target | ours | peer, same run | ratio | |',
-        '|---|---|---|---|---|---|---|',
-        *(
-            f'| {r.target} | {r.what} | {r.wanted} | {r.ours} | {r.peer} | {r.ratio} '
-            f'| {"held" if r.holds else "MISSED"} |'
-            for r in bench.rows
-        ),
+        *markdown_table(HEADINGS, [row.cells for row in bench.rows]),
     ]
     if facts['load_per_core'] > machine.BUSY:
         lines += ['', 'The machine was busy with other work, which lengthens wall times.']

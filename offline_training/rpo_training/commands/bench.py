@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from rpo_training.bench.table import Bench
+from rpo_core.validation import InputError, choice
+from rpo_training.commands.shared import Workers
 
 EXAMPLES = """
 Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluations 600` |
@@ -26,12 +26,11 @@ def bench(
         int, typer.Option(min=1, help="training: controllers; the paper's budget is 60 x 301")
     ] = 60 * 301,
     runs: Annotated[int, typer.Option(min=1, help='campaign: runs')] = 10_000,
-    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    workers: Workers = 0,
     output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
 ) -> None:
-    """Measure speed beside the peers, in one run: targets P1 to P4."""
-    from rpo_core.validation import InputError, choice
+    """Measure speed, and that of other tools in the same run: targets P1 to P4."""
     from rpo_training.bench import machine
 
     choice('what', what, PARTS)
@@ -41,7 +40,8 @@ def bench(
     load = machine.load_per_core()
     if load > machine.BUSY:
         typer.echo(
-            f'Load {load:.1f} per core: others work here, wall times are theirs too.', err=True
+            f'Load {load:.1f} per core: other work slows this machine, and wall times include it.',
+            err=True,
         )
     if what == 'all':
         _all(output, write)
@@ -56,40 +56,17 @@ def bench(
 
 
 def _all(output: Path, page: Path | None) -> None:
-    from rich.console import Console
-    from rich.progress import Progress
-
     from rpo_training import outputs
     from rpo_training.bench import table
+    from rpo_training.display import print_table, progress
 
-    with Progress(console=Console(stderr=True)) as bar:
-        tasks = {}
-
-        def said(what: str, share: float) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=1.0)
-            bar.update(tasks[what], completed=share)
-
-        found = table.run(said)
-    _print(found)
+    with progress() as show:
+        found = table.run(lambda what, share: show(what, 100.0 * share, 100.0))
+    print_table(table.HEADINGS, [row.cells for row in found.rows], left=3)
     typer.echo(table.save(found, output))
     if page is not None:
         outputs.put(page, 'rpo bench --write', table.markdown(found))
         typer.echo(page)
-
-
-def _print(found: Bench) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('', 'what', 'target', 'ours', 'peer, same run', 'ratio', ''):
-        table.add_column(heading)
-    for r in found.rows:
-        verdict = '[green]held[/]' if r.holds else '[bold red]MISSED[/]'
-        table.add_row(r.target, r.what, r.wanted, r.ours, r.peer, r.ratio, verdict)
-    Console(highlight=False).print(table)
 
 
 def _inference() -> None:

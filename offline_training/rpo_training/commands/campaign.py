@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
-import signal
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from rpo_core.validation import InputError
+from rpo_training import outputs
+from rpo_training.commands.shared import Cluster, Workers, interruptible
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -42,7 +46,7 @@ def campaign(
     ] = None,
     csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
     export: Annotated[
-        Path | None, typer.Option(help='with --run: write its scenario, for the ROS nodes')
+        Path | None, typer.Option(help='with --run: write its scenario for the ROS nodes')
     ] = None,
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
@@ -50,29 +54,24 @@ def campaign(
     faults: Annotated[
         bool, typer.Option('--faults', help='success against the share of messages lost, late')
     ] = False,
-    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
-    cluster: Annotated[
-        str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
-    ] = '',
+    workers: Workers = 0,
+    cluster: Cluster = '',
 ) -> None:
-    """Fly dispersed closed loops, and say how often and how surely they succeed.
+    """Fly dispersed closed loops, and print how many succeed, with confidence intervals.
 
     Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on.
     """
-    from rpo_core.validation import InputError
     from rpo_training.campaign.store import Store
 
-    given = {'runs': runs, 'seed': seed, 'controller': controller}
-    changes = {name: value for name, value in given.items() if value is not None}
+    options = {'runs': runs, 'seed': seed, 'controller': controller}
+    changes = {name: value for name, value in options.items() if value is not None}
     if resume is not None:
         if source is not None or output is not None or run is not None or changes:
             raise InputError('`--resume` takes everything from the folder: give nothing else')
         _fly(Store.open(resume), workers, cluster)
         return
     if source is None:
-        raise InputError(
-            'a campaign file, a folder of a campaign with --run, or --resume is needed'
-        )
+        raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
     for option, path in (('csv', csv), ('export', export)):
         if path is not None and run is None:
             raise InputError(f'`--{option}` writes one run: give --run too')
@@ -93,18 +92,14 @@ def campaign(
 
 
 def _sweep(chosen: Campaign, runs: int) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.progress import Progress
-    from rich.table import Table
-
     from rpo_training.campaign.faults import Faults
     from rpo_training.campaign.sweep import FAULTS, PERCENTS, Sweep
+    from rpo_training.display import print_table, progress
 
     config, base = chosen.config, chosen.config.faults or Faults()
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('flying', total=len(FAULTS) * len(PERCENTS))
-        sweep = Sweep(chosen, runs, lambda: bar.advance(task))
+    done, total = itertools.count(1), len(FAULTS) * len(PERCENTS)
+    with progress() as show:
+        sweep = Sweep(chosen, runs, lambda: show('flights with message faults', next(done), total))
         found = {kind: sweep.rows(kind) for kind in FAULTS}
         edges = {kind: sweep.edge(kind, found[kind]) for kind in FAULTS}
     typer.echo(
@@ -112,19 +107,18 @@ def _sweep(chosen: Campaign, runs: int) -> None:
         f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
         f'a force counts for {base.stale_after_ticks} ticks'
     )
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('share %', *(h for kind in FAULTS for h in (kind, 'Wilson 95 %', 'alone'))):
-        table.add_column(heading, justify='right', no_wrap=True)
+    table = []
     for rows in zip(*found.values(), strict=True):
         cells = [str(rows[0].percent)]
         for _, d, alone in rows:
             interval = f'{100 * d.low:.1f} to {100 * d.high:.1f}'
             cells += [f'{100 * d.kept / d.runs:.1f}', interval]
             cells.append(f'{100 * alone.kept / alone.runs:.1f}')
-        table.add_row(*cells)
-    Console().print(table)
+        table.append(cells)
+    headings = (heading for kind in FAULTS for heading in (kind, 'Wilson 95 %', 'alone'))
+    print_table(('share %', *headings), table, left=0)
     for kind, edge in edges.items():
-        some = 'not even without faults do all'
+        some = 'some fail even without faults'
         if edge.all_up_to is not None:
             some = f'all succeed up to {edge.all_up_to} %'
         none = '' if edge.none_from is None else f', none from {edge.none_from} %'
@@ -132,7 +126,6 @@ def _sweep(chosen: Campaign, runs: int) -> None:
 
 
 def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
-    from rpo_core.validation import InputError
     from rpo_training.campaign import config
     from rpo_training.campaign.store import Store
 
@@ -150,15 +143,11 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
     from rpo_training.campaign.execution import fly
     from rpo_training.campaign.progress import CampaignDisplay
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
+    sentence = f'Interrupted; what was flown is saved. Go on with: {again}'
     began, cpu = time.perf_counter(), time.process_time()
-    try:
-        with CampaignDisplay(store) as display:
-            fly(store, workers, cluster, display.advance)
-    except KeyboardInterrupt:
-        again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
-        typer.echo(f'Interrupted; what was flown is saved. Go on with: {again}', err=True)
-        raise typer.Exit(130) from None
+    with interruptible(lambda: sentence), CampaignDisplay(store) as display:
+        fly(store, workers, cluster, display.advance)
     began, cpu = time.perf_counter() - began, time.process_time() - cpu
     _print(store)
     typer.echo(f'flown in {began:.1f} s; {cpu:.1f} s of CPU time of this process')
@@ -166,64 +155,53 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
 
 
 def _print(store: Store) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
     from rpo_training.campaign.statistics import QUANTILES, rates, spreads
+    from rpo_training.display import print_table
 
-    console, config = Console(), store.campaign.config
+    config = store.campaign.config
+    shares = [
+        (
+            r.name,
+            f'{r.kept} / {r.runs}',
+            f'{100 * r.kept / r.runs:.2f} %',
+            f'{100 * r.low:.2f} to {100 * r.high:.2f} %',
+        )
+        for r in rates(store)
+    ]
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
-    table = Table(title=title, title_justify='left', box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('', 'runs', 'share', 'Wilson 95 %'):
-        table.add_column(heading, justify='right' if heading else 'left', no_wrap=True)
-    for r in rates(store):
-        interval = f'{100 * r.low:.2f} to {100 * r.high:.2f} %'
-        table.add_row(r.name, f'{r.kept} / {r.runs}', f'{100 * r.kept / r.runs:.2f} %', interval)
-    console.print(table)
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for heading in ('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'):
-        table.add_column(heading, justify='right' if heading else 'left', no_wrap=True)
-    for s in spreads(store):
-        numbers = (f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst))
-        table.add_row(s.name, *numbers, str(s.worst_run))
-    console.print(table)
+    print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
+    numbers = [
+        (s.name, *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)), str(s.worst_run))
+        for s in spreads(store)
+    ]
+    print_table(('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'), numbers)
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    from rpo_core.validation import InputError
     from rpo_training.campaign.config import METRICS
     from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
+    from rpo_training.display import print_table
 
     if number >= chosen.config.runs:
         raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
     columns = fly_runs(chosen, number, 1)
     flight = fly_run(chosen, number)
-    table = Table(title=f'{chosen.config.name}, run {number}', title_justify='left')
-    for heading in ('', 'value', 'limit'):
-        table.add_column(heading, justify='right' if heading else 'left')
+    rows = []
     for name, (value,) in columns.items():
         limit = chosen.config.success.get(name)
-        unit = METRICS.get(name, '')
-        table.add_row(name, f'{value:.6g} {unit}', '' if limit is None else f'{limit:g}')
-    Console().print(table)
+        shown = '' if limit is None else f'{limit:g}'
+        rows.append((name, f'{value:.6g} {METRICS.get(name, "")}', shown))
+    print_table(('', 'value', 'limit'), rows, f'{chosen.config.name}, run {number}')
     _compare(flight, columns, store, number)
     if csv:
-        from rpo_training.commands.simulate import _write_csv
-
-        _write_csv(flight, csv)
+        outputs.write_flight(flight, csv)
 
 
 def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
     from rpo_core import scenario
-    from rpo_core.validation import InputError
     from rpo_training.campaign.single import scenario_of
-    from rpo_training.outputs import write_aside
 
     if chosen.config.faults is not None:
         if export is not None:
@@ -235,15 +213,14 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
         typer.echo(f'On ROS 2: {shlex.join(again)}')
     else:
         content = scenario.dumps(scenario_of(chosen, number)).encode()
-        write_aside(path, lambda file: file.write(content))
-    flown = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
-    fly = ['--scenario', str(path), '--controller', flown]
+        outputs.write_aside(path, lambda file: file.write(content))
+    controller = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
+    fly = ['--scenario', str(path), '--controller', controller]
     typer.echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
 
 
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
-    """Say that the core flew the same bits, and that they are those of the folder."""
-    from rpo_core.validation import InputError
+    """Check that the core flies the same bits, and that the folder holds the same."""
     from rpo_training.campaign.run_batch import FINAL
 
     final = [float(columns[name][0]) for name in FINAL]
@@ -251,6 +228,6 @@ def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, numbe
     if store is not None:
         same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
     if not same:
-        raise InputError(f'run {number} was flown again to other bits: this is a defect')
+        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
     what = 'the core' if store is None else 'the core and of the campaign'
     typer.echo(f'The bits are those of {what}.')

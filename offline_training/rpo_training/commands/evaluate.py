@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+import csv as csv_files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from rich.table import Table
+from rpo_training.commands.shared import Workers
+from rpo_training.outputs import writing
 
+if TYPE_CHECKING:
     from rpo_training.evaluation.assessment import Assessment
 
 EXAMPLES = """
@@ -27,44 +29,45 @@ def evaluate(
     check: Annotated[
         bool, typer.Option('--check', help='exit code 1 if a target is missed')
     ] = False,
-    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    workers: Workers = 0,
 ) -> None:
-    """Judge controllers: the targets Q1-Q5, and each start beside the least energy possible."""
-    from rich.console import Console
-
+    """Judge controllers by the targets Q1-Q5; compare each start with the least energy."""
     from rpo_core.controller import load_fuzzy
+    from rpo_training.display import print_table
     from rpo_training.evaluation.assessment import assess
 
-    console = Console()
     missed = False
     for name in controllers:
         found = assess(load_fuzzy(name), workers)
         missed |= not all(target.holds for target in found.targets())
-        console.print(_targets(found))
-        console.print(_bindings(found), highlight=False)
+        _print_targets(found)
+        typer.echo(_bindings(found))
         if starts:
-            console.print(_starts(found))
+            title = f'{found.controller.name}: training starts'
+            print_table(_HEADINGS, _rows(found), title, left=0)
         if csv:
-            _write_csv(found, csv)
+            with writing(csv), csv.open('w', newline='') as file:
+                writer = csv_files.writer(file, lineterminator='\n')
+                writer.writerows([_HEADINGS, *_rows(found)])
     if check and missed:
         raise typer.Exit(1)
 
 
-def _targets(found: Assessment) -> Table:
-    from rich.table import Table
+def _print_targets(found: Assessment) -> None:
+    from rpo_training.display import print_table
 
-    table = Table(title=f'{found.controller.name}: targets', title_justify='left')
-    for heading in ('', 'what', 'limit', 'reached', ''):
-        table.add_column(heading, justify='right' if heading in ('limit', 'reached') else 'left')
-    for target in found.targets():
-        table.add_row(
+    rows = [
+        (
             target.name,
             target.what,
             f'{target.limit:.4g} {target.unit}',
             f'{target.reached:.4g} {target.unit}',
             'held' if target.holds else 'MISSED',
         )
-    return table
+        for target in found.targets()
+    ]
+    headings = ('', 'what', 'limit', 'reached', '')
+    print_table(headings, rows, f'{found.controller.name}: targets', left=2)
 
 
 def _bindings(found: Assessment) -> str:
@@ -113,28 +116,3 @@ def _rows(found: Assessment) -> list[list[str]]:
             found.starts, found.metrics, found.least, found.binding, strict=True
         )
     ]
-
-
-def _starts(found: Assessment) -> Table:
-    from rich.table import Table
-
-    table = Table(title=f'{found.controller.name}: training starts', title_justify='left')
-    for heading in _HEADINGS:
-        table.add_column(heading, justify='right')
-    for row in _rows(found):
-        table.add_row(*row)
-    return table
-
-
-def _write_csv(found: Assessment, path: Path) -> None:
-    import csv
-
-    from rpo_core.validation import InputError
-
-    try:
-        with path.open('w', newline='') as file:
-            writer = csv.writer(file, lineterminator='\n')
-            writer.writerow(_HEADINGS)
-            writer.writerows(_rows(found))
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None

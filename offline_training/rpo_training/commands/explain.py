@@ -4,16 +4,17 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.validation import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from rpo_core.controller import FuzzyController
     from rpo_core.explain import Decision
@@ -36,7 +37,7 @@ def explain(
     ] = None,
     controller: Annotated[
         str | None,
-        typer.Option(help=f'controller that a state is given to; {DEFAULT_CONTROLLER} if none'),
+        typer.Option(help=f'with --state: shipped name or file  [{DEFAULT_CONTROLLER}]'),
     ] = None,
     certify: Annotated[
         bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
@@ -47,17 +48,16 @@ def explain(
 
     from rpo_core.controller import load_fuzzy
     from rpo_core.explain import decisions, state_of
-    from rpo_core.validation import InputError
 
     console = Console()
     if state is not None:
         if target or at is not None or certify:
-            raise InputError('`--state` goes with `--controller` alone')
+            raise InputError('`--state` takes `--controller` and nothing else')
         loaded = load_fuzzy(controller or DEFAULT_CONTROLLER)
         _print_decisions(console, decisions(loaded, state_of(state)))
         return
     if controller is not None:
-        raise InputError('`--controller` goes with `--state`; a run carries its own')
+        raise InputError('`--controller` needs `--state`; a run has its own controller')
     if at is not None:
         if certify or not target:
             raise InputError('`--at` needs a run, and nothing else')
@@ -72,13 +72,10 @@ def explain(
 
 def _explain_run(console: Console, path: str, at: float) -> None:
     """Print the decisions at the tick at or before a time, and check them against the log."""
-    import math
-
     import numpy as np
 
     from rpo_core.controller import only_fuzzy
     from rpo_core.explain import decisions
-    from rpo_core.validation import InputError
     from rpo_log.read.run_log import controller_of, read_run
 
     log = read_run(path)
@@ -100,37 +97,40 @@ def _explain_run(console: Console, path: str, at: float) -> None:
         console.print('The logged force is the same, bit for bit.')
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
-    said = _compare_said(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
-    if not said or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
+    same_decision = _compare_decision(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
+    if not same_decision or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
         raise typer.Exit(1)
 
 
-def _compare_said(console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]) -> bool:
-    """Compare with what the controller said in flight; return whether that is no other."""
+def _compare_decision(
+    console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]
+) -> bool:
+    """Compare with the decision that the controller published; return whether none differs."""
     from rpo_log.read.decisions import decision_at
 
-    said = decision_at(path, stamp_ns)
-    if said is None:
+    logged = decision_at(path, stamp_ns)
+    if logged is None:
         console.print('The run holds no decision of the controller: this is computed anew.')
         return True
-    age_s = (stamp_ns - said.stamp_ns) / 1e9
+    age_s = (stamp_ns - logged.stamp_ns) / 1e9
     if age_s > 0.0:
         console.print(
             f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
         )
         return True
     expected = [(d.sentence, {name: repr(x) for name, x in d.pairs()}) for d in found]
-    told = [(axis.message, dict(axis.values)) for axis in said.axes]
-    if told == expected:
+    published = [(axis.message, dict(axis.values)) for axis in logged.axes]
+    if published == expected:
         console.print('The controller said the same in flight, number by number.')
         return True
-    for axis, (sentence, _) in zip(found, told, strict=False):
+    for axis, (sentence, _) in zip(found, published, strict=False):
         console.print(f'In flight the controller said of {axis.axis}: {sentence}', highlight=False)
     return False
 
 
 def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
-    from rich.table import Table
+    from rpo_core.fuzzy import WORDS
+    from rpo_training.display import print_table
 
     def error(value: float, saturated: bool) -> str:
         return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
@@ -145,38 +145,32 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
             soft_wrap=True,
         )
         console.print(decision.sentence, highlight=False, soft_wrap=True)
-        table = Table('position error', 'velocity error', 'force', 'strength', '')
-        for rule in decision.rules:
-            grades = (
-                _graded(rule.position, decision.position_grades),
-                _graded(rule.velocity, decision.velocity_grades),
+        position = dict(zip(WORDS, decision.position_grades, strict=True))
+        velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
+        rows = [
+            (
+                f'{rule.position} {position[rule.position]:.4f}',
+                f'{rule.velocity} {velocity[rule.velocity]:.4f}',
+                rule.force,
+                f'{rule.strength:.4f}',
+                'decides' if rule.decides else '',
             )
-            note = 'decides' if rule.decides else ''
-            table.add_row(*grades, rule.force, f'{rule.strength:.4f}', note)
-        console.print(table)
-        strengths = ', '.join(_all_graded(decision.strengths)) or 'none'
+            for rule in decision.rules
+        ]
+        print_table(('position error', 'velocity error', 'force', 'strength', ''), rows, left=3)
+        strengths = zip(WORDS, decision.strengths, strict=True)
+        words = ', '.join(f'{word} {grade:.4f}' for word, grade in strengths if grade > 0.0)
         console.print(
-            f'force words: {strengths} → centroid {decision.output:.4f} → {decision.force_n:.6f} N',
+            f'force words: {words or "none"} → centroid {decision.output:.4f} → '
+            f'{decision.force_n:.6f} N',
             highlight=False,
             soft_wrap=True,
         )
 
 
-def _graded(word: str, grades: tuple[float, ...]) -> str:
-    from rpo_core.fuzzy import WORDS
-
-    return f'{word} {grades[WORDS.index(word)]:.4f}'
-
-
-def _all_graded(grades: tuple[float, ...]) -> list[str]:
-    from rpo_core.fuzzy import WORDS
-
-    return [f'{word} {g:.4f}' for word, g in zip(WORDS, grades, strict=True) if g > 0.0]
-
-
 def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> None:
     from rpo_training.analysis.certificate import certify as examine
-    from rpo_training.analysis.rule_base import warnings
+    from rpo_training.analysis.rule_base import WELL, warnings
 
     position, velocity, force = controller.scales
     console.print(f'[bold]{controller.name}[/bold]: {controller.description}', highlight=False)
@@ -185,13 +179,13 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
         f'a force of 1 is {force:g} N. {controller.system.samples} samples.',
         highlight=False,
     )
-    console.print(_rules(controller))
-    console.print(_functions(controller))
+    _print_rules(controller)
+    _print_functions(controller)
     found = warnings(controller.system)
     for warning in found:
         console.print(f'[yellow]warning[/yellow]: {warning}', highlight=False, soft_wrap=True)
     if not found:
-        console.print('No warnings: every rule decides somewhere, no hole, the rules are monotone.')
+        console.print(f'No warnings. {WELL}')
     if certify:
         certificate = examine(controller.system)
         _print_certificate(console, controller, certificate)
@@ -199,45 +193,28 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
             raise typer.Exit(1)
 
 
-def _rules(controller: FuzzyController) -> Table:
-    from rich.table import Table
+def _print_rules(controller: FuzzyController) -> None:
+    from rpo_training.analysis.rule_base import FORCES, force_rows
+    from rpo_training.display import print_table
 
-    from rpo_core.explain import SPOKEN
-    from rpo_core.fuzzy import WORDS
-    from rpo_training.analysis.rule_base import activities
-
-    table = Table(title='Rules: force', title_justify='left')
-    table.add_column('velocity error ↓  position error →')
-    shares = activities(controller.system)
-    for word in WORDS:
-        table.add_column(word, justify='right')
-    for row, word in enumerate(WORDS):
-        cells = shares[5 * row : 5 * row + 5]
-        table.add_row(
-            f'{word} ({SPOKEN[word]})', *(f'{cell.force} {cell.decides:4.0%}' for cell in cells)
-        )
-    table.caption = 'percent of the input square where the rule decides its word'
-    return table
+    headings, rows = force_rows(controller.system)
+    print_table(headings, rows, FORCES)
 
 
-def _functions(controller: FuzzyController) -> Table:
-    from rich.table import Table
-
+def _print_functions(controller: FuzzyController) -> None:
+    from rpo_training.display import print_table
     from rpo_training.export.parts import variables
 
-    table = Table(title='Membership functions: left foot, peak, right foot', title_justify='left')
-    units = ('m', 'm/s', 'N')
-    table.add_column('word')
-    parts = variables(controller)
-    for part, unit in zip(parts, units, strict=True):
-        table.add_column(f'{part.name.replace("_", " ")} [{unit}]'.replace('[', r'\['))
+    parts, rows = variables(controller), []
     for terms in zip(*(part.terms for part in parts), strict=True):
         cells = [
             ', '.join(f'{scale * x:.4g}' if abs(x) <= 1.0 else '–' for x in feet)
             for (_, feet), scale in zip(terms, controller.scales, strict=True)
         ]
-        table.add_row(terms[0][0], *cells)
-    return table
+        rows.append((terms[0][0], *cells))
+    units = zip(parts, ('m', 'm/s', 'N'), strict=True)
+    headings = ('word', *(f'{part.name.replace("_", " ")} [{unit}]' for part, unit in units))
+    print_table(headings, rows, 'Membership functions: left foot, peak, right foot')
 
 
 def _print_certificate(
@@ -246,10 +223,10 @@ def _print_certificate(
     def say(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True)
 
-    marks = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
+    colors = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
     say('\n[bold]Certificate[/bold] over all position errors e and velocity errors v in \\[-1, 1]')
     for claim in certificate.claims:
-        color = marks[claim.verdict]
+        color = colors[claim.verdict]
         say(f'[{color}]{claim.verdict:9s}[/{color}] {claim.name}: {claim.statement}')
         for p in claim.points:
             say(f'            u({p.position_error!r}, {p.velocity_error!r}) = {p.output!r}')

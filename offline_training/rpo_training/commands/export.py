@@ -31,8 +31,8 @@ def export(
     """
     from rpo_core.controller import load_fuzzy
     from rpo_training.export import SUFFIXES, text_of
-    from rpo_training.export.importing import write
     from rpo_training.export.parts import identifier
+    from rpo_training.outputs import writing
 
     loaded = load_fuzzy(controller)
     text = text_of(loaded, to)
@@ -40,5 +40,6 @@ def export(
         typer.echo(text, nl=False)
         return
     path = output or Path(identifier(loaded.name) + SUFFIXES[to])
-    write(path, text)
+    with writing(path):
+        path.write_text(text, encoding='utf-8')
     typer.echo(path)

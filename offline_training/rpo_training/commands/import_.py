@@ -14,7 +14,7 @@ Examples: `rpo import handmade.fis --output mine.yaml` |
 `rpo import tuned.fll -o tuned.yaml --position-scale 70 --velocity-scale 0.9 --force-scale 0.5`
 """
 
-_HELP = 'that errors (force) of 1 stand for, if the file does not say'
+_HELP = 'of an error (force) of 1, if the file does not say'
 
 
 def import_controller(
@@ -24,7 +24,7 @@ def import_controller(
     velocity_scale: Annotated[float | None, typer.Option(help=f'm/s {_HELP}')] = None,
     force_scale: Annotated[float | None, typer.Option(help=f'newtons {_HELP}')] = None,
 ) -> None:
-    """Make a controller file of a MATLAB .fis or FuzzyLite .fll file of the paper's shape.
+    """Make a controller file from a MATLAB .fis or FuzzyLite .fll file of the paper's shape.
 
     Two inputs and one output of five mirrored triangles each, 25 rules, min-max, centroid.
     """
@@ -32,10 +32,12 @@ def import_controller(
 
     from rpo_core.controller import dumps
     from rpo_training.analysis.rule_base import warnings
-    from rpo_training.export.importing import load, write
+    from rpo_training.export.importing import load
+    from rpo_training.outputs import writing
 
     loaded = replace(load(file, (position_scale, velocity_scale, force_scale)), name=output.stem)
-    write(output, dumps(loaded))
+    with writing(output):
+        output.write_text(dumps(loaded), encoding='utf-8')
     for warning in warnings(loaded.system):
         typer.echo(f'warning: {warning}', err=True)
     typer.echo(output)

@@ -33,7 +33,7 @@ def _end(code: ExitCode) -> NoReturn:
 
 @log.command(epilog='Example: `rpo log info runs/demo`')
 def info(run: RunArgument) -> None:
-    """Say what a log holds, and whether it is whole."""
+    """Print what a log holds, and whether it is complete."""
     from rpo_log.tools.info import inspect
 
     found = inspect(run)
@@ -56,7 +56,7 @@ def export(
     run: RunArgument,
     output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
 ) -> None:
-    """Write states, forces and disturbances as a table; the ending of OUTPUT names the form."""
+    """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
     from rpo_log.tools.export import export as write
 
     rows = write(run, output)
@@ -64,7 +64,7 @@ def export(
 
 
 def verify(run: RunArgument) -> None:
-    """Compute a logged flight anew and compare every state and force, bit for bit."""
+    """Compute a logged flight again and compare every state and force, bit for bit."""
     from rpo_log.verify import verify as check
 
     found = check(run)
@@ -79,7 +79,7 @@ def repair(
         bool, typer.Option(help='replace the log; the damaged one is set aside')
     ] = False,
 ) -> None:
-    """Rebuild a whole log from one that was cut short."""
+    """Rebuild a complete log from one that ends early."""
     from rpo_log.tools.repair import repair as rebuild
 
     found = rebuild(run, output, in_place=in_place)

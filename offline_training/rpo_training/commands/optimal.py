@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rpo_core.validation import InputError, shown
+from rpo_training import outputs
+
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
     from rpo_core.scenario import Scenario, ScenarioSet
@@ -17,7 +20,6 @@ EXAMPLES = """
 Examples: `rpo optimal --start 100,100,100` | `rpo optimal --start 10,60,-40 --controller handmade`
 | `rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts`
 """
-
 
 _BEST = 'under all conditions'
 
@@ -43,7 +45,6 @@ def optimal(
     from dataclasses import replace
 
     from rpo_core.scenario import ScenarioSet, load, load_set
-    from rpo_core.validation import InputError
 
     if whole_set:
         if any(option is not None for option in (start, duration, controller, csv)):
@@ -65,8 +66,6 @@ def optimal(
 
 def _with_start(base: Scenario, text: str) -> Scenario:
     from dataclasses import replace
-
-    from rpo_core.validation import InputError, shown
 
     try:
         numbers = [float(part) for part in text.split(',')]
@@ -93,57 +92,44 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> N
         flights[f'to rest {coast:g} s earlier'] = limits.to_rest(scenario, coast)
     flights[_BEST] = limits.constrained(scenario)
     if csv:
-        from rpo_training.commands.simulate import _write_csv
-
-        _write_csv(flights[_BEST], csv)
+        outputs.write_flight(flights[_BEST], csv)
     if controller is not None:
         flights[controller] = fly(scenario, load_controller(controller))
     _print(scenario, flights)
 
 
 def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     from rpo_core import metrics
+    from rpo_training.display import print_table
 
     best = metrics.of_flight(flights[_BEST]).energy_n2s
     position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
-    table = Table(
-        title=f'Least energy from [{position}] m in {scenario.duration_s:g} s', title_justify='left'
-    )
-    table.add_column('', no_wrap=True)
-    headings = ('J, N^2 s', '/ best', 'v, m/s', 'r, m', 'slew, N/s', '|f|, N')
-    for heading in headings:
-        table.add_column(heading, justify='right')
+    rows = []
     for name, flight in flights.items():
         f = metrics.of_flight(flight)
         peak = abs(flight.saturated_forces_n).max()
-        row = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
-        table.add_row(
-            name, f'{f.energy_n2s:.4f}', f'{f.energy_n2s / best:.3f}', *(f'{x:.4f}' for x in row)
-        )
-    console = Console()
-    console.print(table)
-    console.print(
-        'v, r: mean norms over the last 30 s. To rest: at the origin, without limits.',
-        highlight=False,
+        others = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
+        ratio = f'{f.energy_n2s / best:.3f}'
+        rows.append((name, f'{f.energy_n2s:.4f}', ratio, *(f'{x:.4f}' for x in others)))
+    print_table(
+        ('', 'J, N^2 s', '/ best', 'v, m/s', 'r, m', 'slew, N/s', '|f|, N'),
+        rows,
+        title=f'Least energy from [{position}] m in {scenario.duration_s:g} s',
     )
+    typer.echo('v, r: mean norms over the last 30 s. To rest: at the origin, without limits.')
 
 
 def _of_set(starts: ScenarioSet) -> None:
     import numpy as np
-    from rich.console import Console
-    from rich.progress import Progress
 
+    from rpo_training.display import progress
     from rpo_training.evaluation import optimal as limits
 
     base, positions = starts.base, starts.initial_positions_m
     states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task('optima')
+    with progress() as show:
         constrained = limits.least_constrained(
-            base, states, lambda done, total: bar.update(task, completed=done, total=total)
+            base, states, lambda done, total: show('optima of all starts', done, total)
         )
     lines = {
         'to rest at the end': limits.least_energy(base, states),

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rpo_core.validation import within
+
 if TYPE_CHECKING:
     from rpo_training.report.blocks import Report
 
@@ -42,8 +44,8 @@ def report(
     from rpo_training.report.page import write
 
     subject = recognise.subject_of(target)
-    with Console(stderr=True).status(f'{target}: reporting this {subject.value}'):
-        made, folder, code = _OF[subject.value](target)
+    with Console(stderr=True).status(f'{target}: reporting this {subject}'):
+        made, folder, code = _OF[subject](target)
         paths = write(made, output or folder)
     for path in paths:
         typer.echo(path)
@@ -62,12 +64,11 @@ def _of_run(target: str) -> Made:
     from rpo_training.report import run
 
     made, shown = run.report_of(Path(target))
-    folder = folder_of(Path(target))
     if shown.whole:
         print_table(shown.flight, made.title)
-        return made, folder, ExitCode.OK
-    typer.echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
-    return made, folder, ExitCode.INCOMPLETE
+    else:
+        typer.echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
+    return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
 
 
 def _of_campaign(target: str) -> Made:
@@ -77,14 +78,10 @@ def _of_campaign(target: str) -> Made:
 
 
 def _of_controller(target: str) -> Made:
-    from rpo_core.validation import InputError
     from rpo_training.report import controller
 
-    try:
-        made = controller.report_of(target)
-    except InputError as error:
-        raise InputError(f'{target}: no run and no campaign; as a controller: {error}') from None
-    return made, Path('runs') / f'report_{Path(target).stem}', 0
+    with within(f'{target}: no run and no campaign; as a controller'):
+        return controller.report_of(target), Path('runs') / f'report_{Path(target).stem}', 0
 
 
 _OF: dict[str, Callable[[str], Made]] = {

@@ -1,35 +1,32 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `rpo train` and `rpo tune` do with a run: watch it, stop it cleanly, say what came out."""
+"""What `rpo train` and `rpo tune` share: show a run, stop it cleanly, print its result."""
 
 from __future__ import annotations
 
 import shlex
-import signal
 from typing import TYPE_CHECKING
 
 import typer
+
+from rpo_training.commands.shared import interruptible
 
 if TYPE_CHECKING:
     from rpo_training.search.run import Config, Found, SearchRun
 
 
 def fly(run: SearchRun[Config, Found]) -> Found:
-    """Fly a run to its end, watched; return the best. Interrupted, say how to go on, and exit."""
+    """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
     from rpo_training.search.progress import TrainingDisplay
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        with TrainingDisplay(run.folder) as display:
-            best = run.run(display.show)
-    except KeyboardInterrupt:
-        again = f'{run.command} {shlex.join(["--resume", str(run.folder)])}'
-        typer.echo(
+    def sentence() -> str:
+        return (
             f'Interrupted after {len(run.checkpoint.scores)} generations, which are saved. '
-            f'Go on with: {again}',
-            err=True,
+            f'Go on with: {run.command} {shlex.join(["--resume", str(run.folder)])}'
         )
-        raise typer.Exit(130) from None
+
+    with interruptible(sentence), TrainingDisplay(run.folder) as display:
+        best = run.run(display.show)
     made = best.provenance
     typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
     typer.echo(

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, choice
 from rpo_training.commands.searching import fly
+from rpo_training.commands.shared import Cluster, Workers
 
 if TYPE_CHECKING:
-    from rpo_core.controller import FuzzyController
     from rpo_training.search.config import TrainingConfig
     from rpo_training.search.training import Training
 
@@ -39,10 +39,8 @@ def train(
         Path | None, typer.Option('--output', '-o', help='run folder  [runs/NAME_SEED]')
     ] = None,
     resume: Annotated[Path | None, typer.Option(help='run folder to go on with')] = None,
-    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
-    cluster: Annotated[
-        str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
-    ] = '',
+    workers: Workers = 0,
+    cluster: Cluster = '',
     show: Annotated[bool, typer.Option('--show', help='print the configuration, and end')] = False,
     plots: Annotated[bool, typer.Option(help='pictures at the end')] = True,
 ) -> None:
@@ -58,8 +56,8 @@ def train(
             raise InputError('`--resume` takes its configuration from the run folder: give none')
         _fly(Training.resume(resume, workers, cluster), plots)
         return
-    given = {'seed': seed, 'algorithm': algorithm}
-    named = [f'{key}={value}' for key, value in given.items() if value is not None]
+    options = {'seed': seed, 'algorithm': algorithm}
+    named = [f'{key}={value}' for key, value in options.items() if value is not None]
     chosen = configs.override(_base(preset, config), [*named, *(settings or [])])
     if show:
         typer.echo(configs.dumps(chosen), nl=False)
@@ -69,7 +67,6 @@ def train(
 
 
 def _base(preset: str, path: Path | None) -> TrainingConfig:
-    from rpo_core.validation import choice
     from rpo_training.search import config as configs
 
     if path is not None:
@@ -79,11 +76,8 @@ def _base(preset: str, path: Path | None) -> TrainingConfig:
 
 def _fly(training: Training, plots: bool) -> None:
     best = fly(training)
-    if plots:
-        _draw(training, best)
-
-
-def _draw(training: Training, best: FuzzyController) -> None:
+    if not plots:
+        return
     try:
         from rpo_training.report.training import draw_run
     except ImportError:

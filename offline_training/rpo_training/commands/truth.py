@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_training import outputs
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -24,7 +25,8 @@ handmade --write docs/truth.md`
 
 def truth(
     run: Annotated[
-        Path | None, typer.Argument(help='run folder or .mcap file; without one, it is flown here')
+        Path | None,
+        typer.Argument(help='run folder or .mcap file; without it, a flight is computed here'),
     ] = None,
     scenario: Annotated[str, typer.Option(help='without RUN: shipped name or file')] = 'paper_test',
     controller: Annotated[
@@ -35,11 +37,11 @@ def truth(
     ] = None,
     write: Annotated[Path | None, typer.Option(help='page to put the tables into')] = None,
 ) -> None:
-    """Fly a run's forces again under two-body gravity, and say how wrong the linear plant is.
+    """Fly a run's forces again under two-body gravity, and print the error of the linear plant.
 
     By Basilisk where it is installed (layer `truth`), and by SciPy.
     """
-    from rpo_training import outputs
+    from rpo_log.show.report import folder_of
     from rpo_training.truth.two_body import TRUTHS, compare
 
     names = [name for name in TRUTHS if name != 'Basilisk' or find_spec('Basilisk')]
@@ -49,8 +51,8 @@ def truth(
     found = compare(flight, title, names)
     text = markdown(found)
     typer.echo(text, nl=False)
-    path = plot or (Path('runs/truth.png') if run is None else _report(run) / 'truth.png')
-    _draw(found, path)
+    folder = Path('runs') if run is None else folder_of(run)
+    _draw(found, plot or folder / 'truth.png')
     if write is not None:
         outputs.put(write, 'rpo truth --write', text)
         typer.echo(write)
@@ -69,52 +71,45 @@ def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, s
     return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'
 
 
-def _report(run: Path) -> Path:
-    return (run if run.is_dir() else run.parent) / 'report'
-
-
 def markdown(found: Comparison) -> str:
-    """Return the tables; they are printed as they stand in the documentation."""
+    """Return the tables in the form of the documentation."""
     from rpo_training.truth.two_body import AXIS_NAMES
 
     scenario = found.scenario
+    heads = ('time', *(h for n in found.errors for h in (f'linear − {n}, position', 'velocity')))
+    errors = [
+        (f'{t_s:g} s', *(cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s')))
+        for t_s, *pairs in found.moments()
+    ]
+    apart_m, differ = found.disagreement_m, []
+    if apart_m is not None:
+        differ = ['', f'The two truths differ by at most {apart_m:.1e} m.']
+    drifts = [
+        (f'{growth.distance_m:g} m', *(f'{error:.2g} m' for error in growth.position_m))
+        for growth in found.growth
+    ]
     lines = [
         f'{found.title}: {scenario.duration_s:g} s under the same forces, open loop.',
         '',
-        '| time | '
-        + ' | '.join(f'linear − {name}, position | velocity' for name in found.errors)
-        + ' |',
-        '|---|' + '---|---|' * len(found.errors),
-    ]
-    for t_s, *errors in found.moments():
-        cells = (f'{r:.2e} m | {v:.2e} m/s' for r, v in errors)
-        lines.append(f'| {t_s:g} s | {" | ".join(cells)} |')
-    if found.disagreement_m is not None:
-        lines += ['', f'The two truths differ by at most {found.disagreement_m:.1e} m.']
-    lines += [
+        *outputs.markdown_table(heads, errors),
+        *differ,
         '',
         f'Drifting freely for {scenario.duration_s:g} s from rest at a distance, error of the '
         'linear plant (SciPy):',
         '',
-        '| distance | ' + ' | '.join(f'along {axis}' for axis in AXIS_NAMES) + ' |',
-        '|---|' + '---|' * len(AXIS_NAMES),
+        *outputs.markdown_table(('distance', *(f'along {a}' for a in AXIS_NAMES)), drifts),
     ]
-    for growth in found.growth:
-        cells = (f'{error:.2g} m' for error in growth.position_m)
-        lines.append(f'| {growth.distance_m:g} m | {" | ".join(cells)} |')
     return '\n'.join(lines) + '\n'
 
 
 def _draw(found: Comparison, path: Path) -> None:
-    from rpo_core.validation import InputError
     from rpo_training.truth.picture import draw
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw(found, path)
+        with outputs.writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw(found, path)
     except ModuleNotFoundError as error:
         typer.echo(f'No picture: {error.name} is not installed.', err=True)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
     else:
         typer.echo(path)

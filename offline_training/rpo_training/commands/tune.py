@@ -11,6 +11,7 @@ import typer
 
 from rpo_core.validation import InputError
 from rpo_training.commands.searching import fly
+from rpo_training.commands.shared import Workers
 
 EXAMPLES = """
 Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
@@ -31,7 +32,7 @@ def tune(
         Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_NAME_SEED]')
     ] = None,
     resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
-    workers: Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')] = 0,
+    workers: Workers = 0,
 ) -> None:
     """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
 

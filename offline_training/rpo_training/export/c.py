@@ -8,7 +8,6 @@ compute in wider formats: no `-ffast-math`, and `-ffp-contract=off` where the pr
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 from rpo_core import kernels
@@ -139,6 +138,4 @@ def text(controller: FuzzyController) -> str:
 
 
 def _array(kind: str, name: str, values: Any) -> str:
-    numbers = [repr(getattr(value, 'item', lambda value=value: value)()) for value in values]
-    line = textwrap.fill(', '.join(numbers), 96, initial_indent='    ', subsequent_indent='    ')
-    return f'static const {kind} {name}[{len(numbers)}] = {{\n{line}}};'
+    return f'static const {kind} {name}[{len(values)}] = {{\n{parts.listed(values, 4, 96)}}};'

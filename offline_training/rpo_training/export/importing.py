@@ -28,15 +28,14 @@ from rpo_core.fuzzy import (
     odd_samples,
 )
 from rpo_core.validation import InputError, choice, quoted, shown, within
-
-SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
+from rpo_training.export.parts import SCALES
 
 _SYMMETRY = 1e-9  # of a range: how far apart mirrored feet may be, for files with rounded numbers
 _FACT = re.compile(r'[%#]\s*rpo:\s*(\w+)\s*=\s*(\S+)')
 
 
 @dataclass(frozen=True)
-class Variable:
+class FileVariable:
     """A variable as the file has it: range and (name, kind, parameters) of its terms."""
 
     name: str
@@ -46,16 +45,16 @@ class Variable:
 
 @dataclass(frozen=True)
 class Description:
-    """What a file says, before it is checked for shape.
+    """The content of a file before the check of its shape.
 
-    norms : name -> method, of those that the file states
+    norms : name -> method
     rules : indices (position, velocity, force) of the terms
-    facts : what `rpo export` noted in comments
+    facts : numbers that `rpo export` wrote into comments
     """
 
     name: str
     norms: dict[str, str]
-    variables: tuple[Variable, ...]
+    variables: tuple[FileVariable, ...]
     rules: tuple[tuple[int, int, int], ...]
     facts: dict[str, float]
 
@@ -68,7 +67,7 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
     Raises
     ------
     InputError
-        If the file cannot be read, is of another format or another shape, or lacks a scale.
+        If the file cannot be read, has another format or another shape, or has no scale.
     """
     readers = {'.fis': read_fis, '.fll': read_fll}
     suffix = path.suffix.lower()
@@ -77,14 +76,6 @@ def load(path: Path, scales: Sequence[float | None] = (None, None, None)) -> Fuz
     content = files.read_text(path)
     with within(str(path)):
         return controller_of(read(content), path.name, scales)
-
-
-def write(path: Path, text: str) -> None:
-    """Write a text file; InputError if it cannot be written."""
-    try:
-        path.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
 
 
 def facts_of(content: str) -> dict[str, float]:
@@ -114,13 +105,7 @@ def controller_of(
     for name, method in described.norms.items():
         wanted = {'and': 'min', 'implication': 'min', 'aggregation': 'max'}.get(name, 'centroid')
         choice(name, method, [wanted])
-    parts, sizes, orders = [], [], []
-    for variable in described.variables:
-        with within(f'variable {quoted(variable.name)}'):
-            functions, size, order = _normalised(variable)
-        parts.append(functions)
-        sizes.append(size)
-        orders.append(order)
+    parts, sizes, orders = zip(*map(_normalised, described.variables), strict=True)
     facts = described.facts
     samples = facts.get('samples', float(DEFAULT_SAMPLES))
     system = FuzzySystem(
@@ -131,26 +116,29 @@ def controller_of(
         samples=int(samples) if samples.is_integer() else odd_samples('samples', samples),
     )
     position, velocity, force = (
-        _scale(name, given, size, facts)
-        for name, given, size in zip(SCALES, scales, sizes, strict=True)
+        _scale(*each, facts) for each in zip(SCALES, scales, sizes, strict=True)
     )
     provenance = {'method': 'imported', 'file': source}
     return FuzzyController(described.name, system, position, velocity, force, provenance=provenance)
 
 
-def _scale(name: str, given: float | None, size: float, facts: dict[str, float]) -> float:
-    if given is not None:
-        return given
+def _scale(name: str, option: float | None, size: float, facts: dict[str, float]) -> float:
+    if option is not None:
+        return option
     if size != 1.0:
         return size
     if name not in facts:
-        option = name[: name.index('_')]
-        raise InputError(f'does not say `{name}`: give --{option}-scale')
+        raise InputError(f'does not say `{name}`: give --{name.partition("_")[0]}-scale')
     return facts[name]
 
 
-def _normalised(variable: Variable) -> tuple[MembershipFunctions, float, list[int]]:
+def _normalised(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
     """Return functions on [-1, 1], the size S, and the term indices in the order of `WORDS`."""
+    with within(f'variable {quoted(variable.name)}'):
+        return _checked(variable)
+
+
+def _checked(variable: FileVariable) -> tuple[MembershipFunctions, float, list[int]]:
     if len(variable.terms) != 5:
         raise InputError(f'must have 5 terms; it has {len(variable.terms)}')
     for name, kind, points in variable.terms:
@@ -185,8 +173,8 @@ def _functions(feet: NDArray[np.float64], names: list[str]) -> MembershipFunctio
     return MembershipFunctions(half, left, centre, right, large)
 
 
-def _table(rules: Sequence[tuple[int, int, int]], orders: list[list[int]]) -> RuleTable:
-    """Return the rule table of term indices, each index to be found in its variable's order."""
+def _table(rules: Sequence[tuple[int, int, int]], orders: Sequence[list[int]]) -> RuleTable:
+    """Return the rule table; a rule has the index of a term in the order of each variable."""
     codes = np.full((5, 5), -1)
     for rule in rules:
         column, row, word = (order.index(i) for order, i in zip(orders, rule, strict=True))
@@ -207,7 +195,7 @@ _RULE = re.compile(r'(\d+)\s+(\d+)\s*,\s*(\d+)\s*\((.+)\)\s*:\s*1')
 
 
 def read_fis(content: str) -> Description:
-    """Return what a MATLAB `.fis` text says; raises InputError."""
+    """Return the description of a MATLAB `.fis` text; raises InputError."""
     sections: dict[str, dict[str, str]] = {'': {}}
     rules: list[tuple[int, int, int]] = []
     current = ''
@@ -262,7 +250,7 @@ def _range(text: str, place: str) -> tuple[float, float]:
     return numbers[0], numbers[1]
 
 
-def _fis_variable(section: dict[str, str]) -> Variable:
+def _fis_variable(section: dict[str, str]) -> FileVariable:
     name = _bare(section.get('Name', ''))
     terms = []
     for key, value in section.items():
@@ -271,7 +259,7 @@ def _fis_variable(section: dict[str, str]) -> Variable:
             if not match:
                 raise InputError(f"`{key}` must be like 'LN':'trimf',[-2 -1 0]; got {shown(value)}")
             terms.append((match[1], match[2], _numbers(match[3], key)))
-    return Variable(name, _range(section.get('Range', ''), f'{name}.Range'), tuple(terms))
+    return FileVariable(name, _range(section.get('Range', ''), f'{name}.Range'), tuple(terms))
 
 
 def _fis_rule(line: str) -> tuple[int, int, int]:
@@ -285,27 +273,30 @@ def _fis_rule(line: str) -> tuple[int, int, int]:
     return indices[0] - 1, indices[1] - 1, indices[2] - 1
 
 
+_BLOCKS = ('Engine', 'InputVariable', 'OutputVariable', 'RuleBlock')
+
+
 def read_fll(content: str) -> Description:
-    """Return what a FuzzyLite `.fll` text says; raises InputError."""
+    """Return the description of a FuzzyLite `.fll` text; raises InputError."""
     blocks: list[tuple[str, str, list[tuple[str, str]]]] = []
     for line in _lines(content, '#'):
         key, colon, value = line.partition(':')
         key, value = key.strip(), value.strip()
         if not colon:
             raise InputError(f'not a .fll line: {shown(line)}')
-        if key in ('Engine', 'InputVariable', 'OutputVariable', 'RuleBlock'):
+        if key in _BLOCKS:
             blocks.append((key, value, []))
         elif not blocks:
             raise InputError(f'not a .fll file: it starts with {shown(line)}')
         else:
             blocks[-1][2].append((key, value))
     kinds = [kind for kind, _, _ in blocks]
-    if sorted(kinds) != ['Engine', 'InputVariable', 'InputVariable', 'OutputVariable', 'RuleBlock']:
+    if sorted(kinds) != sorted([*_BLOCKS, 'InputVariable']):
         raise InputError(
             'must be one Engine with two InputVariables, one OutputVariable and one RuleBlock; '
             f'it has {", ".join(kinds) or "none"}'
         )
-    blocks.sort(key=lambda block: _place(block[0]))
+    blocks.sort(key=lambda block: _BLOCKS.index(block[0]))
     engine, *variables, rules = blocks
     described = tuple(_fll_variable(name, settings) for _, name, settings in variables)
     output, block = dict(variables[2][2]), dict(rules[2])
@@ -325,27 +316,28 @@ def read_fll(content: str) -> Description:
     )
 
 
-def _place(kind: str) -> int:
-    return ('Engine', 'InputVariable', 'OutputVariable', 'RuleBlock').index(kind)
-
-
-def _fll_variable(name: str, settings: list[tuple[str, str]]) -> Variable:
+def _fll_variable(name: str, settings: list[tuple[str, str]]) -> FileVariable:
     terms = []
     for key, value in settings:
         if key == 'term':
             label, kind, *numbers = value.split(maxsplit=2)
             terms.append((label, kind, _numbers(' '.join(numbers), f'{name}.{label}')))
-    return Variable(name, _range(dict(settings).get('range', ''), f'{name}.range'), tuple(terms))
+    return FileVariable(
+        name, _range(dict(settings).get('range', ''), f'{name}.range'), tuple(terms)
+    )
 
 
-def _fll_rule(rule: str, variables: tuple[Variable, ...]) -> tuple[int, int, int]:
+def _fll_rule(rule: str, variables: tuple[FileVariable, ...]) -> tuple[int, int, int]:
     terms = [{name: i for i, (name, _, _) in enumerate(v.terms)} for v in variables]
     clauses = re.fullmatch(r'if (\w+) is (\w+) and (\w+) is (\w+) then (\w+) is (\w+)', rule)
-    said = dict(zip(clauses.groups()[::2], clauses.groups()[1::2], strict=True)) if clauses else {}
-    words = [said.get(variable.name, '') for variable in variables]
-    if len(said) != 3 or any(word not in known for word, known in zip(words, terms, strict=True)):
+    parts = clauses.groups() if clauses else ()
+    word_of = dict(zip(parts[::2], parts[1::2], strict=True))
+    words = [word_of.get(variable.name, '') for variable in variables]
+    if len(word_of) != 3 or any(
+        word not in known for word, known in zip(words, terms, strict=True)
+    ):
         raise InputError(
-            'a rule must be like `if A is P and B is Q then F is R`, of terms that are there; '
+            'a rule must be like `if A is P and B is Q then F is R`, of terms that the file has; '
             f'got {shown(rule)}'
         )
     position, velocity, force = (known[w] for known, w in zip(terms, words, strict=True))

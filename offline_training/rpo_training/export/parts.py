@@ -5,10 +5,15 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+import textwrap
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rpo_core.controller import FuzzyController
 from rpo_core.fuzzy import WORDS, MembershipFunctions
+
+SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
 
 Triangle = tuple[float, float, float]
 
@@ -61,18 +66,23 @@ def rules(controller: FuzzyController) -> list[Rule]:
 
 
 def facts(controller: FuzzyController) -> list[str]:
-    """Return the lines that a comment must hold, for a person and for `rpo import`."""
+    """Return the lines of a comment for a person and for `rpo import`."""
     lines = [
         f'{one_line(controller.name)}: fuzzy controller of one axis of a final approach',
         *([one_line(controller.description)] if controller.description.strip() else []),
         'position_error = -position / position_scale, velocity_error = -velocity / velocity_scale,',
         'both saturated to [-1, 1]; force on that axis = force * force_scale',
     ]
-    scales = zip(
-        ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n'), controller.scales, strict=True
-    )
+    scales = zip(SCALES, controller.scales, strict=True)
     lines += [f'rpo: {name} = {value!r}' for name, value in scales]
     return [*lines, f'rpo: samples = {controller.system.samples}']
+
+
+def listed(values: Any, indent: int, width: int) -> str:
+    """Return numbers that read back bit for bit, in indented lines of at most `width`."""
+    text = ', '.join(map(repr, np.asarray(values).tolist()))
+    space = ' ' * indent
+    return textwrap.fill(text, width, initial_indent=space, subsequent_indent=space)
 
 
 def one_line(text: str) -> str:

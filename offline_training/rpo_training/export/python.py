@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import textwrap
 from collections.abc import Callable
 from typing import Any
 
@@ -69,18 +68,11 @@ def text(controller: FuzzyController) -> str:
         fields=' '.join(kernels.FisTables._fields),
         scales=controller.scales,
         tables='\n'.join(
-            _table(name, values) for name, values in zip(tables._fields, tables, strict=True)
+            f'    {name}=(\n{parts.listed(values, 8, 88)},\n    ),'
+            for name, values in tables._asdict().items()
         ),
         functions='\n\n\n'.join(map(_source, _KERNELS)),
     )
-
-
-def _table(name: str, values: Any) -> str:
-    numbers = getattr(values, 'tolist', lambda: list(values))()
-    line = textwrap.fill(
-        ', '.join(map(repr, numbers)), 88, initial_indent=' ' * 8, subsequent_indent=' ' * 8
-    )
-    return f'    {name}=(\n{line},\n    ),'
 
 
 def _source(kernel: Callable[..., Any]) -> str:

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reports of runs, campaigns and controllers: pictures, and one page that needs nothing else.
 
-`run`, `campaign`, `controller`, `baseline`, `training` say what stands on a page, in the blocks of
+`run`, `campaign`, `controller`, `training` say what stands on a page, in the blocks of
 `blocks`; modules `*_plots` draw; `page` writes. The page loads nothing from the network.
 """

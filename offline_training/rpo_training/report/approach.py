@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is drawn around the target, and how a flight passes it: a corridor and a keep-out sphere.
 
-Aids to the eye, not conditions: neither the paper nor the scenarios have them. A cone of 10 to 15
+They help the eye; they are no conditions of the paper or of a scenario. A cone of 10 to 15
 degrees about the docking axis is usual in practice (Fehse, *Automated Rendezvous and Docking of
 Spacecraft*, 2003); here it lies along the LVLH axis on which the flight starts farthest out.
 """
@@ -91,12 +91,12 @@ class Aids:
 
 
 def passage(flight: Flight, aids: Aids) -> list[tuple[str, str]]:
-    """Return in names and values how a flight passes the aids."""
+    """Return names and values: how a flight passes the aids."""
     times, distance = flight.scenario.times_s, np.linalg.norm(flight.positions_m, axis=1)
     found = [
         ('distance at the start', f'{distance[0]:.4g} m'),
         (
-            f"at the start off the corridor's axis, {AXES[aids.axis]}",
+            f"off the corridor's axis {AXES[aids.axis]} at the start",
             f'{aids.off_axis_deg(flight.positions_m[:1])[0]:.1f}°',
         ),
     ]
@@ -109,9 +109,9 @@ def passage(flight: Flight, aids: Aids) -> list[tuple[str, str]]:
     return [
         *found,
         (f'enters the keep-out sphere of {KEEP_OUT_RADIUS_M:g} m at', f'{times[entry]:.1f} s'),
-        ('there, closing at', f'{toward:.3g} m/s'),
+        ('closing speed at the entry', f'{toward:.3g} m/s'),
         (
-            "there, off the corridor's axis",
+            "off the corridor's axis at the entry",
             f'{aids.off_axis_deg(flight.positions_m[where])[0]:.1f}°',
         ),
     ]

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a campaign: how surely it succeeds, where it ends, what matters, the worst runs."""
+"""The report of a campaign: its success, where it ends, what matters, the worst runs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _SHOWN = {
     'late_position_m': 'largest |position|, last 200 s [m]',
     'late_velocity_m_s': 'largest |velocity|, last 200 s [m/s]',
 }
-"""Figures whose distributions are drawn."""
+"""Metrics whose distributions are drawn."""
 
 
 def report_of(folder: Path) -> Report:
@@ -81,9 +81,6 @@ def _percent(rate: Rate) -> str:
 
 
 def _success(found: list[Rate]) -> list[Block]:
-    names = [rate.name for rate in found]
-    shares = np.array([rate.kept / rate.runs for rate in found])
-    low, high = (np.array([getattr(rate, end) for rate in found]) for end in ('low', 'high'))
     rows = tuple(
         (
             rate.name,
@@ -96,7 +93,7 @@ def _success(found: list[Rate]) -> list[Block]:
     return [
         Picture(
             'success',
-            campaign_plots.rates(names, shares, low, high),
+            campaign_plots.rates(found),
             'Share of runs that succeed, and that keep each condition alone.',
             '; '.join(f'{rate.name}: {_percent(rate)}' for rate in found) + '.',
         ),
@@ -173,7 +170,7 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
             f'{first} first. Within the grey band a dispersion without effect falls in '
             f'{100 * (1 - sensitivity.FALSE_ALARM):g} % of cases. The diamonds tell where a '
             f'deviation to either side does the same.{note}',
-            f'What goes with {first} most: {strongest}.',
+            f'Most correlated with {first}: {strongest}.',
         ),
         _influence_table(found, level),
     ]
@@ -212,13 +209,13 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
             rows.append((f'run {run}', share, 'failure', _again(store, run)))
     heads = ('figure', 'value', 'run', 'to fly it again')
     return [
-        Text('Each command flies one run again, to the same bits; --csv writes its flight.'),
+        Text('Each command flies one run again with the same bits; --csv writes its flight.'),
         Table('Runs to look at', heads, tuple(rows)),
     ]
 
 
 def _excess(store: Store) -> Floats:
-    """Return by how much (n,) runs exceed the limit that they exceed most."""
+    """Return the largest ratio (n,) of a metric to its limit, of each run."""
     limits = store.campaign.config.success
     shares = [store.column(name) / limit for name, limit in limits.items() if limit > 0.0]
     return np.maximum.reduce(shares) if shares else np.zeros(store.campaign.config.runs)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_log.show import style
+from rpo_training.campaign.statistics import Rate
 from rpo_training.report.sensitivity import Influence
 
 Floats = NDArray[np.float64]
@@ -23,7 +24,6 @@ _BINS = 60
 _FAR = 2.5
 _SMALL_M_S = 0.1
 _KEPT, _FAILED = style.LIGHT['x'], style.LIGHT['y']
-_LIMIT = {'color': style.LIGHT['ink'], 'linestyle': (0, (4, 3)), 'linewidth': 1.0}
 
 
 def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | None]) -> Any:
@@ -32,8 +32,7 @@ def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | No
     limits : of position [m] and velocity [m/s] of an axis, drawn as a box; not if None, nor if it
         lies so far out that the cloud would be a dot
     """
-    figure = style.new_figure(7.6)
-    panels = figure.subplots(2, 2)
+    figure, panels = style.new_panels(7.6, 2, 2)
     small = np.abs(final[:, 3:]).max() < _SMALL_M_S
     units = (('m', 1.0), ('mm/s', 1e3) if small else ('m/s', 1.0))
     for row, first, (unit, factor), limit in zip(panels, (0, 3), units, limits, strict=True):
@@ -42,7 +41,7 @@ def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | No
             _cloud(axes, factor * final[:, [first + 1, first + up]], success)
             if limit is not None and limit <= _FAR * np.abs(final[:, first : first + 3]).max():
                 box = factor * limit * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])
-                axes.plot(*box.T, **_LIMIT, label='limit of success')
+                axes.plot(*box.T, **style.LIMIT, label='limit of success')
             axes.set(
                 xlabel=f'final {prefix}y, V-bar [{unit}]',
                 ylabel=f'final {prefix}{"xyz"[up]}, {"RVH"[up]}-bar [{unit}]',
@@ -54,10 +53,7 @@ def clouds(final: Floats, success: Bools, limits: tuple[float | None, float | No
 
 
 def _cloud(axes: Any, points: Floats, success: Bools) -> None:
-    for chosen, colour, name in (
-        (success, _KEPT, 'success'),
-        (~success, _FAILED, 'failure'),
-    ):
+    for chosen, colour, name in ((success, _KEPT, 'success'), (~success, _FAILED, 'failure')):
         some = points[chosen][:MOST_POINTS]
         if len(some):
             axes.add_patch(_dots(some, colour))
@@ -80,10 +76,9 @@ def _dots(points: Floats, colour: str) -> Any:
 
 
 def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
-    """Return histograms of figures; columns : label with unit -> values (n,)."""
+    """Return histograms of metrics; columns : label with unit -> values (n,)."""
     rows = -(-len(columns) // 2)
-    figure = style.new_figure(2.3 * rows)
-    panels = figure.subplots(rows, 2, squeeze=False)
+    figure, panels = style.new_panels(2.3 * rows, rows, 2, squeeze=False)
     for axes in panels.ravel()[len(columns) :]:
         axes.set_axis_off()
     for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
@@ -96,7 +91,7 @@ def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
             color=[_KEPT, _FAILED],
             label=['success', 'failure'],
         )
-        axes.axvline(np.median(values), **_LIMIT, label='median')
+        axes.axvline(np.median(values), **style.LIMIT, label='median')
         axes.set(xlabel=label, ylabel='runs [1]', xlim=span)
         axes.grid(axis='x', visible=False)
     style.legend_below(figure, panels[0][0])
@@ -111,8 +106,8 @@ def _span(values: Floats) -> tuple[float, float]:
 def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
     """Return the influences of each column on each outcome, as bars; weak ones within `level`."""
     columns = [i.column for i in next(iter(found.values()))]
-    figure = style.new_figure(0.5 + 0.27 * len(columns))
-    panels = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
+    height = 0.5 + 0.27 * len(columns)
+    figure, (panels,) = style.new_panels(height, 1, len(found), sharey=True, squeeze=False)
     places = np.arange(len(columns))
     for axes, (outcome, influences) in zip(panels, found.items(), strict=True):
         by_name = {i.column: i for i in influences}
@@ -121,15 +116,8 @@ def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
         axes.axvspan(-level, level, color=style.LIGHT['grid'], linewidth=0, label='chance')
         axes.hlines(places, 0.0, signed, color=_KEPT, linewidth=1.2)
         axes.plot(signed, places, 'o', color=_KEPT, markersize=5, label='of the deviation')
-        axes.plot(
-            size,
-            places,
-            'D',
-            markerfacecolor='none',
-            markeredgecolor=_FAILED,
-            markersize=5,
-            label='of its size',
-        )
+        hollow = {'markerfacecolor': 'none', 'markeredgecolor': _FAILED, 'markersize': 5}
+        axes.plot(size, places, 'D', **hollow, label='of its size')
         axes.set(title=outcome, xlabel='rank correlation [1]', xlim=(-1.0, 1.0))
         axes.set_xticks([-0.5, 0.0, 0.5])
         axes.axvline(0.0, color=style.LIGHT['muted'], linewidth=0.8)
@@ -139,21 +127,24 @@ def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
     return figure
 
 
-def rates(names: Sequence[str], shares: Floats, low: Floats, high: Floats) -> Any:
+def rates(found: Sequence[Rate]) -> Any:
     """Return success rates with their intervals."""
-    figure = style.new_figure(0.9 + 0.36 * len(names))
-    axes, places = figure.subplots(), np.arange(len(names))
+    shares = np.array([rate.kept / rate.runs for rate in found])
+    below = shares - [rate.low for rate in found]
+    above = [rate.high for rate in found] - shares
+    figure, axes = style.new_panels(0.9 + 0.36 * len(found))
+    places = np.arange(len(found))
     axes.errorbar(
         100.0 * shares,
         places,
-        xerr=100.0 * np.array([shares - low, high - shares]),
+        xerr=100.0 * np.array([below, above]),
         fmt='o',
         color=_KEPT,
         capsize=4,
         markersize=5,
         label='share of runs, Wilson 95 %',
     )
-    axes.set_yticks(places, names)
-    axes.set(xlabel='runs that keep it [%]', ylim=(len(names) - 0.5, -0.5))
+    axes.set_yticks(places, [rate.name for rate in found])
+    axes.set(xlabel='runs that keep it [%]', ylim=(len(found) - 0.5, -0.5))
     style.legend_below(figure, axes)
     return figure

@@ -10,22 +10,30 @@ from dataclasses import replace
 from rpo_core import files
 from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN
+from rpo_core.flight import fly
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
+from rpo_core.scenario import load_scenario
+from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_training.analysis.certificate import Certificate, certify
-from rpo_training.analysis.rule_base import activities, warnings
+from rpo_training.analysis.rule_base import FORCES, WELL, force_rows, warnings
 from rpo_training.evaluation.assessment import Assessment, assess
-from rpo_training.report import baseline, controller_plots
+from rpo_training.report import controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
+from rpo_training.report.surface_plots import axis_forces
+
+SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
+"""What a report of a controller without rules flies."""
 
 
 def report_of(name: str) -> Report:
     """Return the report of a shipped controller or a file; raises InputError."""
     controller, path = load_controller(name), files.find('controller', name)
-    made = (
-        _fuzzy(controller) if isinstance(controller, FuzzyController) else baseline.of(controller)
-    )
+    if isinstance(controller, FuzzyController):
+        made = _fuzzy(controller)
+    else:
+        made = _without_rules(controller)
     last = Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path))))
     return replace(made, sections=(*made.sections, last))
 
@@ -47,6 +55,38 @@ def _fuzzy(controller: FuzzyController) -> Report:
         f'{len(found.starts)} starts {found.mean_energy_n2s:.4g} N²s; the certificate '
         f'{"holds" if certificate.holds else "fails"}.',
         sections,
+    )
+
+
+def _without_rules(controller: AnyController) -> Report:
+    flights = {name: fly(load_scenario(name), controller) for name in SCENARIOS}
+    rows: list[tuple[str, ...]] = []
+    for name, flight in flights.items():
+        for section, lines in flight_report.rows(flight).items():
+            rows += [(f'{name}: {section}',), *lines]
+    with style.applied():
+        histories = Picture(
+            'time_histories',
+            flight_report.time_histories(flights[SCENARIOS[0]]),
+            f'{SCENARIOS[0]}: relative position, velocity and control force in LVLH.',
+            f'Time histories of {SCENARIOS[0]}; the table above has its metrics.',
+        )
+        surfaces = Picture(
+            'surface',
+            axis_forces(controller),
+            'The force of an axis over its position and velocity at t = 0, the other two axes at '
+            'rest at the target. Later, a controller that plans may command another force.',
+            'Force over position and velocity of each axis.',
+        )
+    return Report(
+        f'Controller {controller.name}',
+        controller.description,
+        (
+            Section(
+                'How it flies', (Table('Flights', flight_report.COLUMNS, tuple(rows)), histories)
+            ),
+            Section('Force', (surfaces,)),
+        ),
     )
 
 
@@ -91,15 +131,7 @@ def _functions(controller: FuzzyController) -> Picture:
 
 
 def _rules(controller: FuzzyController) -> list[Block]:
-    shares = activities(controller.system)
-    rows = tuple(
-        (
-            f'{word} ({SPOKEN[word]})',
-            *(f'{c.force} {c.decides:.0%}' for c in shares[5 * row : 5 * row + 5]),
-        )
-        for row, word in enumerate(WORDS)
-    )
-    found = warnings(controller.system)
+    headings, rows = force_rows(controller.system)
     return [
         Picture(
             'rules',
@@ -107,12 +139,8 @@ def _rules(controller: FuzzyController) -> list[Block]:
             'The rule table: the word of the force for each pair of words.',
             'The rule table; the table below has the same words.',
         ),
-        Table(
-            'Force, and the share of the input square where the rule decides its word',
-            ('velocity error ↓ position error →', *WORDS),
-            rows,
-        ),
-        *map(Text, found or ('Every rule decides somewhere, no hole, the rules are monotone.',)),
+        Table(FORCES, headings, tuple(rows)),
+        *map(Text, warnings(controller.system) or (WELL,)),
     ]
 
 

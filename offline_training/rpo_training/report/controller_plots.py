@@ -31,8 +31,7 @@ _CONDITIONS = {
 def membership_functions(controller: FuzzyController) -> Any:
     """Return the membership functions of the three variables, in their units."""
     system, x = controller.system, np.linspace(-1.0, 1.0, 1001)
-    figure = style.new_figure(5.6)
-    panels = figure.subplots(3, 1)
+    figure, panels = style.new_panels(5.6, 3)
     for axes, name, scale, functions in zip(
         panels,
         ('position error [m]', 'velocity error [m/s]', 'force [N]'),
@@ -51,16 +50,12 @@ def rules(controller: FuzzyController) -> Any:
     """Return the rule table."""
     from matplotlib.patches import Rectangle
 
-    figure = style.new_figure(4.0)
-    axes = figure.subplots()
+    figure, axes = style.new_panels(4.0)
     table = controller.system.rules
     for (row, column), code in np.ndenumerate(table.codes):
         shade = style.SCALE[round(int(code) * (style.SHADES - 1) / 4)]
-        axes.add_patch(
-            Rectangle(
-                (column - 0.5, row - 0.5), 1, 1, facecolor=shade, edgecolor=style.LIGHT['paper']
-            )
-        )
+        corner, edge = (column - 0.5, row - 0.5), style.LIGHT['paper']
+        axes.add_patch(Rectangle(corner, 1, 1, facecolor=shade, edgecolor=edge))
         axes.text(column, row, table.words[row][column], ha='center', va='center')
     axes.set(
         xticks=range(5),
@@ -81,8 +76,7 @@ def rules(controller: FuzzyController) -> Any:
 def control_surface(controller: FuzzyController) -> Any:
     """Return the force over both errors, and over the position error at some velocity errors."""
     position, velocity, force = controller.scales
-    figure = style.new_figure(4.2)
-    wide, slices = figure.subplots(1, 2, width_ratios=(5, 4))
+    figure, (wide, slices) = style.new_panels(4.2, 1, 2, width_ratios=(5, 4))
     image = draw_force(wide, controller, (position, velocity), sign=1.0)
     wide.set(xlabel='position error [m]', ylabel='velocity error [m/s]')
     force_bar(figure, image, wide)
@@ -99,8 +93,7 @@ def control_surface(controller: FuzzyController) -> Any:
 
 def starts(found: Assessment) -> Any:
     """Return energy and conditions over the training starts."""
-    figure = style.new_figure(4.0)
-    energy, conditions = figure.subplots(1, 2)
+    figure, (energy, conditions) = style.new_panels(4.0, 1, 2)
     _energies(energy, found)
     count = np.arange(1, len(found.starts) + 1)
     for (name, column), limit, colour in zip(
@@ -108,9 +101,7 @@ def starts(found: Assessment) -> Any:
     ):
         share = np.sort(found.metrics[:, column]) / limit
         conditions.step(share, count, where='post', color=colour, label=name)
-    conditions.axvline(
-        1.0, color=style.LIGHT['ink'], linestyle=(0, (4, 3)), linewidth=1.0, label='limit'
-    )
+    conditions.axvline(1.0, **style.LIMIT, label='limit')
     conditions.set(
         xlabel='share of its limit [1]', ylabel='starts that stay below [1]', xlim=(0.0, None)
     )
@@ -122,14 +113,9 @@ def _energies(axes: Any, found: Assessment) -> None:
     energy = found.metrics[:, ENERGY]
     axes.plot(found.least, energy, 'o', color=style.LIGHT['x'], markersize=4, label='a start')
     most = np.array([0.0, 1.05 * found.least.max()])
-    for factor in (1, 2):
-        axes.plot(
-            most,
-            factor * most,
-            color=style.LIGHT['optimum'],
-            linestyle='-' if factor == 1 else (0, (5, 2)),
-            label='the least itself' if factor == 1 else 'twice the least',
-        )
+    for factor, line, label in ((1, '-', 'the least itself'), (2, (0, (5, 2)), 'twice the least')):
+        colour = style.LIGHT['optimum']
+        axes.plot(most, factor * most, color=colour, linestyle=line, label=label)
     axes.set(
         xlabel='least J to rest in 200 s [N²s]',
         ylabel='flown J [N²s]',

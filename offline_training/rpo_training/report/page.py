@@ -11,14 +11,13 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterator
-from functools import singledispatch
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from rpo_core.validation import InputError
 from rpo_log.show import style
+from rpo_training.outputs import writing
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 PAGE = 'report.html'
@@ -37,18 +36,13 @@ _NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
 
 def write(report: Report, folder: Path) -> list[Path]:
     """Write the pictures as PNGs and the page; return their paths, the page last."""
-    try:
+    paths = [folder / f'{picture.name}.png' for picture in report.pictures]
+    with writing(folder), style.applied():
         folder.mkdir(parents=True, exist_ok=True)
-        paths = []
-        with style.applied():
-            for picture in report.pictures:
-                paths.append(folder / f'{picture.name}.png')
-                _save(picture, paths[-1])
-        paths.append(folder / PAGE)
-        paths[-1].write_text(html(report), encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{folder}: cannot be written: {error.strerror or error}') from None
-    return paths
+        for picture, path in zip(report.pictures, paths, strict=True):
+            _save(picture, path)
+        (folder / PAGE).write_text(html(report), encoding='utf-8')
+    return [*paths, folder / PAGE]
 
 
 def _save(picture: Picture, target: Any, **options: Any) -> None:
@@ -106,40 +100,27 @@ def _section(section: Section) -> str:
     return f'<section id="{anchor}">\n<h2>{title}</h2>\n{blocks}</section>\n'
 
 
-@singledispatch
 def _block(block: Block) -> str:
-    raise TypeError(f'no block of a report: {block!r}')
-
-
-@_block.register
-def _(block: Text) -> str:
-    return f'<p>{escape(block.text)}</p>\n'
-
-
-@_block.register
-def _(block: File) -> str:
-    return (
-        f'<details open><summary>{escape(block.name)}</summary>'
-        f'<pre><code>{escape(block.text)}</code></pre></details>\n'
-    )
-
-
-@_block.register
-def _(block: Picture) -> str:
-    return (
-        f'<figure><div class="drawing">{svg(block)}</div>'
-        f'<figcaption>{escape(block.caption)}</figcaption></figure>\n'
-    )
-
-
-@_block.register
-def _(block: Table) -> str:
-    heads = ''.join(f'<th scope="col">{escape(column)}</th>' for column in block.columns)
-    rows = ''.join(_rows(block))
-    return (
-        f'<div class="table"><table><caption>{escape(block.caption)}</caption>'
-        f'<thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table></div>\n'
-    )
+    match block:
+        case Text(text):
+            return f'<p>{escape(text)}</p>\n'
+        case File(name, text):
+            return (
+                f'<details open><summary>{escape(name)}</summary>'
+                f'<pre><code>{escape(text)}</code></pre></details>\n'
+            )
+        case Picture():
+            return (
+                f'<figure><div class="drawing">{svg(block)}</div>'
+                f'<figcaption>{escape(block.caption)}</figcaption></figure>\n'
+            )
+        case Table():
+            heads = ''.join(f'<th scope="col">{escape(column)}</th>' for column in block.columns)
+            return (
+                f'<div class="table"><table><caption>{escape(block.caption)}</caption>'
+                f'<thead><tr>{heads}</tr></thead><tbody>{"".join(_rows(block))}</tbody></table>'
+                '</div>\n'
+            )
 
 
 def _rows(table: Table) -> Iterator[str]:

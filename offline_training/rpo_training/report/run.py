@@ -44,7 +44,7 @@ _AIDS = (
 
 @dataclass(frozen=True)
 class _Optima:
-    """Flights of least energy from the same start, by name; why others lack."""
+    """Flights of least energy from the same start, by name; why others are missing."""
 
     flights: dict[str, Flight]
     missing: tuple[str, ...]
@@ -131,11 +131,7 @@ def _tables(shown: LoggedFlight) -> list[Block]:
     cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
     return [
         *([] if shown.whole else [Text(cut)]),
-        Table(
-            'What was flown, beside the limits',
-            ('figure', 'flown', 'limit', 'verdict'),
-            tuple(found),
-        ),
+        Table('The flight and its limits', log_report.COLUMNS, tuple(found)),
         Table('Scenario', ('quantity', 'value'), tuple(facts)),
     ]
 
@@ -188,9 +184,9 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
             'energy',
             run_plots.energy(flight, optima.flights),
             'Energy spent so far, J = ∫ f·f dt. An optimum is the least J from the same start '
-            'under the limit of force and all conditions of training, with the disturbance known, '
-            'thrusters and navigation perfect; once in the whole time, once with 30 s after the '
-            'time at which this flight arrived.',
+            'under the limit of force and all conditions of training; it knows the disturbance, '
+            'and its thrusters and navigation are perfect. One optimum takes the whole time; the '
+            'other ends 30 s after the arrival of this flight.',
             f'Energy over time; the flight ends at {spent_n2s:.4g} N²s.',
         ),
         Table('Beside the best possible', columns, tuple(rows)),
@@ -256,28 +252,15 @@ def _decisions(flight: Flight, controller: FuzzyController) -> Table:
     rows: list[tuple[str, ...]] = []
     for tick in _instants(flight):
         rows.append((f'{flight.scenario.time_s(tick):g} s',))
-        rows += [
-            (
-                d.axis,
-                f'{d.position_m:.3g}',
-                f'{d.velocity_m_s:.3g}',
-                f'{d.force_n:.3g}',
-                d.sentence,
-            )
-            for d in decisions(controller, _seen(flight, tick))
-        ]
-    columns = (
-        'axis',
-        'position [m]',
-        'velocity [m/s]',
-        'force [N]',
-        'strongest rule, its strength',
-    )
-    return Table('Why the controller fired, at what it saw', columns, tuple(rows))
+        for d in decisions(controller, _seen(flight, tick)):
+            numbers = (f'{x:.3g}' for x in (d.position_m, d.velocity_m_s, d.force_n))
+            rows.append((d.axis, *numbers, d.sentence))
+    columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'strongest rule and strength')
+    return Table('Why the controller fired, from the state it received', columns, tuple(rows))
 
 
 def _seen(flight: Flight, tick: int) -> Sequence[float]:
-    """Return the state (6,) that the controller was told."""
+    """Return the state (6,) that the controller received."""
     x, y, z, vx, vy, vz = flight.states[tick].tolist()
     state, navigation = (x, y, z, vx, vy, vz), flight.scenario.navigation
     return state if navigation is None else navigation.solution(tick, state)
@@ -297,6 +280,6 @@ def _files(log: RunLog) -> list[Block]:
     if info.is_file():
         found[INFO_FILE] = info.read_text('utf-8', 'replace')
     return [
-        Text('As the log carries them; from these the flight can be computed anew (rpo verify).'),
+        Text('The files of the log; rpo verify computes the flight again from them.'),
         *(File(name, text) for name, text in found.items()),
     ]

@@ -83,10 +83,9 @@ def _paths(flight: Flight, optima: OptimaByName) -> list[tuple[str, Floats, str,
     return [*lines, ('flown', flight.positions_m, _INK, '-')]
 
 
-def _marks(flight: Flight) -> Floats:
-    """Return the positions (n, 3) every 20 s: close together where it is slow."""
-    step = max(1, round(MARK_S / flight.scenario.dt_s))
-    return flight.positions_m[::step]
+def _marked(flight: Flight) -> slice:
+    """Return the ticks every 20 s; their positions lie close together where it is slow."""
+    return slice(None, None, max(1, round(MARK_S / flight.scenario.dt_s)))
 
 
 def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, across: int) -> None:
@@ -96,7 +95,7 @@ def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, acros
     axes.plot(*circle.T, color=style.LIGHT['z'], linewidth=1.0, label='keep-out sphere (aid)')
     for name, positions, colour, line in _paths(flight, optima):
         axes.plot(positions[:, 1], positions[:, across], color=colour, linestyle=line, label=name)
-    marks = _marks(flight)
+    marks = flight.positions_m[_marked(flight)]
     label = f'every {MARK_S:g} s'
     axes.plot(marks[:, 1], marks[:, across], 'o', color=_INK, markersize=3.5, label=label)
     axes.plot(0.0, 0.0, '+', color=_INK, markersize=10, label='target')
@@ -111,7 +110,7 @@ def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> No
     for _, positions, colour, line in _paths(flight, optima):
         x, y, z = positions.T
         axes.plot(y, z, x, color=colour, linestyle=line)
-    x, y, z = _marks(flight).T
+    x, y, z = flight.positions_m[_marked(flight)].T
     axes.plot(y, z, x, 'o', color=_INK, markersize=3)
     axes.plot([0.0], [0.0], [0.0], '+', color=_INK, markersize=10)
     axes.set_xlabel('y, V-bar [m]', labelpad=9)
@@ -128,8 +127,7 @@ def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> No
 
 def energy(flight: Flight, optima: OptimaByName) -> Any:
     """Return J over time, beside the optima."""
-    figure = style.new_figure(3.4)
-    axes = figure.subplots()
+    figure, axes = style.new_panels(3.4)
     for (name, optimum), line in zip(optima.items(), _LINES, strict=False):
         axes.plot(*_energy(optimum), color=_OPTIMUM, linestyle=line, label=name)
     axes.plot(*_energy(flight), color=_INK, label='flown')
@@ -148,8 +146,7 @@ def limits(flight: Flight) -> Any:
     """Return force and slew against what the thrusters and the conditions allow."""
     scenario, forces = flight.scenario, flight.saturated_forces_n
     slew = np.diff(forces, axis=0) / scenario.dt_s
-    figure = style.new_figure(4.6)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = style.new_panels(4.6, 2, sharex=True)
     by_axis(upper, scenario.times_s[:-1], forces, 'force [N]')
     limit_lines(upper, scenario.max_force_n, 'limit')
     by_axis(lower, scenario.times_s[1:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
@@ -163,8 +160,7 @@ def disturbance(flight: Flight) -> Any:
     """Return the disturbance, and what control leaves of it."""
     scenario, disturbances = flight.scenario, flight.disturbances_n[:-1]
     level = metrics.disturbance_level_n(flight)
-    figure = style.new_figure(4.6)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = style.new_panels(4.6, 2, sharex=True)
     by_axis(upper, scenario.times_s[:-1], disturbances, 'disturbance [N]')
     by_axis(lower, scenario.times_s[:-1], flight.saturated_forces_n + disturbances, 'net force [N]')
     limit_lines(lower, level, 'level of the disturbance')
@@ -175,8 +171,7 @@ def disturbance(flight: Flight) -> Any:
 
 def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
     """Return velocity over position per axis, on the force that a controller answers with."""
-    figure = style.new_figure(3.9)
-    panels = figure.subplots(1, 3)
+    figure, panels = style.new_panels(3.9, 1, 3)
     spans = [
         1.08 * np.maximum(np.abs(v).max(axis=0), 1e-3)
         for v in (flight.positions_m, flight.velocities_m_s)
@@ -188,15 +183,8 @@ def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
         axes.plot(position, velocity, color=_INK, label='flown')
         axes.plot(position[0], velocity[0], 'o', color=_INK, markersize=6, label='start')
-        step = max(1, round(MARK_S / flight.scenario.dt_s))
-        axes.plot(
-            position[::step],
-            velocity[::step],
-            'o',
-            color=_INK,
-            markersize=3,
-            label=f'every {MARK_S:g} s',
-        )
+        dots, label = _marked(flight), f'every {MARK_S:g} s'
+        axes.plot(position[dots], velocity[dots], 'o', color=_INK, markersize=3, label=label)
         axes.set(title=name, xlabel='position [m]')
     panels[0].set_ylabel('velocity [m/s]')
     if image is not None:

@@ -58,8 +58,7 @@ def axis_forces(controller: AnyController) -> Any:
         position[axis], velocity[axis] = r[column], v[row]
         (force,) = stage.step(0, (*position.tolist(), *velocity.tolist()))
         forces[axis, row, column] = force[axis]
-    figure = style.new_figure(3.9)
-    panels = figure.subplots(1, 3, sharey=True)
+    figure, panels = style.new_panels(3.9, 1, 3, sharey=True)
     peak = float(np.abs(forces).max()) or 1.0
     for axes, name, values in zip(panels, style.AXIS_NAMES, forces, strict=True):
         image = _contours(axes, (r, v), values, peak)

@@ -4,24 +4,15 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.controller import FuzzyController
 from rpo_log.show import style
 from rpo_training.report import controller_plots
 from rpo_training.search.training import FRONT, HISTORY
-
-Floats = NDArray[np.float64]
-
-_DRAWN = (
-    *('evaluations', 'mean_fitness', 'best_fitness', 'best_energy_n2s'),
-    *('mean_arrival_s', 'mean_energy_n2s'),
-)
 
 
 def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
@@ -40,21 +31,14 @@ def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
     return [folder / name for name in drawings]
 
 
-def _columns(path: Path) -> dict[str, Floats]:
-    """Return the columns of numbers of a table with headings."""
-    with path.open(newline='') as file:
-        rows = list(csv.DictReader(file))
-    return {
-        name: np.array([row[name] for row in rows], dtype=np.float64)
-        for name in (rows[0] if rows else ())
-        if name in _DRAWN
-    }
+def _columns(path: Path) -> Any:
+    """Return the columns of a table with headings, by name."""
+    return np.genfromtxt(path, delimiter=',', names=True, encoding='utf-8', ndmin=1)
 
 
 def _convergence(history: Path) -> Any:
     columns = _columns(history)
-    figure = style.new_figure(4.4)
-    axes = figure.subplots()
+    figure, axes = style.new_panels(4.4)
     for (name, label), colour in zip(
         (
             ('mean_fitness', 'fitness, mean of the generation'),
@@ -72,9 +56,8 @@ def _convergence(history: Path) -> Any:
 
 def _front(path: Path) -> Any:
     columns = _columns(path)
-    figure = style.new_figure(4.4)
-    axes = figure.subplots()
-    if columns:
+    figure, axes = style.new_panels(4.4)
+    if columns.size:
         axes.plot(columns['mean_arrival_s'], columns['mean_energy_n2s'], 'o-', markersize=4)
     axes.set(xlabel='mean arrival time, free of penalties [s]', ylabel='mean J [N²s]')
     return figure

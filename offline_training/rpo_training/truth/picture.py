@@ -16,8 +16,7 @@ from rpo_training.truth.two_body import AXIS_NAMES, Comparison
 def draw(found: Comparison, path: Path) -> None:
     """Write the picture; matplotlib must be there."""
     with style.applied():
-        figure = style.new_figure(4.2)
-        left, right = figure.subplots(1, 2)
+        figure, (left, right) = style.new_panels(4.2, 1, 2)
         _over_time(left, found)
         _over_distance(right, found)
         figure.suptitle(found.title)

@@ -28,8 +28,8 @@ PAPER = "the paper's claims"
 EXAMPLE = "the paper's training example (another start)"
 TRAINING = 'conditions of training'
 
+COLUMNS = ('metric', 'value', 'limit', 'verdict')
 TableLine = tuple[str, str, str, str]
-"""Metric, value, limit, verdict."""
 
 
 def show(run: Path) -> Path | None:
@@ -59,28 +59,16 @@ def folder_of(run: Path) -> Path:
 def rows(flight: Flight) -> dict[str, list[TableLine]]:
     """Return the table by sections: the paper's claims that apply, the conditions of training."""
     found = metrics.of_flight(flight)
-    met = found.conditions
+    met, most_m = found.conditions, metrics.MAX_ARRIVAL_DISTANCE_M
     limits = [
-        ('mean speed, last 30 s', 'm/s', found.arrival_speed_m_s, metrics.MAX_ARRIVAL_SPEED_M_S),
-        ('largest |df/dt|', 'N/s', found.slew_n_s, metrics.MAX_SLEW_N_S),
-        (
-            'mean distance, last 30 s',
-            'm',
-            found.arrival_distance_m,
-            metrics.MAX_ARRIVAL_DISTANCE_M,
-        ),
+        ('mean speed, last 30 s', 'm/s', metrics.MAX_ARRIVAL_SPEED_M_S, found.arrival_speed_m_s),
+        ('largest |df/dt|', 'N/s', metrics.MAX_SLEW_N_S, found.slew_n_s),
+        ('mean distance, last 30 s', 'm', most_m, found.arrival_distance_m),
     ]
     disturbed = not flight.scenario.disturbance.is_zero
     return {
         PAPER if disturbed else EXAMPLE: [
-            _row(
-                claim.statement,
-                claim.unit,
-                claim.flown,
-                claim.paper,
-                claim.holds if disturbed else None,
-            )
-            for claim in metrics.claims(flight)
+            _row(*claim, claim.holds if disturbed else None) for claim in metrics.claims(flight)
         ],
         TRAINING: [
             *(_row(*limit, holds) for limit, holds in zip(limits, met, strict=True)),
@@ -89,7 +77,7 @@ def rows(flight: Flight) -> dict[str, list[TableLine]]:
     }
 
 
-def _row(name: str, unit: str, value: float, limit: float, holds: bool | None) -> TableLine:
+def _row(name: str, unit: str, limit: float, value: float, holds: bool | None) -> TableLine:
     verdict = {True: 'holds', False: 'MISSED', None: ''}[holds]
     return name, f'{value:.3g} {unit}', f'≤ {limit:.3g} {unit}', verdict
 
@@ -107,7 +95,7 @@ def print_table(flight: Flight, title: str) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table('metric', 'value', 'limit', 'verdict', title=title, title_justify='left')
+    table = Table(*COLUMNS, title=title, title_justify='left')
     for section, lines in sections.items():
         table.add_row(f'[bold]{section}[/]')
         for name, value, limit, verdict in lines:
@@ -140,8 +128,7 @@ def time_histories(flight: Flight) -> Any:
     """
     times, level = flight.scenario.times_s, metrics.disturbance_level_n(flight)
     disturbed, last = level > 0.0, metrics.window_ticks(flight.scenario, CLOSE_UP_S)
-    figure = style.new_figure(6.6)
-    panels = figure.subplots(3, 2, sharex='col', width_ratios=(3, 2))
+    figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
     limits = [claim.paper for claim in metrics.claims(flight)] if disturbed else [None] * 3
     for (wide, close), values, label, limit in zip(
         panels,
@@ -175,11 +162,5 @@ def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float =
 def limit_lines(axes: Any, value: float, name: str) -> None:
     """Draw the limits +- value."""
     for sign in (-1.0, 1.0):
-        axes.axhline(
-            sign * value,
-            color=style.LIGHT['ink'],
-            linestyle=(0, (4, 3)),
-            linewidth=1.0,
-            zorder=3.0,
-            label=name if sign > 0 else None,
-        )
+        label = name if sign > 0 else None
+        axes.axhline(sign * value, **style.LIMIT, zorder=3.0, label=label)

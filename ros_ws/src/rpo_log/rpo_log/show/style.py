@@ -65,6 +65,8 @@ AXES = (LIGHT['x'], LIGHT['y'], LIGHT['z'])
 WORDS = tuple(LIGHT[n] for n in ('x', 'small_negative', 'muted', 'small_positive', 'y'))
 """Colours of LN, SN, Z, SP, LP."""
 SCALE = tuple(LIGHT[f'shade_{i}'] for i in range(SHADES))
+LIMIT = {'color': LIGHT['ink'], 'linestyle': (0, (4, 3)), 'linewidth': 1.0}
+"""How the line of a limit is drawn."""
 
 _SETTINGS: dict[str, Any] = {
     'figure.facecolor': LIGHT['paper'],
@@ -114,6 +116,12 @@ def new_figure(height_in: float) -> Any:
     from matplotlib.figure import Figure
 
     return Figure(figsize=(WIDTH_IN, height_in), layout='constrained')
+
+
+def new_panels(height_in: float, rows: int = 1, columns: int = 1, **options: Any) -> Any:
+    """Return an empty figure and its axes; the options are those of `Figure.subplots`."""
+    figure = new_figure(height_in)
+    return figure, figure.subplots(rows, columns, **options)
 
 
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:

@@ -1,0 +1,28 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What several subcommands share: options, and a clean stop."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
+Cluster = Annotated[
+    str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
+]
+
+
+@contextmanager
+def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
+    """Let Ctrl-C or SIGTERM end the work inside with a sentence and exit code 130."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(sentence(), err=True)
+        raise typer.Exit(130) from None
