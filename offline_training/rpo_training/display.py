@@ -8,11 +8,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import TypeVar
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
+from rich.console import Console, Group
 from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
@@ -69,35 +68,35 @@ def progress() -> Iterator[Callable[[str, float, float], None]]:
 
 
 class Display:
-    """Shows progress while it is entered.
+    """Shows the progress of work in a folder while it is entered.
 
     console : stderr if none is given
-    live : what is drawn on a terminal; set by the subclass
     """
-
-    live: Live | Progress
 
     def __init__(self, folder: Path, console: Console | None = None) -> None:
         self.console = console or Console(stderr=True)
         self.console.print(f'{folder}', highlight=False)
+        columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn())
+        self._bar = Progress(*columns, TextColumn('{task.fields[left]} left'))
+        self._task = self._bar.add_task('', total=None, left='?')
+        self._live = Live(console=self.console, refresh_per_second=4)
         self._last = -EVERY_S
 
     def __enter__(self: Self) -> Self:
         if self.console.is_terminal:
-            self.live.start()
+            self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.live.stop()
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
 
-    def say(self, line: str) -> None:
-        """Print a line where there is no terminal, if the last one was some time ago."""
-        now = time.monotonic()
-        if not self.console.is_terminal and now - self._last >= EVERY_S:
-            self._last = now
+    def draw(self, what: str, done: int, total: int, left_s: float, sentence: str) -> None:
+        """Show how much is done of how much, the time left [s], and a sentence about results."""
+        left = f'{int(left_s) // 60}:{int(left_s) % 60:02d}'
+        if self.console.is_terminal:
+            self._bar.update(self._task, description=what, total=total, completed=done, left=left)
+            self._live.update(Group(self._bar, sentence))
+        elif time.monotonic() - self._last >= EVERY_S:
+            self._last = time.monotonic()
+            line = f'{what} {done}/{total}  {sentence}  {left} left'
             self.console.print(line, highlight=False, soft_wrap=True)

@@ -72,6 +72,19 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> li
     return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text as `write_aside` does."""
+    write_aside(path, lambda file: file.write(text.encode()))
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, with its parents, where there is none; raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
+
+
 def put(page: Path, command: str, text: str) -> None:
     """Replace the text between the marker of a command and END; add both to a page without."""
     begin = f'<!-- printed by `{command}` -->'
@@ -80,5 +93,4 @@ def put(page: Path, command: str, text: str) -> None:
         page_text = f'{page_text.rstrip()}\n\n{begin}\n{END}\n'.lstrip()
     before, _, rest = page_text.partition(begin)
     after = rest.partition(END)[2]
-    content = f'{before}{begin}\n{text}{END}{after}'
-    write_aside(page, lambda file: file.write(content.encode()))
+    write_text(page, f'{before}{begin}\n{text}{END}{after}')

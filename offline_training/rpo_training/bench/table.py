@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rpo_training.bench import flying, inference, machine, ros
-from rpo_training.outputs import markdown_table, write_aside
+from rpo_training.outputs import markdown_table, write_text
 
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 180.0, 10.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
@@ -186,6 +186,5 @@ def save(bench: Bench, folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     name = bench.date.replace(' UTC', '').replace(':', '').replace(' ', '-')
     path = folder / f'{name}.json'
-    text = json.dumps(asdict(bench), indent=2) + '\n'
-    write_aside(path, lambda file: file.write(text.encode()))
+    write_text(path, json.dumps(asdict(bench), indent=2) + '\n')
     return path

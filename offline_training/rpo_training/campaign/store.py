@@ -31,7 +31,7 @@ from rpo_core.validation import InputError
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.run_batch import COLUMNS, UNIT, units
 from rpo_training.cluster.pool import versions
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import make_folder, write_aside, write_text
 
 Floats = NDArray[np.float64]
 
@@ -63,16 +63,13 @@ class Store:
             state = 'this campaign: go on with --resume' if same else 'another configuration'
             raise InputError(f'{folder}: holds a campaign already, of {state}')
         store = cls(folder, campaign)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
+        make_folder(folder)
         runs = campaign.config.runs
         store._reserve(_PART, len(COLUMNS) * runs * _BYTES)
         store._reserve(_DONE, units(runs))
-        store._write(_VERSIONS, yaml.safe_dump(versions()))
+        write_text(folder / _VERSIONS, yaml.safe_dump(versions()))
         for name, text in zip(reversed(_TEXTS), reversed(campaign.texts), strict=True):
-            store._write(name, text)  # campaign.yaml last: with it, the folder is one
+            write_text(folder / name, text)  # campaign.yaml last: with it, the folder is one
         return store
 
     @classmethod
@@ -111,6 +108,12 @@ class Store:
             )
         return np.flatnonzero(done == 0).tolist()
 
+    @property
+    def done_runs(self) -> int:
+        """Runs that are in."""
+        total = self.campaign.config.runs
+        return total - sum(min(UNIT, total - unit * UNIT) for unit in self.pending())
+
     @contextmanager
     def alone(self) -> Iterator[None]:
         """Hold the folder; raises InputError if another process flies it."""
@@ -132,7 +135,8 @@ class Store:
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Turn what came in into `results.npz`, with the summary beside it."""
-        self._write(_SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
+        text = yaml.safe_dump(dict(summary), sort_keys=False, width=100)
+        write_text(self.folder / _SUMMARY, text)
         write_aside(self.folder / _RESULTS, self._archive)
         for name in (_PART, _DONE):
             (self.folder / name).unlink()
@@ -168,6 +172,3 @@ class Store:
             raise InputError(
                 f'{path}: cannot reserve {size} bytes: {error.strerror or error}'
             ) from None
-
-    def _write(self, name: str, text: str) -> None:
-        write_aside(self.folder / name, lambda file: file.write(text.encode()))

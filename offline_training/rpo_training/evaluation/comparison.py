@@ -31,7 +31,7 @@ from rpo_core.interfaces import NAVIGATION_STATE
 from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.campaign import config, execution, run_batch, statistics
+from rpo_training.campaign import config, execution, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
@@ -39,7 +39,7 @@ from rpo_training.engine.cases import Case, case_of_set
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import plans
 from rpo_training.evaluation.optimal import least_constrained
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import make_folder, write_text
 from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
@@ -156,15 +156,9 @@ class Comparison:
         try:
             found: dict[str, Any] = json.loads(path.read_text())
         except (OSError, ValueError):  # none, or damaged
-            try:
-                self.folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(
-                    f'{self.folder}: cannot be made: {error.strerror or error}'
-                ) from None
+            make_folder(self.folder)
             found = make()
-            text = json.dumps(found, indent=1)
-            write_aside(path, lambda file: file.write(text.encode()))
+            write_text(path, json.dumps(found, indent=1))
         return found
 
     def _row(self, campaign: Campaign, least: float) -> ComparedController:
@@ -216,7 +210,7 @@ class Comparison:
         folder = self.folder / f'{name}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
         total = campaign.config.runs
-        done = total - sum(min(run_batch.UNIT, total - u * run_batch.UNIT) for u in store.pending())
+        done = store.done_runs
 
         def progress(runs: int, _successful: int) -> None:
             nonlocal done

@@ -16,7 +16,7 @@ from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
 from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, ComparedController
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import write_text
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
 """Between these lines of a document stands the table."""
@@ -149,12 +149,9 @@ def write(
         'compare.csv': as_csv(rows),
         'compare.json': json.dumps(document, indent=1) + '\n',
     }
-    return [_write(folder / name, text) for name, text in texts.items()]
-
-
-def _write(path: Path, text: str) -> Path:
-    write_aside(path, lambda file: file.write(text.encode()))
-    return path
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
 
 
 def put_into(path: Path, table: str) -> None:
@@ -167,11 +164,11 @@ def put_into(path: Path, table: str) -> None:
     """
     block = f'{BEGIN}\n\n{table}\n{END}'
     if not path.exists():
-        _write(path, f'{block}\n')
+        write_text(path, f'{block}\n')
         return
     text = path.read_text()
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end or BEGIN in rest or END in after:
         raise InputError(f'{path}: must have one line `{BEGIN}` and, below it, one `{END}`')
-    _write(path, before + block + after)
+    write_text(path, before + block + after)

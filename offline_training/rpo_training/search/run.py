@@ -22,7 +22,7 @@ from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import make_folder, write_text
 from rpo_training.search.algorithms import Search
 from rpo_training.search.checkpoint import Checkpoint, digest
 from rpo_training.search.fitness import Fitness, Scores
@@ -42,7 +42,7 @@ class Progress:
 
     mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
     failures : starts that miss each of the conditions, for the best so far
-    flown : controllers flown by this process; seconds : time it took, flying and all
+    evaluated : controllers that this process has simulated; seconds : since it began
     """
 
     phase: str
@@ -55,7 +55,7 @@ class Progress:
     arrival_s: float
     mean: float
     spread: float
-    flown: int
+    evaluated: int
     seconds: float
 
 
@@ -79,7 +79,7 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint = Checkpoint(self.dumps())
         self.best = np.full(6, np.inf)
         self.best_genes: Floats = np.empty(0)
-        self._flown, self._began = 0, time.monotonic()
+        self._evaluated, self._began = 0, time.monotonic()
 
     @classmethod
     def load(cls, path: Path) -> Config:
@@ -129,12 +129,8 @@ class SearchRun(Generic[Config, Found]):
                 'with it, `-o` names another folder'
             )
         new = cls(config, folder, workers, address)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
-        text = new.checkpoint.config.encode()
-        write_aside(folder / cls.config_file, lambda file: file.write(text))
+        make_folder(folder)
+        write_text(folder / cls.config_file, new.checkpoint.config)
         return new
 
     @classmethod
@@ -175,7 +171,7 @@ class SearchRun(Generic[Config, Found]):
             while not self.search.stopped:
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))
-                self._flown += len(genes)
+                self._evaluated += len(genes)
                 self._enter(genes, scores)
                 self.checkpoint.save(self.folder / CHECKPOINT)
                 report(self.progress())
@@ -186,8 +182,7 @@ class SearchRun(Generic[Config, Found]):
 
     def save(self, controller: Found) -> None:
         """Write a controller into the folder."""
-        path = self.folder / f'{controller.name}.yaml'
-        write_aside(path, lambda file: file.write(controllers.dumps(controller).encode()))
+        write_text(self.folder / f'{controller.name}.yaml', controllers.dumps(controller))
 
     def progress(self) -> Progress:
         """Return where the run stands; there must be a generation."""
@@ -204,6 +199,6 @@ class SearchRun(Generic[Config, Found]):
             arrival,
             float(fitness.mean()),
             float(fitness.std()),
-            self._flown,
+            self._evaluated,
             time.monotonic() - self._began,
         )

@@ -23,7 +23,7 @@ from rpo_training.cluster.simulator import ClusterSimulator
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import write_text
 from rpo_training.search import config as configs
 from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 from rpo_training.search.checkpoint import versions
@@ -147,7 +147,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                     float(best[5]),
                 ]
             )
-        write_aside(self.folder / HISTORY, lambda file: file.write(text.getvalue().encode()))
+        write_text(self.folder / HISTORY, text.getvalue())
 
     def controller(self, genes: Floats, name: str) -> FuzzyController:
         """Return the controller of a chromosome, its provenance filled in."""
@@ -189,4 +189,4 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                 self.save(self.controller(genes[index], name))
                 rows.writerow([name, float(scores[index, 1]), float(soonest)])
                 count += 1
-        write_aside(self.folder / FRONT, lambda file: file.write(text.getvalue().encode()))
+        write_text(self.folder / FRONT, text.getvalue())
