@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, shown, text
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -72,9 +72,9 @@ def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> li
     return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a text as `write_aside` does."""
-    write_aside(path, lambda file: file.write(text.encode()))
+def write_text(path: Path, content: str) -> None:
+    """Write a text file, as `write_aside` does."""
+    write_aside(path, lambda file: file.write(content.encode()))
 
 
 def make_folder(folder: Path) -> None:
@@ -85,7 +85,16 @@ def make_folder(folder: Path) -> None:
         raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
 
 
-def put(page: Path, command: str, text: str) -> None:
+def check_name(name: str, what: str) -> None:
+    """Raise InputError if a `name` cannot name a file or a folder, as `what` says."""
+    text('name', name)
+    if not name.replace('_', '').replace('-', '').isalnum():
+        raise InputError(
+            f'`name` must be letters, digits, - and _, to name {what}; got {shown(name)}'
+        )
+
+
+def put(page: Path, command: str, content: str) -> None:
     """Replace the text between the marker of a command and END; add both to a page without."""
     begin = f'<!-- printed by `{command}` -->'
     page_text = page.read_text() if page.is_file() else ''
@@ -93,4 +102,4 @@ def put(page: Path, command: str, text: str) -> None:
         page_text = f'{page_text.rstrip()}\n\n{begin}\n{END}\n'.lstrip()
     before, _, rest = page_text.partition(begin)
     after = rest.partition(END)[2]
-    write_text(page, f'{before}{begin}\n{text}{END}{after}')
+    write_text(page, f'{before}{begin}\n{content}{END}{after}')

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
 from rpo_core import files, metrics
+from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
@@ -20,6 +21,7 @@ from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
+from rpo_training.outputs import check_name
 
 SCHEMA = 'rpo/campaign/1'
 
@@ -82,30 +84,26 @@ class Dispersion:
         return tuple(s * (CUT if self.distribution == 'normal' else 1.0) for s in self.spread)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CampaignConfig:
-    """All that decides the outcome of a campaign, but the scenario and the controller themselves.
+    """All that determines the outcome of a campaign, beside the scenario and the controller.
 
-    success : metric -> limit; a run succeeds that keeps them all
-    faults : of the messages between plant and controller, None without
+    success : metric -> limit; a run that keeps all of them succeeds
+    faults : of the messages between plant and controller; None without
     """
 
     name: str
     scenario: str
     controller: str
     runs: int
-    seed: int
-    sampling: str
+    seed: int = 1
+    sampling: str = SAMPLINGS[0]
     dispersions: Mapping[str, Dispersion]
     success: Mapping[str, float]
     faults: Faults | None = None
 
     def __post_init__(self) -> None:
-        text('name', self.name)
-        if not self.name.replace('_', '').replace('-', '').isalnum():
-            raise InputError(
-                f'`name` must be letters, digits, - and _, to name a folder; got {shown(self.name)}'
-            )
+        check_name(self.name, 'a folder')
         text('scenario', self.scenario)
         text('controller', self.controller)
         whole('runs', self.runs, least=1, most=MAX_RUNS)
@@ -114,8 +112,15 @@ class CampaignConfig:
 
     def spread(self, name: str) -> tuple[float, ...]:
         """Return the spread of a quantity, zeros where it is not dispersed."""
-        found = self.dispersions.get(name)
-        return found.spread if found else (0.0,) * QUANTITIES[name].components
+        return self._dispersion(name).spread
+
+    def extreme(self, name: str) -> tuple[float, ...]:
+        """Return the largest deviation of a quantity, zeros where it is not dispersed."""
+        return self._dispersion(name).extreme
+
+    def _dispersion(self, name: str) -> Dispersion:
+        none = Dispersion('uniform', (0.0,) * QUANTITIES[name].components)
+        return self.dispersions.get(name, none)
 
     @property
     def most_delay(self) -> int:
@@ -126,29 +131,22 @@ class CampaignConfig:
 def parse(document: Any) -> CampaignConfig:
     """Return the configuration of a parsed YAML document; raises InputError."""
     names = ['name', 'scenario', 'controller', 'runs', 'dispersions', 'success']
-    data = mapping('', document, ['schema', *names], ['seed', 'sampling', 'faults'])
-    if data['schema'] != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
+    data = dict(mapping('', document, ['schema', *names], ['seed', 'sampling', 'faults']))
+    if data.pop('schema') != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
+    data['dispersions'] = {name: _dispersion(name, dispersions[name]) for name in dispersions}
     success = mapping('success', data['success'], [], METRICS)
     if not success:
         raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
-    with within('faults'):
-        lossy = faults.parse(data['faults']) if 'faults' in data else None
-    return CampaignConfig(
-        name=data['name'],
-        scenario=data['scenario'],
-        controller=data['controller'],
-        runs=data['runs'],
-        seed=data.get('seed', 1),
-        sampling=data.get('sampling', SAMPLINGS[0]),
-        dispersions={name: _dispersion(name, dispersions[name]) for name in dispersions},
-        success={
-            name: real(f'success.{name}', limit, METRICS[name], least=0.0)
-            for name, limit in success.items()
-        },
-        faults=lossy,
-    )
+    data['success'] = {
+        name: real(f'success.{name}', limit, METRICS[name], least=0.0)
+        for name, limit in success.items()
+    }
+    if 'faults' in data:
+        with within('faults'):
+            data['faults'] = faults.parse(data['faults'])
+    return CampaignConfig(**data)
 
 
 def _dispersion(name: str, value: Any) -> Dispersion:
@@ -175,23 +173,17 @@ def _dispersion(name: str, value: Any) -> Dispersion:
     )
 
 
-def to_document(config: CampaignConfig) -> dict[str, Any]:
-    """Return the configuration as the document that `parse` reads."""
-    plain = asdict(config)
-    plain['dispersions'] = {
+def dumps(config: CampaignConfig) -> str:
+    """Return the YAML text of a configuration."""
+    document = {'schema': SCHEMA, **to_mapping(config)}
+    document['dispersions'] = {
         name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
         for name, d in config.dispersions.items()
     }
-    plain['success'] = dict(config.success)
-    del plain['faults']
+    del document['faults']
     if config.faults is not None:
-        plain['faults'] = faults.to_document(config.faults)
-    return {'schema': SCHEMA, **plain}
-
-
-def dumps(config: CampaignConfig) -> str:
-    """Return the YAML text of a configuration."""
-    return yaml.safe_dump(to_document(config), sort_keys=False, default_flow_style=None, width=100)
+        document['faults'] = faults.to_document(config.faults)
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 @dataclass(frozen=True)
@@ -261,9 +253,7 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
     for sign in (1.0, -1.0):
 
         def off(name: str, sign: float = sign) -> tuple[float, ...]:
-            found = config.dispersions.get(name)
-            extreme = found.extreme if found else (0.0,) * QUANTITIES[name].components
-            return tuple(sign * e for e in extreme)
+            return tuple(sign * e for e in config.extreme(name))
 
         share, phase, frequency = (
             off(f'disturbance_{name}')[0]

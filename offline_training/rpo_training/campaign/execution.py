@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Flying a campaign, on the threads of this machine or on a `dask.distributed` cluster.
 
-A unit's results depend on nothing but the campaign and the unit: who flies it, and when, does not
-matter. A few units a worker are under way at a time, so that memory stays flat.
+The results of a unit depend on the campaign and the unit only, not on the worker or the order. A
+few units per worker are under way at a time, so that memory stays flat.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
 
 import numpy as np
@@ -26,7 +25,7 @@ from rpo_training.campaign.store import Store
 from rpo_training.cluster import pool
 
 Floats = NDArray[np.float64]
-Results = Iterator[tuple[int, Floats]]
+Results = Generator[tuple[int, Floats], None, None]
 
 
 def fly(
@@ -35,37 +34,23 @@ def fly(
     address: str = '',
     progress: Callable[[int, int], None] = lambda runs, successful: None,
 ) -> None:
-    """Fly what is still to be flown, then finish the folder.
+    """Fly the pending units, then finish the folder.
 
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
-    progress : is told the runs that came in and how many of them succeeded
+    progress : called with the runs of each finished unit, and how many of them succeeded
     """
+    campaign, workers = store.campaign, workers or len(os.sched_getaffinity(0))
     with store.alone():
-        pending = store.pending()
-        if not store.finished:
-            _fly(store, pending, workers or len(os.sched_getaffinity(0)), address, progress)
-
-
-def _fly(
-    store: Store,
-    pending: list[int],
-    workers: int,
-    address: str,
-    progress: Callable[[int, int], None],
-) -> None:
-    campaign = store.campaign
-    source = (
-        on_cluster(campaign, pending, address, workers)
-        if address
-        else on_threads(campaign, pending, workers)
-    )
-    with closing(source):  # type: ignore[type-var]
-        for unit, results in source:
-            store.put(unit, results)
-            columns = dict(zip(COLUMNS, results, strict=True))
-            progress(results.shape[1], int(successes(campaign.config, columns).sum()))
-    store.finish(document(rates(store), spreads(store)))
+        if store.finished:
+            return
+        fly_units = partial(on_cluster, address=address) if address else on_threads
+        with closing(fly_units(campaign, store.pending(), workers)) as source:
+            for unit, results in source:
+                store.put(unit, results)
+                columns = dict(zip(COLUMNS, results, strict=True))
+                progress(results.shape[1], int(successes(campaign.config, columns).sum()))
+        store.finish(document(rates(store), spreads(store)))
 
 
 def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:
@@ -96,7 +81,7 @@ def fly_remote(texts: tuple[str, str, str], unit: int) -> Floats:
     return fly_unit(_campaign(texts), unit)
 
 
-def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: int) -> Results:
+def on_cluster(campaign: Campaign, pending: list[int], workers: int, address: str) -> Results:
     """Yield results as they come in; a unit whose worker is lost is flown by another.
 
     Raises
@@ -104,8 +89,6 @@ def on_cluster(campaign: Campaign, pending: list[int], address: str, workers: in
     InputError
         If the cluster does not answer, is lost, or has other versions of what bits depend on.
     """
-    mark = hashlib.sha256('\0'.join(campaign.texts).encode()).hexdigest()[:16]
-    name = f'rpo-campaign-{mark}'
-    tasks = (pool.Task((name, unit), (campaign.texts, unit)) for unit in pending)
+    calls = ((unit, (campaign.texts, unit)) for unit in pending)
     with pool.connected(address, workers) as client:
-        yield from pool.results(client, fly_remote, tasks)
+        yield from pool.results(client, fly_remote, calls)

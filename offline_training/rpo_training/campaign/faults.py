@@ -1,10 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages lost or late between plant and controller, as a free-running plant sees it, offline.
+"""Messages lost or late between a free-running plant and its controller, offline.
 
-A tick has the newest force that has come by then: the answer to its own state or an older one,
-held. A force that answers a state of more than `stale_after_ticks` ago counts as zero.
-What becomes of the messages of a tick is said by `rpo_training.engine.link`.
+At each tick the plant holds the latest force that has arrived: the answer to the state of this tick
+or of an older one. A force that answers a state older than `stale_after_ticks` counts as zero.
 """
 
 from __future__ import annotations
@@ -12,15 +11,16 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from rpo_core.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.kernels import Vector
 from rpo_core.link import Hits, Link
-from rpo_core.noise import philox
+from rpo_core.stage import Signal, Stage
 from rpo_core.validation import InputError, mapping, real, whole
-from rpo_training.engine.link import Fates
+from rpo_training.engine.parts import Fates, hits
 
 STALE_AFTER_TICKS = 10
 LATE_BY_TICKS = 2
-"""As the free-running plant and the fault injector have it."""
+"""The values of the free-running plant and of the fault injector."""
 
 MOST_LATE_TICKS = 100
 
@@ -65,7 +65,7 @@ class Faults:
 
 
 def parse(value: Any) -> Faults:
-    """Return the section `faults` of a campaign file; one without effect is refused."""
+    """Return the section `faults` of a campaign file; raises InputError if it has no effect."""
     repeats = ('state_repeat', 'force_repeat')
     data = mapping('faults', value, [], [*asdict(Faults()), *repeats])
     for name in repeats:
@@ -89,40 +89,50 @@ def to_document(faults: Faults) -> dict[str, Any]:
     return document
 
 
-def hits(tick: int, key: tuple[int, int], faults: Fates) -> tuple[Hits, Hits]:
-    """Return the faults of the state of a tick and of the force that answers it."""
-    a, b, c, d = philox(tick, 2, 0, 0, *key)
-    state = {'drop': a < faults.state_loss, 'delay': b < faults.state_delay}
-    force = {'drop': c < faults.force_loss, 'delay': d < faults.force_delay}
-    return dict.fromkeys(filter(state.get, state), ''), dict.fromkeys(filter(force.get, force), '')
+class LinkStage(Stage):
+    """Messages lost or late: from the command to the force that the plant holds.
 
+    Two links, clocked by ticks, one behind the other: states, then forces. The engine has the same
+    as a number of ticks, `engine.parts.lateness`.
 
-class Channel:
-    """The way of one run from state to force: what comes when, and what is held.
-
-    Two links, clocked by ticks, one behind the other; `lateness` says the same in a number.
     key : two words of 32 bits
     """
 
+    name = 'link'
+    inputs = (COMMAND,)
+    outputs = (APPLIED_FORCE,)
+    memory_ticks = None
+
     def __init__(self, faults: Faults, key: tuple[int, int]) -> None:
         self._fates, self._key = faults.fates, key
-        late = float(faults.late_by_ticks)
-        self._states: Link[tuple[int, Vector, Hits]] = Link(delay_s=late)
-        self._forces: Link[tuple[int, Vector]] = Link(delay_s=late)
-        self._newest, self._held = -1, (0.0, 0.0, 0.0)
+        self._late_by = float(faults.late_by_ticks)
+        self.reset()
 
-    def passed(self, tick: int, command_n: Vector) -> Vector:
-        """Return the force [N] held at a tick, whose state the controller answers by a command."""
-        state, force = hits(tick, self._key, self._fates)
-        seen = self._states.send((tick, command_n, force), state, tick) + self._states.due(tick)
-        for (answered, command, faults), _ in seen:
+    def reset(self) -> None:
+        """Begin with no message on its way, and no force held."""
+        self._states: Link[tuple[int, Vector, Hits]] = Link(delay_s=self._late_by)
+        self._forces: Link[tuple[int, Vector]] = Link(delay_s=self._late_by)
+        self._latest, self._held = -1, (0.0, 0.0, 0.0)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the force (3,) [N] held at a tick; the controller answers its state by inputs."""
+        state, force = self._hits(tick)
+        arrived = self._states.send((tick, inputs[0], force), state, tick) + self._states.due(tick)
+        for (answered, command, faults), _ in arrived:
             self._take(self._forces.send((answered, command), faults, tick))
         self._take(self._forces.due(tick))
-        fresh = self._newest >= 0 and tick - self._newest <= self._fates.stale_after
-        return self._held if fresh else (0.0, 0.0, 0.0)
+        fresh = self._latest >= 0 and tick - self._latest <= self._fates.stale_after
+        return (self._held if fresh else (0.0, 0.0, 0.0),)
 
-    def _take(self, came: list[tuple[tuple[int, Vector], str]]) -> None:
-        """Hold the newest force."""
-        for (answered, command), _ in came:
-            if answered > self._newest:
-                self._newest, self._held = answered, command
+    def _hits(self, tick: int) -> list[Hits]:
+        """Return the faults of the state of a tick and of the force that answers it."""
+        lost, late, force_lost, force_late = hits(tick, *self._key, self._fates)
+        pairs = ((lost, late), (force_lost, force_late))
+        kinds = ('drop', 'delay')
+        return [{kind: '' for kind, hit in zip(kinds, pair, strict=True) if hit} for pair in pairs]
+
+    def _take(self, arrived: list[tuple[tuple[int, Vector], str]]) -> None:
+        """Hold the latest force."""
+        for (answered, command), _ in arrived:
+            if answered > self._latest:
+                self._latest, self._held = answered, command

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,10 @@ from rpo_core.metrics import row_of, windows_of
 from rpo_training.campaign.config import METRICS, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
-from rpo_training.engine import counters, lanes, parts, tick
+from rpo_training.engine import counters, parts, tick
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Scratch
 from rpo_training.engine.support import announce, why_not
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
 
 _FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
-_local = threading.local()
+_scratch = Scratch(0)
 
 
 def units(runs: int) -> int:
@@ -77,19 +77,12 @@ def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Float
 def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
     scenario, windows = campaign.scenario, windows_of(campaign.scenario)
     plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
-    w = _scratch()
+    w = _scratch.w
     for first in range(0, len(rows), RUNS):
         some = slice(first, first + RUNS)
         batch = make_batch(campaign, drawn, first)
         tick.fly(batch, control, plant, windows, w, None, None)
         counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
-
-
-def _scratch() -> Floats:
-    """Return this thread's scratch."""
-    if not hasattr(_local, 'w'):
-        _local.w = lanes.make_scratch(parts.ROWS)
-    return _local.w
 
 
 def _control(controller: AnyController) -> parts.Control:

@@ -6,16 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any
 
 from rpo_core.flight import Flight, fly
-from rpo_core.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.interfaces import APPLIED_FORCE
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, Signal, Stage
+from rpo_core.stage import Place
 from rpo_core.thrusters import Thrusters
 from rpo_training.campaign.config import Campaign
-from rpo_training.campaign.faults import Channel
+from rpo_training.campaign.faults import LinkStage
 from rpo_training.campaign.sampling import DrawnRuns, draw
 
 
@@ -29,25 +28,9 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
     if faults is None:
         return fly(scenario, campaign.controller)
     key = draw(campaign, number, 1).keys[0].tolist()
-    link = LinkStage(Channel(faults, (key[0], key[1])))
+    link = LinkStage(faults, (key[0], key[1]))
     flight = fly(scenario, campaign.controller, [(Place.LINK, link)])
     return replace(flight, forces_n=flight.signals[APPLIED_FORCE])
-
-
-class LinkStage(Stage):
-    """Messages lost or late: from the command to the force that the plant holds."""
-
-    name = 'link'
-    inputs = (COMMAND,)
-    outputs = (APPLIED_FORCE,)
-    memory_ticks = None
-
-    def __init__(self, channel: Channel) -> None:
-        self._channel = channel
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the force (3,) [N] that the plant holds at a tick."""
-        return (self._channel.passed(tick, inputs[0]),)
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:

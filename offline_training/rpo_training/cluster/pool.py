@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
+from uuid import uuid4
 
 from rpo_core.validation import InputError
 
@@ -27,14 +28,7 @@ CONNECT_S = 10
 """How long a cluster may take to answer."""
 
 RETRIES = 10
-"""Workers that may die on one task before all of it is given up."""
-
-
-class Task(NamedTuple):
-    """A call to be made; `key` is unique among the tasks of the cluster."""
-
-    key: tuple[str, int]
-    arguments: tuple[Any, ...]
+"""After so many workers have died on one task, the work fails."""
 
 
 def versions() -> dict[str, str]:
@@ -48,8 +42,8 @@ def _call(function: Callable[..., Any], *arguments: Any) -> tuple[dict[str, str]
 
 
 @contextmanager
-def _faults_said(client: Any) -> Iterator[None]:
-    """Turn what a cluster may raise into an InputError."""
+def _as_input_errors(client: Any) -> Iterator[None]:
+    """Raise the errors of a cluster as InputError."""
     from distributed import KilledWorker
     from distributed.client import ClosedClientError
     from distributed.comm import CommClosedError
@@ -63,20 +57,22 @@ def _faults_said(client: Any) -> Iterator[None]:
         raise InputError(f'a worker of {address} cannot import the work: {error}') from None
     except (CommClosedError, ClosedClientError, CancelledError, OSError):
         raise InputError(
-            f'cluster {address} was lost; what was done is saved, go on with --resume'
+            f'cluster {address} was lost; finished work is saved, go on with --resume'
         ) from None
 
 
 def threads(client: Any) -> int:
     """Return the number of threads of all workers, at least 1; raises InputError."""
-    with _faults_said(client):
+    with _as_input_errors(client):
         return max(1, sum(client.nthreads().values()))
 
 
 def results(
-    client: Any, function: Callable[..., Any], tasks: Iterable[Task]
+    client: Any, function: Callable[..., Any], calls: Iterable[tuple[int, tuple[Any, ...]]]
 ) -> Iterator[tuple[int, Any]]:
-    """Yield (number in the key, result) of each task as they come in.
+    """Call a function on the workers; yield (number, result) of each call as they come in.
+
+    calls : (number, arguments) of each
 
     Raises
     ------
@@ -85,26 +81,26 @@ def results(
     """
     from distributed import as_completed
 
-    todo = iter(tasks)
+    name, todo = f'rpo-{uuid4().hex}', iter(calls)
 
-    def submit(task: Task) -> Any:
-        return client.submit(_call, function, *task.arguments, key=task.key)
+    def submit(call: tuple[int, tuple[Any, ...]]) -> Any:
+        return client.submit(_call, function, *call[1], key=(name, call[0]))
 
     ahead = AHEAD * threads(client)
-    with _faults_said(client):
+    with _as_input_errors(client):
         futures = as_completed(map(submit, islice(todo, ahead)))
         for future in futures:
             number, (theirs, result) = future.key[1], future.result()
             if theirs != versions():
-                raise InputError(f'a worker has {theirs}; needed, for the bits, {versions()}')
+                raise InputError(f'a worker has {theirs}; the same bits need {versions()}')
             for following in islice(todo, 1):
                 futures.add(submit(following))
             yield number, result
 
 
 @contextmanager
-def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Ignore SIGINT, as do the processes that are started meanwhile: it is for this one to stop."""
+def _ignoring_ctrl_c() -> Iterator[None]:
+    """Ignore SIGINT, also in processes started meanwhile, which this process stops itself."""
     handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
@@ -121,7 +117,7 @@ def connected(address: str, workers: int) -> Iterator[Any]:
     Raises
     ------
     InputError
-        If nobody answers there, or dask.distributed is not installed.
+        If no scheduler answers there, or dask.distributed is not installed.
     """
     if find_spec('distributed') is None:
         raise InputError('`--cluster` needs dask.distributed: `make setup LAYERS=campaign`')
@@ -130,7 +126,7 @@ def connected(address: str, workers: int) -> Iterator[Any]:
 
     with dask.config.set({'distributed.scheduler.allowed-failures': RETRIES}):
         if address == 'local':
-            with _deaf_to_ctrl_c():
+            with _ignoring_ctrl_c():
                 cluster = LocalCluster(
                     n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
                 )

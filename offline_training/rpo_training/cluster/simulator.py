@@ -1,14 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulator on a cluster: members of a population farmed out, the bits of one machine."""
+"""The simulator on a cluster: each task flies some members of a population."""
 
 from __future__ import annotations
 
-import hashlib
-import itertools
 import os
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import lru_cache
 
@@ -24,9 +22,7 @@ from rpo_training.engine.simulator import Simulator
 Floats = NDArray[np.float64]
 
 SHARES = 3
-"""Tasks per thread of the cluster that a population is cut into."""
-
-_numbers = itertools.count()
+"""A population is cut into so many tasks per thread of the cluster."""
 
 
 @lru_cache(maxsize=2)
@@ -35,8 +31,8 @@ def _simulator(cases: bytes) -> Simulator:
 
 
 def fly_remote(cases: bytes, members: Population) -> list[Floats]:
-    """Fly members of a population on a worker, in the thread that was asked."""
-    return _simulator(cases).fly_here(members)
+    """Fly members of a population on a worker, in the thread of the task."""
+    return _simulator(cases).fly(members)
 
 
 class ClusterSimulator:
@@ -45,13 +41,12 @@ class ClusterSimulator:
     address : 'local', or that of a scheduler, tcp://host:port
     workers : processes of a local cluster; 0, one per core
 
-    Raises InputError if the cluster does not answer, or later is lost.
+    Raises InputError if the cluster does not answer, or is lost later.
     """
 
     def __init__(self, cases: Sequence[Case], workers: int, address: str) -> None:
         self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
         self._cases = pickle.dumps(tuple(cases))
-        self._mark = hashlib.sha256(self._cases + os.urandom(16)).hexdigest()[:16]
         self._stack = ExitStack()
         count = workers or len(os.sched_getaffinity(0))
         self._client = self._stack.enter_context(pool.connected(address, count))
@@ -67,15 +62,11 @@ class ClusterSimulator:
         n = len(population.scales)
         outcomes = [np.empty((n, *shape)) for shape in self._shapes]
         size = -(-n // (SHARES * pool.threads(self._client)))
-        for first, rows in pool.results(self._client, fly_remote, self._tasks(population, size)):
+        calls = (
+            (first, (self._cases, population.members(slice(first, first + size))))
+            for first in range(0, n, size)
+        )
+        for first, rows in pool.results(self._client, fly_remote, calls):
             for outcome, part in zip(outcomes, rows, strict=True):
                 outcome[first : first + len(part)] = part
         return outcomes
-
-    def _tasks(self, population: Population, size: int) -> Iterator[pool.Task]:
-        name = f'rpo-training-{self._mark}-{next(_numbers)}'
-        for first in range(0, len(population.scales), size):
-            part = slice(first, first + size)
-            scales, functions, rules = population
-            members = Population(scales[part], functions[part], rules[part])
-            yield pool.Task((name, first), (self._cases, members))

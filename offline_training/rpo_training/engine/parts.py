@@ -17,8 +17,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from rpo_core.kernels import CwStep
+from rpo_core.noise import kernel, philox
 from rpo_training.engine.lanes import FIRST_FREE, STRIDE, compiled
-from rpo_training.engine.link import LOST
+
+LOST = -1
+"""The lateness of an answer that does not arrive."""
 
 RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
@@ -49,12 +52,45 @@ class Navigation(NamedTuple):
     keys: Any
 
 
+class Fates(NamedTuple):
+    """Faults of messages as the kernels read them: thresholds of words of 32 bits, and ticks."""
+
+    state_loss: int
+    state_delay: int
+    force_loss: int
+    force_delay: int
+    late_by: int
+    stale_after: int
+
+
+@kernel
+def hits(tick: int, k0: int, k1: int, faults: Fates) -> tuple[bool, bool, bool, bool]:
+    """Whether state `tick` is lost, late, and the force that answers it is lost, late.
+
+    Philox4x32-10 of (key of the run, tick): runs and ticks can be flown in any order.
+    """
+    a, b, c, d = philox(tick, 2, 0, 0, k0, k1)
+    return (
+        a < faults.state_loss,
+        b < faults.state_delay,
+        c < faults.force_loss,
+        d < faults.force_delay,
+    )
+
+
+@kernel
+def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
+    """Ticks from state `tick` to the force that answers it; LOST if there is none."""
+    lost, late, force_lost, force_late = hits(tick, k0, k1, faults)
+    return LOST if lost or force_lost else faults.late_by * (late + force_late)
+
+
 class Link(NamedTuple):
     """Messages lost or late between plant and controller, and the answers on their way.
 
-    faults : `rpo_training.engine.link.Fates`; keys : (2, 40)
-    past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and when they come
-    latest, held : (40,), (120,) tick of the latest answer that has come, and the answer
+    faults : `Fates`; keys : (2, 40)
+    past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and how late they are
+    latest, held : (40,), (120,) tick of the latest answer that has arrived, and the answer
     """
 
     faults: Any

@@ -37,6 +37,10 @@ class Population(NamedTuple):
         scales = self.scales[index].tolist()
         return FuzzyController(name, FuzzySystem(position, velocity, force, rules), *scales)
 
+    def members(self, some: slice) -> Population:
+        """Return some members."""
+        return Population(self.scales[some], self.functions[some], self.rules[some])
+
     def is_odd(self, index: int) -> bool:
         """Return whether a member's rules are odd."""
         rules = self.rules[index]

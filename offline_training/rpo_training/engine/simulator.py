@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The threads that fly controllers through cases.
 
-A controller is flown alone by one thread; nothing is shared between controllers, so that results do
-not depend on the number of threads. The kernels release the interpreter's lock.
+One thread flies a controller. Controllers share nothing, so that results do not depend on the
+number of threads. The kernels release the interpreter's lock.
 """
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -27,12 +27,25 @@ from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
 
 Floats = NDArray[np.float64]
-Over = Callable[..., Iterable[None]]
+
+
+class Scratch(threading.local):
+    """What a thread writes while it flies.
+
+    w : rows of lanes; pairs : metrics of all pairs of loops
+    norms : (2, tail, lanes) squared distances and speeds, see `tick.fly`
+    """
+
+    def __init__(self, tail: int) -> None:
+        self.w = lanes.make_scratch(parts.ROWS)
+        self.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
+        self.norms = np.empty((2, tail, lanes.STRIDE))
 
 
 class Simulator:
-    """Flies controllers through cases, on `workers` threads (0: one per core).
+    """Flies controllers through cases.
 
+    workers : threads; 0, one per core; 1, the calling thread
     samples : of the output range, for every member of a population
     """
 
@@ -41,7 +54,7 @@ class Simulator:
     ) -> None:
         self.cases, self.samples = tuple(cases), samples
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._local = threading.local()
+        self._scratch = Scratch(max(case.windows.tail for case in cases))
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-engine')
 
     def __enter__(self) -> Simulator:
@@ -52,13 +65,6 @@ class Simulator:
 
     def fly(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
         """Return the metrics (candidates, starts, columns) of each case."""
-        return self._fly(candidates, self._pool.map)
-
-    def fly_here(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
-        """Return the same, flown by the thread that asks."""
-        return self._fly(candidates, map)
-
-    def _fly(self, candidates: Population | Sequence[Controller], over: Over) -> list[Floats]:
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
         found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
 
@@ -69,8 +75,7 @@ class Simulator:
                 else:
                     self._fly_controller(candidates[index], case, rows[index])
 
-        for _ in over(one, range(n)):
-            pass
+        list((map if self.workers == 1 else self._pool.map)(one, range(n)))
         return found
 
     def _fly_controller(self, controller: Controller, case: Case, rows: Floats) -> None:
@@ -83,21 +88,10 @@ class Simulator:
         elif isinstance(controller, Baseline):
             self._fly_baseline(controller, case, rows)
 
-    def _scratch(self, tail: int) -> tuple[Floats, Floats, Floats]:
-        """Return this thread's scratch: rows of lanes, norms of the tail, metrics of all pairs."""
-        local = self._local
-        if not hasattr(local, 'w'):
-            local.w = lanes.make_scratch(parts.ROWS)
-            local.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
-            local.norms = np.empty((2, 0, lanes.STRIDE))
-        if local.norms.shape[1] < tail:
-            local.norms = np.empty((2, tail, lanes.STRIDE))
-        return local.w, local.norms, local.pairs
-
     def _fly_fuzzy(
         self, population: Population, index: int, samples: int, case: Case, rows: Floats
     ) -> None:
-        w, norms, pairs = self._scratch(case.windows.tail)
+        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
         crossed = case.half if population.is_odd(index) else case.full
         law = population.law(index, samples)
         tick.fly(crossed.runs, parts.Control(law), case.plant, case.windows, w, norms, None)
@@ -107,7 +101,7 @@ class Simulator:
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
-        w, _, _ = self._scratch(0)
+        w = self._scratch.w
         masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
         control = parts.Control(None, baseline.law)
         for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired, strict=True):

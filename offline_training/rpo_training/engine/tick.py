@@ -12,7 +12,6 @@ from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, s
 from rpo_core.noise import six_normals
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
-from rpo_training.engine.link import lateness
 from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
@@ -28,6 +27,7 @@ from rpo_training.engine.parts import (
     STEP,
     R,
     V,
+    lateness,
     place,
 )
 

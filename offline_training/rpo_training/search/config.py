@@ -14,6 +14,7 @@ import yaml
 from rpo_core import files
 from rpo_core.codec import to_mapping
 from rpo_core.validation import InputError, choice, mapping, shown, text, whole
+from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings
 from rpo_training.search.fitness import FitnessSettings
 from rpo_training.search.genes import GeneSpace
@@ -23,16 +24,16 @@ from rpo_training.search.race import RaceSettings
 SCHEMA = 'rpo/training/1'
 
 ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
-"""Genetic algorithm; CMA-ES; the one, then the other; CMA-ES for each rule table of promise;
+"""Genetic algorithm; CMA-ES; the first, then the second; CMA-ES for each of the best rule tables;
 NSGA-II, energy against arrival time."""
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """All that decides the outcome of a run; the defaults are the preset `paper`.
+    """All that determines the outcome of a run; the defaults are the preset `paper`.
 
-    start : controllers put into the first generation; CMA-ES starts from the first of them
-    ga : also of NSGA-II, as far as its options go (population, generations)
+    start : controllers of the first generation; CMA-ES starts from the first of them
+    ga : its population and generations are also those of NSGA-II
     """
 
     name: str = 'paper_ga'
@@ -47,11 +48,7 @@ class TrainingConfig:
     race: RaceSettings = field(default_factory=RaceSettings)
 
     def __post_init__(self) -> None:
-        text('name', self.name)
-        if not self.name.replace('_', '').replace('-', '').isalnum():
-            raise InputError(
-                f'`name` must be letters, digits, - and _, to name a file; got {shown(self.name)}'
-            )
+        check_name(self.name, 'a file')
         whole('seed', self.seed, least=0, most=2**63 - 1)
         text('scenario', self.scenario)
         choice('algorithm', self.algorithm, ALGORITHMS)
@@ -89,18 +86,14 @@ PRESETS = {
         ga=GaSettings(population=100, generations=200, stall=200),
     ),
 }
-"""`paper`: the paper's GA and fitness. `best`: how `trained` was made. `robust`: and that
-keeps the paper's claims where things are not as they were in training. `front`: a Pareto front."""
-
-
-def to_document(config: TrainingConfig) -> dict[str, Any]:
-    """Return the configuration as the document that `parse` reads."""
-    return {'schema': SCHEMA, **to_mapping(config)}
+"""`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: like `best`,
+and keeps the limits of the paper under dispersions. `front`: a Pareto front."""
 
 
 def dumps(config: TrainingConfig) -> str:
     """Return the YAML text of a configuration, every default visible."""
-    return yaml.safe_dump(to_document(config), sort_keys=False, default_flow_style=None, width=100)
+    document = {'schema': SCHEMA, **to_mapping(config)}
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 def command(config: TrainingConfig) -> str:
@@ -112,7 +105,7 @@ def command(config: TrainingConfig) -> str:
 
 
 def parse(document: Any) -> TrainingConfig:
-    """Return the configuration of a parsed YAML document; what it omits is `paper`'s."""
+    """Return the configuration of a parsed YAML document; defaults are those of `paper`."""
     names = [f.name for f in fields(TrainingConfig)]
     data = dict(mapping('', document, ['schema'], names))
     if data.pop('schema') != SCHEMA:
