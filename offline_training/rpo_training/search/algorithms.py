@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Searches by ask and tell: genetic algorithm, CMA-ES, one after the other, NSGA-II.
 
-A search is a function of its settings, its seed and the values it is told, nothing else: told the
-same values again it asks for the same chromosomes. That is how a run is resumed.
+A search depends on its settings, its seed and the objectives it gets, on nothing else: with the
+same objectives it asks for the same chromosomes again. That is how a run is resumed.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Floats = NDArray[np.float64]
 
 
 class Search(Protocol):
-    """What every search does.
+    """A search by ask and tell.
 
-    stopped : why it has ended; empty while it goes on
+    stopped : why it has ended; empty until then
     """
 
     stopped: str
@@ -41,17 +41,28 @@ class Search(Protocol):
 
     @property
     def left(self) -> int:
-        """Generations at most to come."""
+        """Generations left, at most."""
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) in [0, 1] to be judged."""
+        """Return chromosomes (n, size) in [0, 1] to be evaluated."""
 
     def tell(self, values: Floats) -> None:
         """Take the objectives (n, objectives) of those."""
 
 
-def _box(size: int, objectives: int) -> Problem:
-    return Problem(n_var=size, n_obj=objectives, xl=np.zeros(size), xu=np.ones(size))
+class Best:
+    """The best chromosome so far; of equals, the first."""
+
+    def __init__(self, genes: Floats) -> None:
+        self.genes, self.value = genes, np.inf
+
+    def take(self, genes: Floats, values: Floats) -> bool:
+        """Take in chromosomes (n, size) with their fitness (n, 1); return whether one is better."""
+        index = int(values[:, 0].argmin())
+        better = bool(values[index, 0] < self.value)
+        if better:
+            self.value, self.genes = values[index, 0], np.array(genes[index])
+        return better
 
 
 class _OnPymoo:
@@ -60,18 +71,19 @@ class _OnPymoo:
     phase = ''
 
     def __init__(self, algorithm: Any, settings: GaSettings, size: int, objectives: int) -> None:
-        self.problem, self.settings, self.stopped = _box(size, objectives), settings, ''
+        self.problem = Problem(n_var=size, n_obj=objectives, xl=np.zeros(size), xu=np.ones(size))
+        self.settings, self.stopped = settings, ''
         self.algorithm = algorithm.setup(self.problem, termination=NoTermination())
         self._asked: Any = None
         self.generation = 0
 
     @property
     def left(self) -> int:
-        """Generations at most to come."""
+        """Generations left, at most."""
         return self.settings.generations + 1 - self.generation
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be judged."""
+        """Return chromosomes (n, size) to be evaluated."""
         self._asked = self.algorithm.ask()
         return np.array(self._asked.get('X'))
 
@@ -92,16 +104,13 @@ class GaSearch(_OnPymoo):
     def __init__(self, settings: GaSettings, seed: int, size: int, starts: Floats) -> None:
         first = first_generation(settings.population, size, seed, starts)
         super().__init__(PaperGa(settings, seed, first), settings, size, 1)
-        self.best, self.best_genes, self._stalled = np.inf, first[0], 0
+        self.best, self._stalled = Best(first[0]), 0
 
     def tell(self, values: Floats) -> None:
         """Take the fitness (n, 1) of those."""
         genes = np.array(self._asked.get('X'))
         super().tell(values)
-        index = int(values[:, 0].argmin())
-        self._stalled += 1
-        if values[index, 0] < self.best:
-            self.best, self.best_genes, self._stalled = values[index, 0], genes[index], 0
+        self._stalled = 0 if self.best.take(genes, values) else self._stalled + 1
         if self._stalled >= self.settings.stall and not self.stopped:
             self.stopped = f'no better controller in {self.settings.stall} generations'
 
@@ -117,7 +126,7 @@ class ParetoSearch(_OnPymoo):
         self.seed = seed
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be judged."""
+        """Return chromosomes (n, size) to be evaluated."""
         self.algorithm.random_state = generator(self.seed, self.generation)
         return super().ask()
 
@@ -129,7 +138,8 @@ class CmaSettings:
     population : samples of a generation
     sigma : first standard deviation, as a share of a gene's range
     evaluations : budget of all descents together
-    descents : the first from the start, each further from the best so far with sigma anew
+    descents : at most; the first begins at the start, each later one at the best so far, with the
+        first sigma
     tolerance : a descent ends when its best has improved by less [N^2 s] over `patience` samples
     """
 
@@ -157,13 +167,13 @@ class CmaSearch:
     def __init__(self, settings: CmaSettings, seed: int, start: Floats, stream: int = 0) -> None:
         self.settings, self.seed, self.stopped = settings, seed, ''
         self._stream = (1 << 20) + stream
-        self.best, self.best_genes = np.inf, start
+        self.best = Best(start)
         self.evaluations = self.descent = 0
         self._descend()
 
     @property
     def left(self) -> int:
-        """Generations at most to come."""
+        """Generations left, at most."""
         return -(-(self.settings.evaluations - self.evaluations) // self.settings.population)
 
     def _descend(self) -> None:
@@ -177,11 +187,11 @@ class CmaSearch:
             'seed': float('nan'),
             'verbose': -9,
         }
-        start = np.clip(self.best_genes, 1e-3, 1.0 - 1e-3)
+        start = np.clip(self.best.genes, 1e-3, 1.0 - 1e-3)
         self._es = cma.CMAEvolutionStrategy(start, self.settings.sigma, options)
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be judged."""
+        """Return chromosomes (n, size) to be evaluated."""
         self._asked = self._es.ask()
         return np.array(self._asked)
 
@@ -189,10 +199,8 @@ class CmaSearch:
         """Take the fitness (n, 1) of those."""
         self._es.tell(self._asked, values[:, 0].tolist())
         self.evaluations += len(values)
-        index = int(values[:, 0].argmin())
-        if values[index, 0] < self.best:
-            self.best, self.best_genes = values[index, 0], np.array(self._asked[index])
-        self._bests.append(min([float(values[index, 0]), *self._bests[-1:]]))
+        self.best.take(self._asked, values)
+        self._bests.append(min([float(values.min()), *self._bests[-1:]]))
         if self.left <= 0:
             self.stopped = f'{self.settings.evaluations} evaluations'
         elif self._is_spent():
@@ -209,7 +217,10 @@ class CmaSearch:
 
 
 class InTurn:
-    """One search, then another that starts from the first one's best chromosome."""
+    """The genetic algorithm, then another search that starts from its best chromosome.
+
+    then : makes the second search
+    """
 
     def __init__(self, first: GaSearch, then: Callable[[Floats], CmaSearch]) -> None:
         self._now: GaSearch | CmaSearch = first
@@ -223,11 +234,11 @@ class InTurn:
 
     @property
     def left(self) -> int:
-        """Generations at most to come of the search that runs."""
+        """Generations left, at most, of the search that runs."""
         return self._now.left
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be judged."""
+        """Return chromosomes (n, size) to be evaluated."""
         return self._now.ask()
 
     def tell(self, values: Floats) -> None:
@@ -238,4 +249,4 @@ class InTurn:
         if self._then is None:
             self.stopped = self._now.stopped
         else:
-            self._now, self._then = self._then(self._now.best_genes), None
+            self._now, self._then = self._then(self._now.best.genes), None

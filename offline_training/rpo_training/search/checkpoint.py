@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The checkpoint of a run: every value the search was told.
+"""The checkpoint of a run: the scores of every generation.
 
-A search told the same values asks for the same chromosomes, so a run is resumed by telling them
-again, without flying: nothing of the inside of a search is saved. A digest of the chromosomes of
-each generation shows at once when that no longer holds, as under another version of a library.
+A search with the same objectives asks for the same chromosomes. A run is therefore resumed from its
+scores, without flying again; the state of the search itself is not saved. A digest of the
+chromosomes of each generation shows when they differ, as under another version of a library.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 SCHEMA = 'rpo/checkpoint/1'
 
 LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
-"""What the bits of a run depend on, beside this package."""
+"""The bits of a run depend on these, and on this package."""
 
 
 def versions() -> dict[str, str]:
@@ -38,7 +38,7 @@ def versions() -> dict[str, str]:
 
 @dataclass
 class Checkpoint:
-    """Generations told so far.
+    """The generations so far.
 
     scores : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
     digests : of the chromosomes of each
@@ -49,7 +49,7 @@ class Checkpoint:
     digests: list[str] = field(default_factory=list)
 
     def add(self, genes: Floats, scores: Scores) -> None:
-        """Enter a generation."""
+        """Add a generation."""
         self.scores.append(
             np.column_stack([scores.fitness, scores.energy, scores.failures, scores.arrival])
         )
@@ -57,11 +57,11 @@ class Checkpoint:
 
     @property
     def evaluations(self) -> int:
-        """Controllers flown in all."""
+        """Controllers evaluated so far."""
         return sum(map(len, self.scores))
 
     def save(self, path: Path) -> None:
-        """Write the checkpoint, aside and renamed."""
+        """Write the checkpoint."""
         arrays = {
             'schema': np.array(SCHEMA),
             'config': np.array(self.config),
@@ -79,7 +79,7 @@ class Checkpoint:
         Raises
         ------
         InputError
-            If there is none, it is damaged, or of another version or configuration.
+            If it is missing, damaged, or of another version or configuration.
         """
         try:
             with np.load(path, allow_pickle=False) as saved:
@@ -102,8 +102,8 @@ class Checkpoint:
                 if theirs.get(k) != v
             ]
             raise InputError(
-                f'{path}: was written with {", ".join(changed)}; a run resumes to the '
-                'same bits only with the versions it began with'
+                f'{path}: was written with {", ".join(changed)}; resuming requires the same '
+                'versions'
             )
         if written != config:
             raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')

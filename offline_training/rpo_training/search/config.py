@@ -86,8 +86,8 @@ PRESETS = {
         ga=GaSettings(population=100, generations=200, stall=200),
     ),
 }
-"""`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: like `best`,
-and keeps the limits of the paper under dispersions. `front`: a Pareto front."""
+"""`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
+with the limits of the paper under dispersions. `front`: a Pareto front."""
 
 
 def dumps(config: TrainingConfig) -> str:

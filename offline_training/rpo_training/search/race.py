@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """A race of rule tables: the discrete genes by enumeration, the continuous ones by CMA-ES.
 
-There are only fifty odd, monotone tables, and a search that moves between them by rounding a gene
-rarely finds the feet that suit the new one. So, from the best controller so far: CMA-ES over all
-genes; then, for each of the tables that do best with its feet, a short CMA-ES over feet and scales;
-again from the new best, until a round gains too little.
+There are only fifty odd, monotone tables. A search that moves between them by rounding a gene
+rarely finds the feet that suit the new table. A round therefore runs CMA-ES over all genes from the
+best controller so far; then, for each of the tables that do best with its feet, a short CMA-ES over
+feet and scales. The race ends after a round that gains too little.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import real, whole
-from rpo_training.search.algorithms import CmaSearch, CmaSettings
+from rpo_training.search.algorithms import Best, CmaSearch, CmaSettings
 from rpo_training.search.genes import GeneSpace
 
 Floats = NDArray[np.float64]
@@ -26,10 +26,10 @@ Script = Generator[Floats, Floats, None]
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """Options of the race; those of its descents are `CmaSettings`.
+    """Options of the race; the descents over all genes have `CmaSettings`.
 
     rounds : at most
-    entrants : tables that get a descent of their own in a round
+    entrants : tables in a round that get a descent over feet and scales
     population, sigma, evaluations : of each such descent
     gain : the race ends after a round that gains less [N^2 s]
     """
@@ -51,7 +51,7 @@ class RaceSettings:
 
 
 class TableRace:
-    """The race as a search by ask and tell; its course is the generator `_run`."""
+    """The race as a search by ask and tell; the generator `_run` holds its course."""
 
     def __init__(
         self,
@@ -63,49 +63,47 @@ class TableRace:
     ) -> None:
         self.settings, self.descent, self.seed, self.space = settings, descent, seed, space
         self.stopped, self.phase, self.evaluations = '', '', 0
-        self.best, self.best_genes = np.inf, start
+        self.best = Best(start)
         self._tables, self._streams = space.rule_tables(), 0
         self._course = self._run()
         self._asked = next(self._course)
 
     @property
     def left(self) -> int:
-        """Generations at most to come, of the size of the present one."""
+        """Generations left, at most, of the size of the present one."""
         own = self.settings
         each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
         most = self.descent.evaluations + own.rounds * each
         return -(-max(most - self.evaluations, 0) // len(self._asked))
 
     def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be judged."""
+        """Return chromosomes (n, size) to be evaluated."""
         return self._asked
 
     def tell(self, values: Floats) -> None:
         """Take the fitness (n, 1) of those."""
         self.evaluations += len(values)
-        index = int(values[:, 0].argmin())
-        if values[index, 0] < self.best:
-            self.best, self.best_genes = values[index, 0], self._asked[index].copy()
+        self.best.take(self._asked, values)
         try:
             self._asked = self._course.send(values)
         except StopIteration:
             self.stopped = self.stopped or f'{self.settings.rounds} rounds'
 
     def _run(self) -> Script:
-        """Ask by yielding chromosomes, be told by what the yield returns."""
+        """Yield chromosomes; each yield returns their fitness."""
         for number in range(1, self.settings.rounds + 1):
-            before = self.best
+            before = self.best.value
             self.phase = f'round {number}, descent'
-            yield from self._descend(self.descent, self.best_genes, lambda genes: genes)
+            yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
             yield from self._enter_tables(number)
-            if before - self.best < self.settings.gain:
+            if before - self.best.value < self.settings.gain:
                 self.stopped = f'round {number} gained less than {self.settings.gain:g} N^2 s'
                 return
         self.phase = 'last descent'
-        yield from self._descend(self.descent, self.best_genes, lambda genes: genes)
+        yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
 
     def _enter_tables(self, number: int) -> Script:
-        own, rules, best = self.settings, self.space.rule_genes, self.best_genes
+        own, rules, best = self.settings, self.space.rule_genes, self.best.genes
         self.phase = f'round {number}, tables'
         entries = np.repeat(best[None], len(self._tables), axis=0)
         entries[:, rules] = self._tables

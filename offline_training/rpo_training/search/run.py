@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A search in its folder: begun, flown, saved after each generation, gone on with.
+"""A search in its folder: created, run, saved after each generation, resumed.
 
 The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
-controller `<name>.yaml`. What is searched, and how a chromosome becomes controllers, is said by
-those who derive from `SearchRun`: `search.training` and `baselines.tuning`.
+controller `<name>.yaml`. The subclasses, `search.training` and `baselines.tuning`, define what is
+searched, and how a chromosome becomes a controller.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run stands after a generation.
+    """The state of a run after a generation.
 
     mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
     failures : starts that miss each of the conditions, for the best so far
@@ -60,10 +60,10 @@ class Progress:
 
 
 class SearchRun(Generic[Config, Found]):
-    """A search in its folder; `run` flies it to its end, or on from its checkpoint.
+    """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
 
     config_file : name of the configuration in the folder
-    kind, command : what a message calls the run, and the command that goes on with one
+    kind, command : the name of the run in messages, and the command that resumes it
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     """
@@ -95,20 +95,20 @@ class SearchRun(Generic[Config, Found]):
         raise NotImplementedError
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
-        """Return what judges a generation."""
+        """Return the fitness that evaluates a generation."""
         raise NotImplementedError
 
     @property
     def phase(self) -> str:
-        """What the run does now, in words."""
+        """What the run does now."""
         return self.search.phase
 
     def decode(self, genes: Floats) -> Any:
-        """Return what the fitness flies, of a generation of chromosomes, (n, genes)."""
+        """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
 
-    def told(self, genes: Floats, scores: Scores) -> Floats:
-        """Return what the search is told of a generation, (n, objectives)."""
+    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+        """Return the objectives (n, objectives) of a generation."""
         return self.checkpoint.scores[-1][:, :1]
 
     def found(self) -> Found:
@@ -116,17 +116,17 @@ class SearchRun(Generic[Config, Found]):
         raise NotImplementedError
 
     def save_more(self) -> None:
-        """Write what the folder holds at the end, beside the best."""
+        """Write what the folder holds at the end beside the best controller."""
 
     @classmethod
     def create(
         cls: type[Self], config: Any, folder: Path, workers: int = 0, address: str = ''
     ) -> Self:
-        """Return a new run; its folder must not hold another."""
+        """Return a new run; raises InputError if its folder holds another."""
         if (folder / cls.config_file).exists():
             raise InputError(
-                f'{folder}: holds a {cls.kind} already; `{cls.command} --resume {folder}` goes on '
-                'with it, `-o` names another folder'
+                f'{folder}: holds a {cls.kind} already; resume it with `{cls.command} --resume '
+                f'{folder}`, or name another folder with `-o`'
             )
         new = cls(config, folder, workers, address)
         make_folder(folder)
@@ -135,37 +135,37 @@ class SearchRun(Generic[Config, Found]):
 
     @classmethod
     def resume(cls: type[Self], folder: Path, workers: int = 0, address: str = '') -> Self:
-        """Return the run of a folder, where its checkpoint left it.
+        """Return the run of a folder, at its checkpoint.
 
         Raises
         ------
         InputError
-            If folder or checkpoint are unusable, or the search no longer asks what it asked.
+            If folder or checkpoint are unusable, or the search asks for other chromosomes.
         """
         again = cls(cls.load(folder / cls.config_file), folder, workers, address)
         saved = Checkpoint.load(folder / CHECKPOINT, again.checkpoint.config)
-        for number, (rows, was) in enumerate(zip(saved.scores, saved.digests, strict=True)):
+        for number, (rows, before) in enumerate(zip(saved.scores, saved.digests, strict=True)):
             genes = again.search.ask()
-            if digest(genes) != was:
+            if digest(genes) != before:
                 raise InputError(
                     f'{folder / CHECKPOINT}: generation {number} does not repeat on '
-                    'this machine; it must be resumed where it began'
+                    'this machine; resume it on the machine where it began'
                 )
             failures = rows[:, 2:5].astype(np.int64)
             again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, 5]))
         return again
 
     def _enter(self, genes: Floats, scores: Scores) -> None:
-        """Tell the search, enter it in the checkpoint, keep the best; the first of equals stays."""
+        """Take in a generation: checkpoint, best (of equals the first), search."""
         self.checkpoint.add(genes, scores)
         rows = self.checkpoint.scores[-1]
         index = int(rows[:, 0].argmin())
         if rows[index, 0] < self.best[0]:
             self.best, self.best_genes = rows[index], genes[index].copy()
-        self.search.tell(self.told(genes, scores))
+        self.search.tell(self.objectives(genes, scores))
 
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
-        """Fly to the end of the search; save after each generation; return the best."""
+        """Run the search to its end; save after each generation; return the best."""
         self._began = time.monotonic()
         with self.fitness.simulator:
             while not self.search.stopped:
@@ -185,7 +185,7 @@ class SearchRun(Generic[Config, Found]):
         write_text(self.folder / f'{controller.name}.yaml', controllers.dumps(controller))
 
     def progress(self) -> Progress:
-        """Return where the run stands; there must be a generation."""
+        """Return the state of the run, after one generation at least."""
         fitness = self.checkpoint.scores[-1][:, 0]
         best, energy, *failures, arrival = self.best.tolist()
         return Progress(

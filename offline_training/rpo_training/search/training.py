@@ -1,15 +1,16 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The training of a fuzzy controller: its search, its simulator, and what its folder holds.
+"""The training of a fuzzy controller: its search, its simulator, and its folder.
 
-Beside what every search leaves (`rpo_training.search.run`): `config.yaml`, `history.csv`, and of a
-front one file for each point and `front.csv`.
+Beside the files of every search (`rpo_training.search.run`) the folder holds `config.yaml`,
+`history.csv`, and for a front `front.csv` and a controller for each point.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -48,21 +49,6 @@ _COLUMNS = (
 )
 
 
-def make_search(config: TrainingConfig) -> Search:
-    """Return the search of a configuration, at its beginning."""
-    starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
-    starts = starts.reshape(-1, config.genes.size)
-    cma = partial(CmaSearch, config.cmaes, config.seed)
-    if config.algorithm == 'cmaes':
-        return cma(starts[0])
-    if config.algorithm == 'race':
-        return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
-    if config.algorithm == 'nsga2':
-        return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
-    ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
-    return ga if config.algorithm == 'ga' else InTurn(ga, cma)
-
-
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
     """Return a start with the scales of the search where those are fixed."""
     start, space = load_fuzzy(name), config.genes
@@ -96,7 +82,18 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
-        return make_search(self.config)
+        config = self.config
+        starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
+        starts = starts.reshape(-1, config.genes.size)
+        cma = partial(CmaSearch, config.cmaes, config.seed)
+        if config.algorithm == 'cmaes':
+            return cma(starts[0])
+        if config.algorithm == 'race':
+            return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
+        if config.algorithm == 'nsga2':
+            return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
+        ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
+        return ga if config.algorithm == 'ga' else InTurn(ga, cma)
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the fitness of the configuration, on threads or on a cluster."""
@@ -107,10 +104,10 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         """Return the controllers of a generation."""
         return self.config.genes.decode(genes)
 
-    def told(self, genes: Floats, scores: Scores) -> Floats:
-        """Return the fitness; of a front, the penalised arrival beside it."""
+    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+        """Return the fitness (n, 1); for a front, with the penalised arrival time (n, 2)."""
         if self.config.algorithm != 'nsga2':
-            return super().told(genes, scores)
+            return super().objectives(genes, scores)
         self._genes.append(genes)
         penalty = scores.fitness - scores.energy
         return np.column_stack([scores.fitness, scores.arrival + penalty])
@@ -120,22 +117,14 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return self.controller(self.best_genes, self.config.name)
 
     def save_more(self) -> None:
-        """Write the history; of a front, its controllers."""
-        self.save_history()
-        if self.config.algorithm == 'nsga2':
-            self._save_front()
-
-    def save_history(self) -> None:
-        """Write `history.csv`, a row for each generation."""
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator='\n')
-        rows.writerow(_COLUMNS)
+        """Write `history.csv`, a row for each generation; for a front, its controllers."""
+        history: list[Sequence[object]] = [_COLUMNS]
         best, evaluations = np.full(6, np.inf), 0
         for number, scores in enumerate(self.checkpoint.scores):
             evaluations += len(scores)
             first = scores[int(scores[:, 0].argmin())]
             best = first if first[0] < best[0] else best
-            rows.writerow(
+            history.append(
                 [
                     number,
                     evaluations,
@@ -147,7 +136,14 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                     float(best[5]),
                 ]
             )
-        write_text(self.folder / HISTORY, text.getvalue())
+        self._write_csv(HISTORY, history)
+        if self.config.algorithm == 'nsga2':
+            self._save_front()
+
+    def _write_csv(self, name: str, rows: list[Sequence[object]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator='\n').writerows(rows)
+        write_text(self.folder / name, text.getvalue())
 
     def controller(self, genes: Floats, name: str) -> FuzzyController:
         """Return the controller of a chromosome, its provenance filled in."""
@@ -174,19 +170,16 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return replace(found, provenance=provenance)
 
     def _save_front(self) -> None:
-        """Write the penalty-free controllers of which none is better in both objectives."""
+        """Write the controllers without penalty that no other beats in both objectives."""
         genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
         clean = np.flatnonzero(scores[:, 2:5].sum(axis=1) == 0)
         order = clean[np.lexsort((scores[clean, 5], scores[clean, 1]))]
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator='\n')
-        rows.writerow(['controller', 'mean_energy_n2s', 'mean_arrival_s'])
-        soonest, count = np.inf, 0
+        front: list[Sequence[object]] = [('controller', 'mean_energy_n2s', 'mean_arrival_s')]
+        soonest = np.inf
         for index in order:
             if scores[index, 5] < soonest:
                 soonest = scores[index, 5]
-                name = f'{self.config.name}_{count:03d}'
+                name = f'{self.config.name}_{len(front) - 1:03d}'
                 self.save(self.controller(genes[index], name))
-                rows.writerow([name, float(scores[index, 1]), float(soonest)])
-                count += 1
-        write_text(self.folder / FRONT, text.getvalue())
+                front.append((name, float(scores[index, 1]), float(soonest)))
+        self._write_csv(FRONT, front)
