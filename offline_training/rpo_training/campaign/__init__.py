@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns of dispersed closed loops: how often a controller succeeds, and how surely.
 
-`config`: what is dispersed. `sampling`: what each run draws. `run_batch`: runs on the engine, or
-one by one. `single`: one run as a scenario. `execution`, `store`: units of runs into a folder.
-`statistics`, `sweep`: what came of them.
+`config`: dispersions. `sampling`: the draws of each run. `run_batch`: runs on the engine, or one by
+one. `single`: one run as a scenario. `execution`, `store`: units of runs into a folder.
+`statistics`, `sweep`: rates and distributions of the results.
 
 A new quantity to disperse goes into `config.QUANTITIES`, `sampling.draw` and both `run_batch` and
 `single`: a test holds the two to the same bits. Columns of results are a file format.

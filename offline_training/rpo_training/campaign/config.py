@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration of a campaign: what is flown, what is dispersed by how much, what success means."""
+"""Configuration of a campaign: scenario, controller, dispersions, and the limits of success."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from rpo_training.outputs import check_name
 SCHEMA = 'rpo/campaign/1'
 
 SAMPLINGS = ('latin_hypercube', 'random')
-"""Blocks of 1000 runs, each a Latin hypercube; or every run by itself."""
+"""Blocks of 1000 runs, each a Latin hypercube; or independent runs."""
 
 CUT = 3.0
 """Normal dispersions are cut at so many standard deviations."""
@@ -35,7 +35,7 @@ MAX_RUNS = 100_000_000
 
 
 class Quantity(NamedTuple):
-    """A quantity that can be dispersed; `most` is the largest deviation that makes sense."""
+    """A quantity that can be dispersed; most : largest deviation that is accepted."""
 
     components: int
     unit: str
@@ -188,7 +188,7 @@ def dumps(config: CampaignConfig) -> str:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A configuration with the scenario and the controller it names; plain texts, to be sent.
+    """A configuration with its scenario and its controller.
 
     texts : YAML of the configuration, of the scenario, of the controller
     """
@@ -249,7 +249,7 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
-    """Let the scenario judge the corners of what is dispersed."""
+    """Make the scenario of the largest deviations, both ways; it raises InputError if invalid."""
     for sign in (1.0, -1.0):
 
         def off(name: str, sign: float = sign) -> tuple[float, ...]:

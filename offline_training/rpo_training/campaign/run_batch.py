@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""From drawn runs to outcomes; a unit of 200 runs is what a thread or worker flies at a time."""
+"""From drawn runs to results; a thread or worker flies a unit of 200 runs at a time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
-"""Columns of results: what was drawn, metrics, final state."""
+"""Columns of results: drawn parameters, metrics, final state."""
 
 _FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
@@ -93,7 +93,7 @@ def _control(controller: AnyController) -> parts.Control:
 
 
 def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
-    """Return up to 40 runs from index `first`; lanes without a run rest."""
+    """Return up to 40 runs from index `first`; lanes without a run rest at the target."""
     n = min(RUNS, len(drawn.numbers) - first)
     chosen = slice(first, first + n)
 

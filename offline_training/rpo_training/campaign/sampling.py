@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What each run of a campaign flies: drawn from the seed and the number of the run alone."""
+"""The draws of each run of a campaign: from the seed and the number of the run alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STRATA = 1000
-"""DrawnRuns of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
+"""Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
 _DRAWN = [name for name, quantity in QUANTITIES.items() if quantity.distributions != ('white',)]
 _OFFSETS = dict(
@@ -50,7 +50,7 @@ PARAMETERS = (
 
 
 class DrawnRuns(NamedTuple):
-    """DrawnRuns as they are flown.
+    """The draws of some runs.
 
     numbers : (n,) int
     parameters : (n, 24), see `PARAMETERS`
@@ -87,7 +87,7 @@ class DrawnRuns(NamedTuple):
         return cw.discretise(mean_motion, float(self.parameters[index, 6]), dt_s)
 
     def thrust(self, index: int) -> Floats:
-        """Matrix (3, 3) from commanded to given force: shares of each axis, then misalignment."""
+        """Matrix (3, 3) from saturated to applied force: shares of each axis, then misalignment."""
         shares, misalignment = self.parameters[index, 7:10], self.parameters[index, 10:13]
         return rotation(misalignment) * (1.0 + shares)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a campaign says: rates with Wilson's interval, quantiles, and the worst runs."""
+"""Statistics of a campaign: rates with Wilson's interval, quantiles, and the worst runs."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ class Rate(NamedTuple):
 def rate(name: str, kept: int, runs: int) -> Rate:
     """Return a rate with its interval.
 
-    Runs are taken as independent; in a Latin hypercube they cover better, and the interval is wide.
+    The interval is for independent runs. Runs of a Latin hypercube scatter less: it is then wide.
     """
     interval = binomtest(kept, runs).proportion_ci(CONFIDENCE, method='wilson')
     return Rate(name, kept, runs, float(interval.low), float(interval.high))
 
 
 def successes(config: CampaignConfig, columns: dict[str, Floats]) -> NDArray[np.bool_]:
-    """Return which runs (n,) keep every limit; a metric that is not a number keeps none."""
+    """Return which runs (n,) keep every limit; a metric that is not a number keeps no limit."""
     return np.logical_and.reduce([columns[name] <= limit for name, limit in config.success.items()])
 
 
 class Spread(NamedTuple):
-    """A metric over all runs; worst_run is its number, to be flown again."""
+    """A metric over all runs; worst_run : number of the run with the largest value."""
 
     name: str
     unit: str

@@ -1,14 +1,14 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A campaign's folder: what is flown, the results as they come in, and at the end.
+"""The folder of a campaign: its files, its partial results, its results.
 
 campaign.yaml, scenario.yaml, controller.yaml
-    All that decides the outcome: the folder alone repeats any run.
+    All that determines the outcome: the folder alone repeats any run.
 results.part, done.part
-    While it flies: columns one after the other, float64; and a byte per unit, 1 when it is in.
-    Units are written where they belong, in any order, and nothing is kept in memory.
+    Until the end: columns one after the other, float64; and a byte per unit, 1 when it is done.
+    Units are written in any order, each at its place; nothing is kept in memory.
 results.npz, summary.yaml
-    At the end: one array per column, which `numpy.load` opens; rates, intervals, quantiles. The
+    At the end: one array per column, for `numpy.load`; rates, intervals, quantiles. They have the
     same bytes on any number of workers, interrupted or not.
 """
 
@@ -54,7 +54,7 @@ class Store:
         Raises
         ------
         InputError
-            If it holds something already: this campaign, another, or anything else.
+            If it holds a campaign already, or other files.
         """
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             if not (folder / _TEXTS[0]).is_file():
@@ -82,7 +82,8 @@ class Store:
         theirs = files.load(folder / _VERSIONS, lambda document: document)
         if theirs != versions():
             raise InputError(
-                f'{folder}: was begun with {theirs}; its bits need the same, not {versions()}'
+                f'{folder}: was begun with {theirs}; resuming requires the same versions, '
+                f'not {versions()}'
             )
         return store
 
@@ -92,11 +93,11 @@ class Store:
 
     @property
     def finished(self) -> bool:
-        """Whether all runs are in."""
+        """Whether all runs are done."""
         return (self.folder / _RESULTS).is_file()
 
     def pending(self) -> list[int]:
-        """Return the units that are still to be flown."""
+        """Return the units that are not done."""
         if self.finished:
             return []
         done = np.fromfile(self.folder / _DONE, np.uint8)
@@ -110,13 +111,13 @@ class Store:
 
     @property
     def done_runs(self) -> int:
-        """Runs that are in."""
+        """Number of runs that are done."""
         total = self.campaign.config.runs
         return total - sum(min(UNIT, total - unit * UNIT) for unit in self.pending())
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Hold the folder; raises InputError if another process flies it."""
+        """Lock the folder; raises InputError if another process holds it."""
         with self._opened(_TEXTS[0]) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -125,7 +126,7 @@ class Store:
             yield
 
     def put(self, unit: int, results: Floats) -> None:
-        """Store results (len(COLUMNS), n) of a unit; what is in stays in after kill -9."""
+        """Store results (len(COLUMNS), n) of a unit; they are safe from kill -9 afterwards."""
         runs = self.campaign.config.runs
         with self._opened(_PART) as part, self._opened(_DONE) as done:
             for column, values in enumerate(results):
@@ -134,7 +135,7 @@ class Store:
             os.pwrite(done.fileno(), b'\1', unit)
 
     def finish(self, summary: Mapping[str, Any]) -> None:
-        """Turn what came in into `results.npz`, with the summary beside it."""
+        """Write `results.npz` and the summary; remove the partial results."""
         text = yaml.safe_dump(dict(summary), sort_keys=False, width=100)
         write_text(self.folder / _SUMMARY, text)
         write_aside(self.folder / _RESULTS, self._archive)
@@ -142,7 +143,7 @@ class Store:
             (self.folder / name).unlink()
 
     def column(self, name: str) -> Floats:
-        """Return a column (runs,); of a campaign that still flies, zeros where nothing came in."""
+        """Return a column (runs,); zeros for runs that are not done."""
         if self.finished:
             with np.load(self.folder / _RESULTS, allow_pickle=False) as results:
                 return np.asarray(results[name])
@@ -151,7 +152,7 @@ class Store:
         return np.fromfile(self.folder / _PART, '<f8', count=runs, offset=offset)
 
     def _archive(self, file: IO[bytes]) -> None:
-        """Write an .npz, column by column, without the time of day."""
+        """Write an .npz, column by column, without times of files: the same bytes each time."""
         with zipfile.ZipFile(file, 'w', allowZip64=True) as archive:
             for name in COLUMNS:
                 entry = zipfile.ZipInfo(f'{name}.npy')
@@ -162,7 +163,7 @@ class Store:
         return (self.folder / name).open('r+b', buffering=0)
 
     def _reserve(self, name: str, size: int) -> None:
-        """Make a file of zeros; a disk that is too small says so now."""
+        """Make a file of zeros; raises InputError now if the disk is too small for it."""
         path = self.folder / name
         try:
             with path.open('wb') as file:

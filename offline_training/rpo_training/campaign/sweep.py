@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""How many lost or late messages a closed loop bears: success against their share."""
+"""How many lost or late messages a closed loop tolerates: success against their share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEP = 10
 PERCENTS = tuple(range(0, 101, STEP))
 
 FAULTS = {'lost': ('state_loss', 'force_loss'), 'late': ('state_delay', 'force_delay')}
-"""What is swept: the share of states, and with it that of forces."""
+"""The shares that a sweep changes together: of states, and of forces."""
 
 
 class SweepPoint(NamedTuple):
@@ -33,10 +33,10 @@ class SweepPoint(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """Where the scenario alone, without dispersions, ceases to succeed; percentages, to 1 %.
+    """Shares [%], to 1 %, of faults between which success of the scenario alone goes to zero.
 
-    all_up_to : the largest up to which every flight succeeded; None if not even without faults
-    none_from : the least from which none did; None if some did at 100 %
+    all_up_to : largest share up to which every flight succeeded; None if some failed without faults
+    none_from : least share from which no flight succeeded; None if some succeeded at 100 %
     """
 
     all_up_to: int | None
@@ -44,63 +44,57 @@ class Edge(NamedTuple):
 
 
 class Sweep:
-    """Flies a campaign at one share after the other.
+    """Flies a campaign at each share of faults.
 
     runs : flights per share, dispersed and again without dispersions
-    said : called after each share
+    progress : called after each share
     """
 
     def __init__(
-        self, campaign: Campaign, runs: int, said: Callable[[], None] = lambda: None
+        self, campaign: Campaign, runs: int, progress: Callable[[], None] = lambda: None
     ) -> None:
-        self._said = said
+        self._progress = progress
         self._base = campaign.config.faults or Faults()
         config = replace(campaign.config, runs=runs)
-        self._dispersed = _with(campaign, config)
-        self._alone = _with(campaign, replace(config, dispersions={}))
+        self._campaigns = [_with(campaign, c) for c in (config, replace(config, dispersions={}))]
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), 'rpo-sweep')
 
     def rows(self, kind: str) -> list[SweepPoint]:
         """Return the rows of a kind of fault."""
-        return [self._row(kind, percent) for percent in PERCENTS]
-
-    def _row(self, kind: str, percent: int) -> SweepPoint:
-        row = SweepPoint(
-            percent, self._rate(self._dispersed, kind, percent), self._bare(kind, percent)
-        )
-        self._said()
-        return row
+        found = []
+        for percent in PERCENTS:
+            rates = (self._rate(campaign, kind, percent) for campaign in self._campaigns)
+            found.append(SweepPoint(percent, *rates))
+            self._progress()
+        return found
 
     def edge(self, kind: str, rows: list[SweepPoint]) -> Edge:
-        """Return between which percentages the scenario alone ceases to succeed."""
-        whole = [row.percent for row in rows if row.alone.kept == row.alone.runs]
-        lost = [row.percent for row in rows if row.alone.kept == 0]
-        most = None
-        if rows[0].percent in whole:
-            most = max(p for p in whole if set(range(0, p + 1, STEP)) <= set(whole))
-            while most < 100 and self._keeps_all(kind, most + 1):
-                most += 1
-        least = min(lost, default=None)
-        while least and not self._bare(kind, least - 1).kept:
+        """Return the shares between which success of the scenario alone goes to zero."""
+
+        def kept(percent: int) -> int:
+            return self._rate(self._campaigns[1], kind, percent).kept
+
+        all_runs = rows[0].alone.runs
+        some_fail = (row.percent for row in rows if row.alone.kept < all_runs)
+        none_keep = (row.percent for row in rows if row.alone.kept == 0)
+        most = next(some_fail, 100 + STEP) - STEP
+        while 0 <= most < 100 and kept(most + 1) == all_runs:
+            most += 1
+        least = next(none_keep, None)
+        while least and not kept(least - 1):
             least -= 1
-        return Edge(most, least)
-
-    def _keeps_all(self, kind: str, percent: int) -> bool:
-        found = self._bare(kind, percent)
-        return found.kept == found.runs
-
-    def _bare(self, kind: str, percent: int) -> Rate:
-        return self._rate(self._alone, kind, percent)
+        return Edge(most if most >= 0 else None, least)
 
     def _rate(self, campaign: Campaign, kind: str, percent: int) -> Rate:
         share, chosen = percent / 100.0, None
         if percent:
             shares: dict[str, Any] = {name: share * (name in FAULTS[kind]) for name in SHARES}
             chosen = replace(self._base, **shares)
-        flown = _with(campaign, replace(campaign.config, faults=chosen))
-        parts = self._pool.map(lambda unit: fly_unit(flown, unit), range(units(flown.config.runs)))
+        faulty = _with(campaign, replace(campaign.config, faults=chosen))
+        runs = faulty.config.runs
+        parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
         columns = dict(zip(COLUMNS, np.hstack(list(parts)), strict=True))
-        return rate('success', int(successes(flown.config, columns).sum()), flown.config.runs)
+        return rate('success', int(successes(faulty.config, columns).sum()), runs)
 
 
 def _with(campaign: Campaign, config: CampaignConfig) -> Campaign:
