@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning a baseline: the fitness and the starts of the training, at most the paper's evaluations.
 
-The search is CMA-ES on the graded fitness, as the preset `best` judges fuzzy controllers: where no
-parameters meet all conditions, the flat penalty would not say which way is better. The folder holds
-`tuning.yaml`, `checkpoint.npz` after each generation, and at the end `<kind>.yaml`.
+The search is CMA-ES on the graded fitness of the preset `best`: where no parameters meet all
+conditions, the flat penalty does not show which way is better. The folder holds `tuning.yaml`,
+`checkpoint.npz` after each generation, and at the end `<kind>.yaml`.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ SCENARIO = 'paper_training'
 CONFIG = 'tuning.yaml'
 
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
-"""What is minimised; the file also says the paper's flat fitness."""
+"""The fitness that is minimised; the file has the paper's flat fitness too."""
 
 
 @dataclass(frozen=True)
 class TuningConfig:
-    """All that decides the outcome of a tuning.
+    """All that determines the outcome of a tuning.
 
-    disturbance : weight [N^2 s] of how far the paper's test is missed, see `search.fitness`;
-        0, as the fuzzy controllers were trained: the test is not flown
+    disturbance : weight [N^2 s] of how far the paper's test is missed, see `search.fitness`; 0, as
+        in the training of the fuzzy controllers: without the test
     """
 
     kind: str
@@ -106,12 +106,12 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     @property
     def space(self) -> TuningSpace:
-        """The parameters of the kind, and what they make."""
+        """The tuning space of the kind."""
         return TUNING_SPACES[self.config.kind]
 
     @cached_property
     def model(self) -> Model:
-        """The plant as a baseline may know it."""
+        """The model of the plant for baselines."""
         base = load_set(SCENARIO).base
         return Model(base.orbit_radius_m, base.mass_kg, base.dt_s)
 

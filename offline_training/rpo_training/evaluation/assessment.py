@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,7 +34,7 @@ MAX_MEAN_ENERGY_N2S = 3.7
 
 
 class Target(NamedTuple):
-    """A target beside what was reached; both as numbers, the smaller the better."""
+    """A target: its limit, and the number reached; the smaller, the better."""
 
     name: str
     what: str
@@ -51,7 +50,7 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True)
 class Assessment:
-    """What one controller reaches.
+    """The results of one controller.
 
     starts : (n, 3) initial positions [m]; metrics : (n, columns), see `rpo_core.metrics.UNITS`
     least : (n,) least energy possible [N^2 s]
@@ -80,30 +79,25 @@ class Assessment:
         missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())
         rules = self.controller.system.rules
         unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
-        energy = Target(
-            'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
-        )
-        return [
+        found = [
             Target('Q1', 'starts that miss a condition', '', 0, missed),
-            energy,
-            *self._test_targets(),
-            *self._settled_targets(),
-            Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
+            Target(
+                'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
+            ),
         ]
-
-    def _test_targets(self) -> Iterator[Target]:
         for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
             place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
-            yield Target('Q3', f'{name}: largest |position|, last 200 s', 'm', distance, place)
-            limit = fitness.MAX_TEST_SPEED_M_S
-            yield Target('Q3', f'{name}: largest speed, last 200 s', 'm/s', limit, speed)
-
-    def _settled_targets(self) -> Iterator[Target]:
+            limit, late = fitness.MAX_TEST_SPEED_M_S, 'last 200 s'
+            found.append(Target('Q3', f'{name}: largest |position|, {late}', 'm', distance, place))
+            found.append(Target('Q3', f'{name}: largest speed, {late}', 'm/s', limit, speed))
         what = 'undisturbed, 300-400 s: largest'
-        force = float(self.metrics[:, LATE_FORCE].max())
-        speed = float(self.metrics[:, LATE_SPEED].max())
-        yield Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force)
-        yield Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed)
+        force, speed = self.metrics[:, [LATE_FORCE, LATE_SPEED]].max(axis=0).tolist()
+        return [
+            *found,
+            Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force),
+            Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed),
+            Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
+        ]
 
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
@@ -118,6 +112,6 @@ def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
         case_of_flights([load_scenario(name) for name in fitness.TESTS], fitness.TEST_WINDOW_S),
     ]
     with Simulator(cases, workers, controller.system.samples) as simulator:
-        flown, tests = simulator.fly(population_of(controller))
+        starts, tests = simulator.fly(population_of(controller))
     least = least_energy(training.base, cases[0].starts)
-    return Assessment(controller, training.initial_positions_m, flown[0], least, tests[0])
+    return Assessment(controller, training.initial_positions_m, starts[0], least, tests[0])

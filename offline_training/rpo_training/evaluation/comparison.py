@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Controllers beside each other: training starts, the paper's test, a dispersed campaign.
 
-What was computed of a controller is kept in the folder under a digest of all that it depends on
-(controller, scenarios, campaign, versions), so that an interrupted comparison goes on where it was
-and a changed controller is flown anew. The campaigns are ordinary campaign folders.
+The folder keeps the results of a controller under a digest of all that they depend on (controller,
+scenarios, campaign, versions). An interrupted comparison goes on from there; a changed controller
+is computed anew. The campaigns are ordinary campaign folders.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
-"""Is told what is under way, how much is done, how much there is."""
+"""Called with the present work, how much of it is done, and how much it is in all."""
 
 FUZZY = ('trained', 'robust', 'paper_ga', 'handmade')
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)
 
-PLANS_EVERY = 10  # ticks: the plans of the others lie in between
+PLANS_EVERY = 10  # ticks between the plans that are computed
 PLANS_RUNS = 100  # of the campaign
 _CALLS, _REPETITIONS = 2000, 5
 
@@ -75,8 +75,8 @@ class ComparedController:
         last 30 s; slew_n_s : the largest; settled_s : mean time after which it stays within 0.5 m
     tests : by scenario
     kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
-    command_us : processor time of one command here and now [us]
-    plans : of a predictive controller, those of the starts and of some runs of the campaign
+    command_us : processor time of one command on this machine [us]
+    plans : of a predictive controller: peaks from the starts and from some runs of the campaign
     """
 
     name: str
@@ -106,7 +106,7 @@ def key_of(*texts: str) -> str:
 
 
 class Comparison:
-    """The controllers of a comparison, and the folder that keeps what was computed of them."""
+    """The controllers of a comparison, and the folder that keeps their results."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class Comparison:
         return case_of_set(load_set(STARTS))
 
     def rows(self) -> list[ComparedController]:
-        """Return all controllers, flying what is not kept."""
+        """Return all controllers; compute the results that are not kept."""
         least = self.least()
         return [self._row(campaign, least) for campaign in self.campaigns]
 
@@ -151,11 +151,11 @@ class Comparison:
     def _kept(
         self, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return what the folder keeps under a name for these texts; make it if it is not there."""
+        """Return the result kept under a name for these texts; make and keep it if missing."""
         path = self.folder / f'{name}-{key_of(name, *texts)}.json'
         try:
             found: dict[str, Any] = json.loads(path.read_text())
-        except (OSError, ValueError):  # none, or damaged
+        except (OSError, ValueError):  # missing, or damaged
             make_folder(self.folder)
             found = make()
             write_text(path, json.dumps(found, indent=1))
@@ -165,7 +165,7 @@ class Comparison:
         controller = campaign.controller
         text = controllers.dumps(controller)
         name = controller.name
-        flown = self._kept(name, [text, *self._shared], lambda: self._flown(controller))
+        found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
         rate = self._campaign(campaign)
         plans = None
         if isinstance(controller, Mpc):
@@ -177,19 +177,19 @@ class Comparison:
         return ComparedController(
             name=name,
             kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
-            ratio=flown['mean_energy_n2s'] / least,
-            tests={test: Test(**flown['tests'][test]) for test in TESTS},
+            ratio=found['mean_energy_n2s'] / least,
+            tests={test: Test(**found['tests'][test]) for test in TESTS},
             kept=rate.kept,
             runs=rate.runs,
             low=rate.low,
             high=rate.high,
             command_us=command_us(controller, load_scenario(TESTS[0])),
             plans=plans,
-            **{key: value for key, value in flown.items() if key != 'tests'},
+            **{key: value for key, value in found.items() if key != 'tests'},
         )
 
-    def _flown(self, controller: AnyController) -> dict[str, Any]:
-        """Return what the starts and the tests say."""
+    def _starts_and_tests(self, controller: AnyController) -> dict[str, Any]:
+        """Return the results of the starts and of the tests."""
         self.report(f'{controller.name}: training starts and tests', 0, 1)
         rows = metrics_of(controller, self.case, self.workers)
         missed = fitness.failures(rows[:, None, :]).sum(axis=1) > 0
@@ -205,7 +205,7 @@ class Comparison:
         }
 
     def _campaign(self, campaign: Campaign) -> statistics.Rate:
-        """Return the rate of success, flying the rest of the campaign if there is one."""
+        """Return the rate of success; finish the campaign first."""
         name = campaign.controller.name
         folder = self.folder / f'{name}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
@@ -221,7 +221,7 @@ class Comparison:
         return statistics.rates(store)[0]
 
     def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
-        """Return what the plans ask for in the flights from the starts, and in some runs."""
+        """Return the peaks of the plans from the starts, and in some runs of the campaign."""
         self.report(f'{mpc.name}: plans', 0, 1)
         starts = [fly(scenario, mpc) for scenario in load_set(STARTS).scenarios()]
         count = min(PLANS_RUNS, campaign.config.runs)
@@ -233,7 +233,7 @@ class Comparison:
 
 
 def _seen(flights: Sequence[Flight]) -> Floats:
-    """Return the states (flights, ticks, 6) that the controller saw."""
+    """Return the states (flights, ticks, 6) that the controller got."""
     return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
 
 
@@ -249,7 +249,7 @@ def _test(flight: Flight) -> Test:
 
 
 def command_us(controller: AnyController, scenario: Scenario) -> float:
-    """Return the processor time [us] of a command, as a node asks for it: the best of some runs."""
+    """Return the processor time [us] of one step of the controller: the best of some runs."""
     flight = fly(scenario, controller)
     ticks = np.linspace(0, len(flight.states) - 1, _CALLS).astype(int).tolist()
     asked = [(k, tuple(s)) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]

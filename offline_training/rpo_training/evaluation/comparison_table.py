@@ -19,14 +19,14 @@ from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, C
 from rpo_training.outputs import write_text
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
-"""Between these lines of a document stands the table."""
+"""The lines of a document around the table."""
 
 Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
 
 
 def overview(rows: Sequence[ComparedController]) -> Table:
-    """Return what matters most."""
+    """Return the main table."""
     return [
         (
             'controller',
@@ -75,31 +75,28 @@ def tests(rows: Sequence[ComparedController]) -> Table:
 
 
 def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> list[str]:
-    """Return what the columns mean, with the numbers that were computed for it."""
+    """Return what the columns mean, with the numbers behind them."""
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
     window = f'{CLAIM_WINDOW_S:g}'
-    said = [
+    found = [
         f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
         "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
         f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
-        f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs, success as it is '
-        "defined there, Wilson's 95 % interval.",
+        f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs; it defines '
+        "success; Wilson's 95 % interval.",
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:
         for where, p in (row.plans or {}).items():
-            flights = (
-                'the training starts'
-                if where == 'starts'
-                else (f'{min(PLANS_RUNS, row.runs)} runs of the campaign')
-            )
-            said.append(
+            runs_too = f'{min(PLANS_RUNS, row.runs)} runs of the campaign'
+            flights = 'the training starts' if where == 'starts' else runs_too
+            found.append(
                 f'{row.name}, {flights}: {int(p["within"])} of {int(p["plans"])} plans (each '
                 f'{PLANS_EVERY}th tick) keep the limits of force and slew; largest planned '
                 f'{p["force_n"]:.3g} N, {p["slew_n_s"]:.3g} N/s.'
             )
-    return said
+    return found
 
 
 def markdown(rows: Sequence[ComparedController], least: float, campaign: str) -> str:
@@ -160,7 +157,7 @@ def put_into(path: Path, table: str) -> None:
     Raises
     ------
     InputError
-        If the document exists and has not one begin mark before one end mark.
+        If the document exists, and has not one begin marker before one end marker.
     """
     block = f'{BEGIN}\n\n{table}\n{END}'
     if not path.exists():

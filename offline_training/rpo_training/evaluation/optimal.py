@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The least energy that physics allows: to rest in fixed time, and under training's conditions.
 
-Forces are held for a tick, as the plant flies them, and a known disturbance acts. Without limits
-the optimum is closed form, by the discrete Gramian; under limits of force, slew, arrival speed and
+Forces are held for a tick, as in the plant, and a known disturbance acts. Without limits the
+optimum is closed form, by the discrete Gramian; under limits of force, slew, arrival speed and
 arrival distance it is a convex program (quadratic cost, linear and second-order cone constraints),
-solved by Clarabel through cvxpy. Both return a `Flight`, which is judged like any other.
+solved by Clarabel through cvxpy. Both return a `Flight` with the metrics of any other.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -39,7 +38,7 @@ _FORCE_SCALE_N = 0.1
 
 
 class InfeasibleError(InputError):
-    """No flight meets all conditions; the message says which one would have to give, and to what.
+    """No flight meets all conditions; the message gives the limits that would allow one.
 
     needed : condition -> the least limit that allows a flight while the others stay
     """
@@ -126,7 +125,7 @@ def to_rest(scenario: Scenario, coast_s: float = 0.0) -> Flight:
     forces = -disturbances[:-1]
     multiplier = np.linalg.solve(w, drift @ np.array(scenario.start) + pushed)
     forces[: len(reach)] = -np.einsum('kij,i->kj', reach, multiplier)
-    return _flown(scenario, forces)
+    return _fly_open_loop(scenario, forces)
 
 
 def _disturbances(scenario: Scenario) -> Floats:
@@ -135,15 +134,15 @@ def _disturbances(scenario: Scenario) -> Floats:
     return scenario.disturbance.over(scenario.times_s)
 
 
-def _flown(scenario: Scenario, forces: Floats) -> Flight:
-    """Return the flight of open-loop forces (N, 3) through the plant, its limit lifted to them."""
+def _fly_open_loop(scenario: Scenario, forces: Floats) -> Flight:
+    """Return the flight of forces (N, 3) through the plant, with its limit raised to them."""
     limit = max(scenario.max_force_n, float(np.abs(forces).max()))
     lifted = replace(scenario, max_force_n=limit)
     return fly(lifted, OpenLoop(forces))
 
 
 class Program:
-    """The convex program of a scenario; solved for any number of starts, compiled once.
+    """The convex program of a scenario; compiled once, solved for any number of starts.
 
     relaxed : a condition whose limit is minimised instead of the energy, to explain infeasibility
     """
@@ -199,7 +198,7 @@ class Program:
         try:
             self._problem.solve(solver=cp.CLARABEL)
         except cp.error.SolverError as error:
-            raise InputError(f'the solver gave up on the optimum: {error}') from None
+            raise InputError(f'the solver failed on the optimum: {error}') from None
         if self._problem.status in (cp.INFEASIBLE, cp.INFEASIBLE_INACCURATE):
             return None
         if self._problem.status != cp.OPTIMAL:
@@ -216,17 +215,17 @@ class Program:
 
 
 def constrained(scenario: Scenario, conditions: Conditions | None = None) -> Flight:
-    """Return the flight of least energy under conditions; training's, if none are given.
+    """Return the flight of least energy under conditions; by default those of training.
 
     Raises
     ------
     InfeasibleError
-        If there is none; says which condition would have to give.
+        If there is none; it names the limits that would allow one.
     """
     program = Program(scenario, conditions)
     if program.solve(scenario.start) is None:
         raise _infeasible(scenario, program.conditions)
-    return _flown(scenario, program.forces_n)
+    return _fly_open_loop(scenario, program.forces_n)
 
 
 def _infeasible(scenario: Scenario, conditions: Conditions) -> InfeasibleError:
@@ -255,7 +254,7 @@ def least_constrained(
     """Return the least J [N^2 s] (n,) from starts (n, 6) under training's conditions.
 
     Undisturbed, the optimum does not change with the sign of the planar (x, y) or of the vertical
-    (z) start: of those that differ in it only, one is solved.
+    (z) start: of starts that differ only in such a sign, one is solved.
 
     Raises
     ------
@@ -284,6 +283,6 @@ def _from(scenario: Scenario, start: Sequence[float]) -> Scenario:
 def _mirrored(start: Floats) -> tuple[float, ...]:
     mirrored = start + 0.0
     for columns in ([0, 1, 3, 4], [2, 5]):
-        if next(itertools.dropwhile(lambda value: value == 0.0, start[columns]), 0.0) < 0.0:
+        if next((value for value in start[columns] if value != 0.0), 0.0) < 0.0:
             mirrored[columns] = -start[columns] + 0.0
     return tuple(mirrored.tolist())

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plans behind the model predictive controller, and how often a limit binds.
 
-The controller flies the closed form of its quadratic program, which is the solution wherever the
-planned forces keep the limits of force and slew. Here whole plans are computed, to say how often
-they do.
+The controller uses the closed form of its quadratic program. That is the solution where the
+planned forces keep the limits of force and slew. This module computes whole plans, and counts how
+many keep them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class Peaks(NamedTuple):
-    """What some plans ask for at most.
+    """The largest forces of some plans.
 
     plans : number of plans; within : how many keep both limits
     force_n, slew_n_s : largest |f| and |df/dt| of an axis in any of them
@@ -62,9 +62,9 @@ def peaks_of(planned: Floats, mpc: Mpc) -> tuple[int, float, float]:
 
 
 def peaks(mpc: Mpc, states: Floats, every: int) -> Peaks:
-    """Return what the plans ask for that are made at each `every`-th tick of some flights.
+    """Return the peaks of the plans made at each `every`-th tick of some flights.
 
-    states : (flights, ticks, 6), as the controller saw them
+    states : (flights, ticks, 6), the inputs of the controller
     """
     count = within = 0
     force = slew = 0.0
