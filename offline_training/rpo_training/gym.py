@@ -1,9 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The final approach as a Gymnasium environment: learning controllers on the same ground.
+"""The final approach as a Gymnasium environment, for controllers that learn.
 
 Importing this module registers `rpo/FinalApproach-v0`. One step is one tick of the core's plant
-(`rpo_core.chain`), so a policy that plays a controller flies that controller's bits. The
+(`rpo_core.chain`), so a policy with the forces of a controller has the bits of its flight. The
 return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
 
 Needs NumPy, PyYAML and gymnasium (layer `gym`).
@@ -39,14 +39,14 @@ Floats = NDArray[np.float64]
 ENVIRONMENT = 'rpo/FinalApproach-v0'
 
 POSITION_UNIT_M = 100.0
-"""What 1 means in the position part of an observation: the largest start of the training set."""
+"""Unit of the position in an observation: the largest start of the training set."""
 
 VELOCITY_UNIT_M_S = 1.0
-"""What 1 means in the velocity part."""
+"""Unit of the velocity in an observation."""
 
 UNITS = (POSITION_UNIT_M,) * 3 + (VELOCITY_UNIT_M_S,) * 3
 MAX_OBSERVED = 100.0
-"""Observed positions and velocities saturate here (10 km, 100 m/s); `info` has them as they are."""
+"""Observed positions and velocities saturate here (10 km, 100 m/s); those of `info` do not."""
 
 OPTIONS = ('scenario', 'start')
 
@@ -57,13 +57,11 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     Action (3,) float64 in [-1, 1]: force on x, y, z of target LVLH, in units of the scenario's
     maximum force; held for one tick, saturated.
 
-    Observation (10,) float64, dimensionless: position / 100 m and velocity / 1 m/s as navigation
-    finds them; the command flown in the tick before / maximum force; the share of the flight that
-    is over.
+    Observation (10,) float64, dimensionless: position / 100 m and velocity / 1 m/s from navigation;
+    the saturated command of the tick before / maximum force; the share of the flight that is over.
 
-    Reward: -f.f dt [N^2 s] of the command flown, and with the last one -100 for each condition
-    missed. The episode terminates at the end of the flight, which belongs to the task; it is never
-    truncated.
+    Reward: -f.f dt [N^2 s] of the saturated command, and with the last one -100 for each condition
+    missed. The episode terminates at the end of the flight; it is never truncated.
 
     Parameters
     ----------
@@ -94,7 +92,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         options : `scenario`, from now on; `start`, the index of a member of the set, or a position
         (3,) [m], or a position and a velocity (6,) [m, m/s], target LVLH
 
-        Raises InputError for options that cannot be flown.
+        Raises InputError for bad options.
         """
         super().reset(seed=seed)
         data: Mapping[str, Any] = mapping('options', options or {}, (), OPTIONS)
@@ -139,12 +137,12 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         self._sense()
 
     def _sense(self) -> None:
-        """Note the true state of the present tick, and let the sensors see it."""
+        """Record the true state of the present tick, and run the sensors on it."""
         self._states[self.tick] = self._signals[RELATIVE_STATE]
         self._sensors.step(self.tick, self._signals)
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Fly one tick; raises InputError if the action is no force or the flight is over."""
+        """Fly one tick; raises InputError if the action is not a force or the flight is over."""
         scenario, tick = self.scenario, self.tick
         if tick == scenario.ticks:
             raise InputError('the flight is over; call `reset` before the next `step`')
@@ -159,24 +157,24 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         info = self._info()
         over = self.tick == scenario.ticks
         if over:
-            figures = of_flight(self.flight)
-            info['figures'] = asdict(figures)
-            info['conditions'] = figures.conditions
-            info['fitness_n2s'] = figures.fitness
-            reward -= PENALTY * figures.conditions.count(False)
+            metrics = of_flight(self.flight)
+            info['figures'] = asdict(metrics)
+            info['conditions'] = metrics.conditions
+            info['fitness_n2s'] = metrics.fitness
+            reward -= PENALTY * metrics.conditions.count(False)
         return self._observation(), reward, over, False, info
 
     @property
     def flight(self) -> Flight:
         """The flight since the last reset; after its end, whole. Its last command is zero."""
         if self.tick < self.scenario.ticks:
-            raise InputError('the flight is not over; it can be looked at after its last step')
+            raise InputError('the flight is not over; `flight` exists after the last step')
         disturbances = self.scenario.disturbance.over(self.scenario.times_s)
         return Flight(self.scenario, self._states, self._commands, disturbances)
 
     @property
     def seen(self) -> Signal:
-        """State (6,) [m, m/s], target LVLH, as navigation finds it; the truth if it is perfect."""
+        """State (6,) [m, m/s], target LVLH, from navigation; the truth if there is none."""
         return self._signals.get(NAVIGATION_STATE, self._signals[RELATIVE_STATE])
 
     def _observation(self) -> Floats:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Work on a `dask.distributed` cluster: one of this machine, or a scheduler at an address.
 
-A result depends on nothing but the function and its arguments, so a task whose worker is lost is
-done by another, and the bits are those of one machine. A few tasks a thread are under way at a
-time, so that memory stays flat.
+A result depends on the function and its arguments only: another worker repeats the task of a lost
+one, and the bits are those of one machine. A few tasks per thread are under way at a time, so that
+memory stays flat.
 """
 
 from __future__ import annotations

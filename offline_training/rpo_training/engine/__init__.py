@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The Monte Carlo engine: many flights of one controller side by side, in SIMD lanes.
 
-`lanes`: the scratch, and fuzzy inference over it. `parts`: what a run is made of. `tick`: the tick,
-lane by lane. `counters`: metrics while it flies. `cases`, `simulator`: what is flown together, and
-the threads that fly it. `support`: what the engine knows; the rest flies through
-`rpo_core.flight.fly`, one by one.
+`lanes`: the scratch, and fuzzy inference over it. `parts`: the parts of a run. `tick`: the tick,
+lane by lane. `counters`: metrics during the flight. `cases`: flights that run together.
+`simulator`: the threads. `support`: what the engine knows; other flights run one by one through
+`rpo_core.flight.fly`.
 
-Whoever changes the tick keeps the bits of `fly`: `tests/training/test_engine.py` holds them.
+A change of the tick must keep the bits of `fly`; `tests/training/test_engine.py` compares them.
 """

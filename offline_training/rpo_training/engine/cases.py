@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What controllers are flown through: starts that share all but start and disturbance."""
+"""Cases: flights that share everything but start and disturbance."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Crossed(NamedTuple):
 
 @dataclass(frozen=True)
 class Case:
-    """Starts that are flown together.
+    """Flights that run together.
 
     starts : (n, 6) states
-    disturbances : those that act; disturbance : (n,) which of them acts on each start
+    disturbances : all that occur; disturbance : (n,) index of the one of each start
     late_s : extremes are taken over the last `late_s` of `horizon_s`
     """
 
@@ -49,7 +49,7 @@ class Case:
 
     @cached_property
     def longer(self) -> Scenario:
-        """The base, flown on to the horizon."""
+        """The base, with the duration of the horizon."""
         return replace(self.base, duration_s=self.horizon_s)
 
     @cached_property
@@ -82,7 +82,7 @@ class Case:
 
     @cached_property
     def half(self) -> Crossed:
-        """Loops for an odd controller, whose flight from -start is the negative, bit for bit."""
+        """Loops for an odd controller: its flight from -start is the negative, bit for bit."""
         return _crossed(self, odd=not self.forces.any())
 
     @cached_property
@@ -101,7 +101,7 @@ class Case:
         return found
 
     def scenarios(self) -> Iterator[Scenario]:
-        """Yield every start as a scenario, flown on to the horizon."""
+        """Yield every start as a scenario with the duration of the horizon."""
         for start, index in zip(self.starts.tolist(), self.disturbance.tolist(), strict=True):
             yield replace(
                 self.longer,
@@ -144,7 +144,7 @@ def case_of_set(
     horizon_s: float = 0.0,
     late_s: float = 100.0,
 ) -> Case:
-    """Return the case of a scenario set, flown on to `horizon_s` if that is longer."""
+    """Return the case of a scenario set; it ends at `horizon_s` if that is later."""
     base = scenarios.base if mass_kg is None else replace(scenarios.base, mass_kg=mass_kg)
     velocity = base.initial_velocity_m_s
     starts = np.array([(*position, *velocity) for position in scenarios.initial_positions_m])

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The metrics of `rpo_core.metrics`, counted in lanes while they fly, and combined at the end."""
+"""The metrics of `rpo_core.metrics`, counted in lanes at each tick, combined at the end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ COLUMNS = len(metrics.UNITS)
 
 @compiled
 def begin_forces(w, n, tick, thrusters):  # type: ignore[no-untyped-def]
-    """Take the first command that takes effect for the one before: its step is not counted."""
+    """Make the first effective command its own predecessor: the step from rest is not counted."""
     if tick == 0:
         for s in range(n):
             w[BEFORE + s] = w[FORCE + s]
@@ -48,7 +48,7 @@ def begin_forces(w, n, tick, thrusters):  # type: ignore[no-untyped-def]
 
 @compiled
 def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
-    """Count row FORCE: saturated and late, before the thrusters' errors."""
+    """Count row FORCE: the saturated, delayed command, before the errors of the thrusters."""
     if tick < windows.ticks:
         for s in range(n):
             force = w[FORCE + s]

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What flies side by side, part by part, and where it lies in the scratch.
+"""The parts of runs that fly side by side, and their rows in the scratch.
 
 Under Clohessy-Wiltshire z is decoupled from x and y, and a fuzzy controller acts axis by axis. So
 runs are planar (x, y) and vertical (z) loops; their axes are lanes x..., y..., z... of the scratch
@@ -8,8 +8,8 @@ runs are planar (x, y) and vertical (z) loops; their axes are lanes x..., y..., 
 starts has few distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and
 a run may have parts that couple axes or differ from run to run.
 
-A part that is None is not compiled: each kernel that takes it returns at once, which numba sees
-from its type.
+A part that is None is not compiled: a kernel that takes it returns at once, and numba knows that
+from the type.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
 
 
 class Link(NamedTuple):
-    """Messages lost or late between plant and controller, and the answers on their way.
+    """Messages lost or late between plant and controller, and pending answers.
 
     faults : `Fates`; keys : (2, 40)
     past, lateness : (2 late + 1, 120), (2 late + 1, 40) the last answers, and how late they are
@@ -102,9 +102,9 @@ class Link(NamedTuple):
 
 
 class Thrusters(NamedTuple):
-    """How thrusters are late and off.
+    """Delays and errors of thrusters.
 
-    delays : (40,) ticks; matrix : (40, 9), given = matrix x saturated command
+    delays : (40,) ticks; matrix : (40, 9), applied force = matrix x saturated command
     queue : (longest delay + 1, 120) saturated commands
     """
 
@@ -154,7 +154,7 @@ class Control(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """What all runs share: largest force of an axis [N], tick [s], CwStep or None."""
+    """Shared by all runs: largest force of an axis [N], tick [s], CwStep or None."""
 
     limit: float
     dt: float
@@ -163,7 +163,7 @@ class Plant(NamedTuple):
 
 @compiled
 def place(w, runs):  # type: ignore[no-untyped-def]
-    """Put runs at their starts, with nothing on its way."""
+    """Put runs at their starts, without pending answers or commands."""
     w[:] = 0.0
     p, q = len(runs.planar), len(runs.vertical)
     for i in range(p):

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fuzzy controllers as arrays: what a search decodes, and the engine flies."""
+"""Fuzzy controllers as arrays, from a search to the engine."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The threads that fly controllers through cases.
+"""Threads that fly controllers through cases.
 
 One thread flies a controller. Controllers share nothing, so that results do not depend on the
 number of threads. The kernels release the interpreter's lock.

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the engine knows. The rest is flown one by one through `rpo_core.flight.fly`."""
+"""What the engine knows; other flights run one by one through `rpo_core.flight.fly`."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _lock = threading.Lock()
 def why_not(scenario: Scenario, controller: Controller) -> str:
     """Return why the engine cannot fly a controller through a scenario; '' if it can.
 
-    Campaigns make thrusters and navigation imperfect by dispersions, which the engine knows; no
-    section of a scenario is flown here.
+    The engine knows the errors of thrusters and navigation that campaigns disperse, but no section
+    of a scenario.
     """
     known = [kind for kind in (FuzzyController, Baseline) if isinstance(controller, kind)]
     if not known or type(controller).stage is not known[0].stage:
@@ -32,7 +32,7 @@ def why_not(scenario: Scenario, controller: Controller) -> str:
 
 
 def announce(reason: str) -> None:
-    """Say, once in a process, that flights are flown one by one, and why."""
+    """Print, once in a process, that flights run one by one, and why."""
     with _lock:
         if reason not in _announced:
             _announced.add(reason)

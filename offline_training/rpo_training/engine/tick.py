@@ -34,7 +34,7 @@ from rpo_training.engine.parts import (
 
 @compiled
 def measure(w, tick, navigation):  # type: ignore[no-untyped-def]
-    """Fill rows SEEN: the truth, with bias and noise; without, the controller reads the truth."""
+    """Fill rows SEEN: truth, bias and noise. Without navigation the controller reads the truth."""
     if navigation is None:
         return
     sigma_r, sigma_v = navigation.noise[0], navigation.noise[1]
@@ -59,9 +59,9 @@ def _normalise(w, n, law, r, v):  # type: ignore[no-untyped-def]
 
 @compiled
 def command_fuzzy(w, n, law, navigation):  # type: ignore[no-untyped-def]
-    """Row FORCE [N] of n lanes from what the controller sees.
+    """Row FORCE [N] of n lanes from the input of the controller.
 
-    Lanes are filled up to a multiple of eight, whole SIMD registers; the rest idles at the origin.
+    n is rounded up to a multiple of eight, whole SIMD registers; the added lanes are at the origin.
     """
     if law is None:
         return
@@ -86,7 +86,7 @@ def _command_paired(w, tick, law, r, v):  # type: ignore[no-untyped-def]
 
 @compiled
 def command_baseline(w, tick, law, navigation):  # type: ignore[no-untyped-def]
-    """Row FORCE [N] of paired runs from what the controller sees."""
+    """Row FORCE [N] of paired runs from the input of the controller."""
     if law is None:
         return
     if navigation is None:
@@ -97,7 +97,7 @@ def command_baseline(w, tick, law, navigation):  # type: ignore[no-untyped-def]
 
 @compiled
 def hold(w, tick, link):  # type: ignore[no-untyped-def]
-    """Replace row FORCE, the answers to this tick, by the latest that have come by now."""
+    """Replace row FORCE, the answers to this tick, by the latest that have arrived."""
     if link is None:
         return
     faults, depth, first, second = link.faults, len(link.past), link.keys[0], link.keys[1]
@@ -108,8 +108,8 @@ def hold(w, tick, link):  # type: ignore[no-untyped-def]
         link.lateness[slot, s] = lateness(tick, int(first[s]), int(second[s]), faults)
         for late in (0, faults.late_by, 2 * faults.late_by):
             answered = tick - late
-            came = answered >= 0 and link.lateness[answered % depth, s] == late
-            if came and answered > link.latest[s]:
+            arrives = answered >= 0 and link.lateness[answered % depth, s] == late
+            if arrives and answered > link.latest[s]:
                 link.latest[s] = answered
                 for lane in (s, s + RUNS, s + 2 * RUNS):
                     link.held[lane] = link.past[answered % depth, lane]
@@ -142,8 +142,8 @@ def delay(w, tick, thrusters):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def give(w, thrusters):  # type: ignore[no-untyped-def]
-    """Replace row FORCE by what the thrusters give."""
+def apply(w, thrusters):  # type: ignore[no-untyped-def]
+    """Replace row FORCE by the force that the thrusters apply."""
     if thrusters is None:
         return
     for s in range(RUNS):
@@ -243,7 +243,7 @@ def step_each(w, steps):  # type: ignore[no-untyped-def]
 
 @compiled
 def keep_trace(w, n, tick, trace):  # type: ignore[no-untyped-def]
-    """Keep states and commands where somebody wants to see them."""
+    """Keep states and commands for tests."""
     if trace is None:
         return
     states, forces = trace
@@ -255,13 +255,13 @@ def keep_trace(w, n, tick, trace):  # type: ignore[no-untyped-def]
 
 @compiled
 def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-untyped-def]
-    """Fly runs to the horizon; what was counted stays in `w` and `norms`.
+    """Fly runs to the horizon; sums and extremes stay in `w` and `norms`.
 
     norms : (2, tail, >= P + Q) squared distances and speeds, planar loops first; None where paired
     trace : states (horizon + 1, lanes, 2), r and v, and commands (horizon + 1, lanes); or None
     """
     place(w, runs)
-    # Taken out of the loop: whoever is handed arrays in a tuple counts references at each call.
+    # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
     planar, vertical, navigation, link, thrusters, table, waves, steps = runs
     fuzzy, baseline = control
     p, q = len(planar), len(vertical)
@@ -278,7 +278,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         delay(w, tick, thrusters)
         begin_forces(w, n, tick, thrusters)
         count_force(w, n, tick, windows)
-        give(w, thrusters)
+        apply(w, thrusters)
         push_by_table(w, n, tick, table)
         push_by_waves(w, tick, waves)
         step_alike(w, p, q, plant.step)

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Search of fuzzy controllers: genes, searches by ask and tell, fitness, runs in their folders.
 
-A new search goes into `algorithms` (ask, tell, stopped) and `config`; a new term of the fitness
-into `fitness`. Results of the presets are held by `tests/training/expected`: they must not change.
+Add a search to `algorithms` (ask, tell, stopped) and `config`, a term of the fitness to `fitness`.
+The results of the presets in `tests/training/expected` must not change.
 """

@@ -1,11 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The corners of what is dispersed about the paper's test: flights that a robust controller passes.
+"""Corner flights: the paper's test with the extremes of its dispersions, for the term `robustness`.
 
-A campaign draws thousands of runs; a search cannot. It flies the extremes of what moves the late
-flight most: start, mass, strength and phase of the disturbance. The paper's claims of its test,
-|position| <= 0.5 m and |velocity| <= 0.01 m/s over the last 200 s, are to hold in each; the
-velocity is the norm of the axes' largest here, which is stricter.
+A campaign draws thousands of runs; a search cannot. It flies the extremes of the dispersions that
+change the late flight most: start, mass, strength and phase of the disturbance. The limits of the
+paper, |position| <= 0.5 m and |velocity| <= 0.01 m/s over the last 200 s, apply to each flight; the
+velocity is here the norm of the largest values of the axes, which is stricter.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ PHASES_RAD = tuple(quarter * math.pi / 2 for quarter in range(4))
 
 
 def flights(mass_share: float) -> list[Scenario]:
-    """Return the corner flights of a chaser that is so much heavier than nominal."""
+    """Return the corner flights of a chaser with 1 + `mass_share` times the nominal mass."""
     nominal = load_scenario('paper_test')
     base = replace(nominal, mass_kg=nominal.mass_kg * (1.0 + mass_share))
     found = []

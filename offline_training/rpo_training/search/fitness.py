@@ -1,10 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fitness of a controller: the paper's, and what the paper's does not see.
+"""Fitness of a controller: the paper's, and optional terms.
 
 The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
-met (`rpo_core.metrics`). Graded: 10 just beyond the limit, rising to 100 far from it, so that a
-search sees which way is better. Optional terms, weighted by how far a limit is exceeded:
+met (`rpo_core.metrics`). Graded: 10 just beyond the limit, rising to 100 far from it, which shows a
+search which way is better. Optional terms, weighted by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
@@ -49,7 +49,7 @@ from rpo_training.search import corners
 Floats = NDArray[np.float64]
 
 CONDITIONS = ('speed', 'slew', 'arrival')
-"""The paper's two, and ours."""
+"""The paper's two, and the project's own, arrival."""
 
 LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
 _COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
@@ -69,11 +69,11 @@ TEST_WINDOW_S = 200.0
 
 @dataclass(frozen=True)
 class FitnessSettings:
-    """How candidates are judged.
+    """Settings of the fitness.
 
     penalty : 'flat', the paper's, or 'graded'
-    arrival : whether the third condition, ours, counts
-    margin : share by which a search keeps clear of every limit, in [0, 1)
+    arrival : whether the third condition counts
+    margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     """
@@ -101,7 +101,7 @@ class FitnessSettings:
 class Scores(NamedTuple):
     """A population's scores.
 
-    fitness : (n,) what is minimised [N^2 s]
+    fitness : (n,) the minimised number [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
     failures : (n, 3) starts that miss each of `CONDITIONS`
     arrival : (n,) mean time [s] after which every axis stays within 0.5 m
@@ -119,7 +119,7 @@ def failures(rows: Floats) -> NDArray[np.int64]:
 
 
 def mean(values: Floats) -> Floats:
-    """Return the mean over the last axis, correctly rounded: no order of summation to depend on."""
+    """Return the mean over the last axis, correctly rounded: independent of the order."""
     rows = values.reshape(-1, values.shape[-1])
     return np.array([math.fsum(row) / len(row) for row in rows.tolist()]).reshape(values.shape[:-1])
 
@@ -127,16 +127,16 @@ def mean(values: Floats) -> Floats:
 def excess(values: Floats, limits: float | Floats) -> Floats:
     """Return how far values lie beyond their limits, in [0, 1): 1 - (limit / value)^(1/4).
 
-    The fourth root still tells 100 times the limit from 200; it is two square roots, which every
-    processor rounds alike.
+    The fourth root still separates 100 times the limit from 200 times; it is two square roots, and
+    every processor rounds these alike.
     """
     return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
 
 
 class Fitness:
-    """Judges populations on a scenario set; holds the simulator that flies them.
+    """Computes the fitness of populations on a scenario set; holds their simulator.
 
-    make_simulator : of cases and a number of workers, where it is not `Simulator`
+    make_simulator : from cases and a number of workers
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class Fitness:
         return cases
 
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
-        """Return the scores of a population, of what the simulator flies."""
+        """Return the scores of a population."""
         settings = self.settings
         outcomes = iter(self.simulator.fly(population))
         training = next(outcomes)

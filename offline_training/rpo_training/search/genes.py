@@ -1,11 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Chromosomes: what a search varies, and how it decodes to controllers.
+"""Chromosomes of a search, and how they decode to controllers.
 
 Genes are reals in [0, 1], in this order: the two input scales (where they are trained), the
 paper's p1-p15 (membership functions; position, velocity, force), and the rules. A foot is placed
-between its neighbours, so that every chromosome decodes to ordered feet; a rule gene is cut into
-equal parts, one per word. Values are rounded to 1e-4, so that a controller file holds few digits.
+between its neighbours, so that every chromosome decodes to ordered feet; the range of a rule gene
+has equal parts, one per word. Values are rounded to 1e-4: a controller file then has few digits.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ _LEAN = 0.99  # share of its bound that a left foot can reach
 
 @dataclass(frozen=True)
 class GeneSpace:
-    """What may vary.
+    """What a search varies.
 
     rules : one of `RULES`
     position_scale_m, velocity_scale_m_s : (least, most); equal bounds fix the scale, without a gene
     force_scale_n : fixed
     complete : whether neighbouring input functions must overlap, so that some rule fires everywhere
-        and the force has no jumps; the paper does not ask for it
+        and the force has no jumps; not required by the paper
     """
 
     rules: str = 'free'
@@ -92,15 +92,15 @@ class GeneSpace:
 
     @property
     def rule_genes(self) -> slice:
-        """Where the rules are in a chromosome; they are its end."""
+        """The rules of a chromosome; they are its last genes."""
         return slice(self.free_scales + FUNCTIONS, self.size)
 
     def rule_tables(self) -> Floats:
         """Return rule genes (tables, 6) of each distinct table of an odd-monotone space."""
         if self.rules != 'odd-monotone':
             raise InputError(
-                f'`genes.rules` must be odd-monotone for a race of rule tables, of '
-                f'which there are few; got {self.rules}'
+                f'`genes.rules` must be odd-monotone for a race of rule tables; other spaces have '
+                f'too many tables; got {self.rules}'
             )
         genes = (np.array(list(product(range(3), repeat=len(_ODD)))) + 0.5) / 3
         _, first = np.unique(self._decode_rules(genes), axis=0, return_index=True)
@@ -130,7 +130,7 @@ class GeneSpace:
         Raises
         ------
         InputError
-            If the space does not hold it.
+            If it is outside the space.
         """
         genes: list[float] = []
         for value, (least, most) in zip(controller.scales, self._scales, strict=False):

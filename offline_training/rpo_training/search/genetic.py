@@ -1,12 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's genetic algorithm on pymoo, with the operators pymoo lacks.
+"""The paper's genetic algorithm on pymoo, with the operators that are missing in pymoo.
 
-The paper names the options of MATLAB's `ga`; what those do is restated here, with two readings:
+The paper names the options of MATLAB's `ga`. This module has their meaning, with two readings:
 
-- "mutation probability 0.2" has no place in an adaptive feasible mutation: it is read as the share
-  of the children that mutation makes (11 of 57); crossover makes the others, with probability 0.85,
-  a pair of parents being copied otherwise;
+- an adaptive feasible mutation has no "mutation probability 0.2": it is read as the share of the
+  children that mutation makes (11 of 57); crossover makes the others, with probability 0.85, else
+  copies a pair of parents;
 - genes are normalised to [0, 1], so that one step size suits feet, scales and rules alike.
 
 Random numbers of generation g come from PCG64 seeded with (seed, g).
@@ -43,7 +43,7 @@ class GaSettings:
     stall : generations without a better controller after which the search stops
     mutation : share of the children that mutation makes
     mutation_scale : first step of a mutation, as a share of a gene's range
-    mutation_floor : smallest factor the step adapts to; MATLAB's is 1.5e-8, where rules, which are
+    mutation_floor : smallest factor of the step; MATLAB's is 1.5e-8, at which rules, which are
         rounded, no longer change
     """
 

@@ -29,7 +29,7 @@ from rpo_core.thrusters import ThrustersStage
 
 Floats = NDArray[np.float64]
 Truth = Callable[[Scenario, Floats], Floats]
-"""From a scenario and the forces (N, 3) [N] given in its ticks to the states (N + 1, 6)."""
+"""From a scenario and the forces (N, 3) [N] applied in its ticks to the states (N + 1, 6)."""
 
 DISTANCES_M = (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
 AXIS_NAMES = ('R-bar', 'V-bar', 'H-bar')
@@ -38,9 +38,9 @@ _TOLERANCE = 1e-13
 
 
 def total_forces_n(flight: Flight) -> Floats:
-    """Return the forces (N, 3) on the chaser in each tick: given by the thrusters, and disturbance.
+    """Return the forces (N, 3) on the chaser in each tick: of the thrusters, and disturbance.
 
-    Those of the log: nothing is flown again by the controller.
+    The commands are those of the flight; the controller does not run again.
     """
     stage = ThrustersStage(flight.scenario.thrusters, flight.scenario.max_force_n)
     ticks = np.arange(len(flight.forces_n) - 1)
@@ -141,8 +141,8 @@ def by_basilisk(scenario: Scenario, forces_n: Floats) -> Floats:
     states = [np.array(scenario.start)]
     simulation.ConfigureStopTime(0)
     simulation.ExecuteSimulation()
-    for tick, given in enumerate(forces_n.tolist()):
-        force.extForce_B = [[component] for component in given]
+    for tick, applied in enumerate(forces_n.tolist()):
+        force.extForce_B = [[component] for component in applied]
         simulation.ConfigureStopTime((tick + 1) * scenario.dt_ns)
         simulation.ExecuteSimulation()
         t_s = scenario.time_s(tick + 1)
@@ -188,7 +188,7 @@ def drift_errors(scenario: Scenario, duration_s: float) -> list[Growth]:
 
 
 TRUTHS: dict[str, Truth] = {'Basilisk': by_basilisk, 'SciPy': by_scipy}
-"""Name -> what flies."""
+"""Name -> simulation."""
 
 SHOWN = 8
 """Moments in the table of a flight."""
@@ -199,7 +199,7 @@ class Comparison:
     """A flight of the linear plant beside truths.
 
     errors : name of the truth -> linear less true states (N + 1, 6)
-    disagreement_m : largest distance between two truths; None if there is but one
+    disagreement_m : largest distance between two truths; None if there is only one
     """
 
     title: str
