@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -25,52 +25,40 @@ Table = list[tuple[str, ...]]
 """Headings, then a line for each controller; all texts."""
 
 
+_OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
+    'controller': lambda row: row.name,
+    'mean J [N²s]': lambda row: f'{row.mean_energy_n2s:.3f}',
+    '× least': lambda row: f'{row.ratio:.3f}' if row.met else '–',
+    'starts that meet all': lambda row: f'{row.met} of {row.starts}',
+    'arrival error, mean (worst) [m]': lambda row: (
+        f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})'
+    ),
+    'slew [N/s]': lambda row: f'{row.slew_n_s:.3g}',
+    'success, dispersed [%]': lambda row: (
+        f'{100 * row.kept / row.runs:.2f} ({100 * row.low:.2f} to {100 * row.high:.2f})'
+    ),
+    'command [µs]': lambda row: f'{row.command_us:.1f}',
+}
+"""Heading -> cell of the main table."""
+
+
 def overview(rows: Sequence[ComparedController]) -> Table:
     """Return the main table."""
-    return [
-        (
-            'controller',
-            'mean J [N²s]',
-            '× least',
-            'starts that meet all',
-            'arrival error, mean (worst) [m]',
-            'slew [N/s]',
-            'success, dispersed [%]',
-            'command [µs]',
-        ),
-        *(
-            (
-                row.name,
-                f'{row.mean_energy_n2s:.3f}',
-                f'{row.ratio:.3f}' if row.met else '–',
-                f'{row.met} of {row.starts}',
-                f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})',
-                f'{row.slew_n_s:.3g}',
-                f'{100 * row.kept / row.runs:.2f} ({100 * row.low:.2f} to {100 * row.high:.2f})',
-                f'{row.command_us:.1f}',
-            )
-            for row in rows
-        ),
-    ]
+    return [tuple(_OVERVIEW), *(tuple(cell(row) for cell in _OVERVIEW.values()) for row in rows)]
 
 
 def tests(rows: Sequence[ComparedController]) -> Table:
     """Return the paper's test in both readings."""
-    figures = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
-    readings = ('offset', 'phase')
-    lines: Table = [('controller', *(f'{name}: {f}' for name in readings for f in figures))]
+    metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
+    headings = (f'{reading}: {m}' for reading in ('offset', 'phase') for m in metrics)
+    lines: Table = [('controller', *headings)]
     for row in rows:
         found = [row.tests[test] for test in TESTS]
-        cells = [
-            text
+        cells = (
+            (f'{t.position_m:.3g}', f'{1e3 * t.velocity_m_s:.3g}', f'{t.energy_n2s:.3f}')
             for t in found
-            for text in (
-                f'{t.position_m:.3g}',
-                f'{1e3 * t.velocity_m_s:.3g}',
-                f'{t.energy_n2s:.3f}',
-            )
-        ]
-        lines.append((row.name, *cells))
+        )
+        lines.append((row.name, *(text for cell in cells for text in cell)))
     return lines
 
 
