@@ -22,7 +22,8 @@ from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
-from rpo_log.write.run_info import HealthLogWriter, machine_facts, write_run_info
+from rpo_log.write.run_info import machine_facts, write_run_info
+from rpo_log.write.side_file import HealthLogWriter
 
 
 @pytest.fixture(scope='module')

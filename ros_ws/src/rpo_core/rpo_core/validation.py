@@ -42,7 +42,7 @@ def store(instance: Any, **checked: Any) -> None:
         object.__setattr__(instance, name, value)
 
 
-def check_fields(instance: Any) -> None:
+def check_fields(instance: object) -> None:
     """Check and store the fields of a frozen dataclass, from its `__post_init__`.
 
     The annotation of a field holds its check, which takes the name and the value:

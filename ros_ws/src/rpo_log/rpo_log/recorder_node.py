@@ -22,7 +22,7 @@ from rpo_log.errors import LogError
 from rpo_log.format import run as run_log
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
-from rpo_log.write.decisions import DecisionLogWriter
+from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
@@ -72,7 +72,7 @@ class RecorderNode(FlightNode):
         self._ready = self._running = False
         self._timeout = Timeout()
         self._interrupted = False
-        self._health_log: run_info.HealthLogWriter | None = None
+        self._health_log: HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
         self._decision_topic = self.resolve_topic_name(names.DECISION)
         self._begun = time.time()
@@ -227,7 +227,7 @@ class RecorderNode(FlightNode):
             self.get_logger().error(str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
-        self._health_log = run_info.HealthLogWriter(self.folder)
+        self._health_log = HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
         rate_hz = self._decision_rate_hz()
         if rate_hz > 0.0:

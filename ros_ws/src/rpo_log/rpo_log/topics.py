@@ -43,7 +43,7 @@ def free_running(recorded: Iterable[Topic]) -> bool:
     return any(topic.signal == interfaces.APPLIED_FORCE for topic in recorded)
 
 
-def owed(topic: Topic, recorded: Iterable[Topic]) -> bool:
+def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:
     """Return whether each tick must have a message; in free running an answer may be missing."""
     answers = topic.row.owed == interfaces.EACH_TICK
     return not (topic.is_event or (answers and free_running(recorded)))
