@@ -23,14 +23,14 @@ SCHEMA = 'rpo/monitor/1'
 
 WARN, COAST, ABORT = 'warn', 'coast', 'abort'
 REACTIONS = (WARN, COAST, ABORT)
-"""Say so; have the controller command zero; end the run."""
+"""Report the fault; also make the controller command zero; also end the run."""
 
 FAULTS = {
     'not_finite': 'a state or a command is not a finite number',
     'out_of_range': 'the chaser is farther from the target than allowed',
     'too_fast': 'the chaser is faster than its range allows',
     'off_corridor': 'the chaser is outside the approach corridor',
-    'force_saturated': 'the command asks for all the thrusters have, or more',
+    'force_saturated': 'the command is at the limit of the thrusters, or beyond it',
     'force_stale': 'no command came in time',
     'controller_inactive': 'the controller is not active',
 }

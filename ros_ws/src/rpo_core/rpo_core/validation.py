@@ -48,7 +48,8 @@ def check_fields(instance: object) -> None:
     The annotation of a field holds its check, which takes the name and the value:
     `mass_kg: Annotated[float, partial(real, unit='kg', above=0.0)]`. Raises InputError.
     """
-    for name, check in _checks(type(instance)):
+    kind: Any = type(instance)
+    for name, check in _checks(kind):
         store(instance, **{name: check(name, getattr(instance, name))})
 
 

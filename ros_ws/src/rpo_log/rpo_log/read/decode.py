@@ -115,8 +115,8 @@ def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
 
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
     """Return the LogError of a message that is not of its type."""
-    said = f'tick {tick} of {topic.name}: a {topic.type} {error}'
-    return LogError(Fault.BAD_MESSAGE, path, said, tick)
+    sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
+    return LogError(Fault.BAD_MESSAGE, path, sentence, tick)
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,8 @@ class Messages:
         ticks = self.tick[found]
         again = np.flatnonzero(ticks[1:] == ticks[:-1])
         if len(again):
-            said = f'has tick {ticks[again[0]]} of {topic.name} twice'
-            raise LogError(Fault.DUPLICATE_TICK, self.path, said)
+            sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
+            raise LogError(Fault.DUPLICATE_TICK, self.path, sentence)
 
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
