@@ -87,13 +87,7 @@ class TickBlock:
 
     def after(self, tick: int) -> TickBlock:
         """Return the ticks after one, without events."""
-        keep = self.ticks > tick
-        return TickBlock(
-            self.ticks[keep],
-            {signal: values[keep] for signal, values in self.values.items()},
-            {signal: present[keep] for signal, present in self.present.items()},
-            non_canonical=tuple(m for m in self.non_canonical if m.tick > tick),
-        )
+        return self.at(self.ticks[self.ticks > tick])
 
     def at(self, ticks: NDArray[np.int64]) -> TickBlock:
         """Return some ticks, without events; those that are not here have no message."""

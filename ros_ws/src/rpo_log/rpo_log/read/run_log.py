@@ -17,7 +17,7 @@ from rpo_core.controller import AnyController
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import CONTROLLER, SCENARIO, TimeBase
 from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import Event, NonCanonical
@@ -92,27 +92,9 @@ class RunLog:
         return self.ticks * self.base.dt_ns / 1_000_000_000
 
     @property
-    def until_ns(self) -> int:
-        """Stamp of the last tick."""
-        return self.base.stamp_ns(int(self.ticks[-1]))
-
-    @property
     def outcome(self) -> str | None:
         """The last phase in run_status: finished, aborted; running if the log ends before."""
         return dict(self.statuses[-1][1].values).get('phase') if self.statuses else None
-
-    @property
-    def exit_code(self) -> ExitCode:
-        """OK, or INCOMPLETE."""
-        return ExitCode.OK if self.complete else ExitCode.INCOMPLETE
-
-    def sentence(self) -> str:
-        """Return one line that says whether the log is whole, and what to do if it is not."""
-        sentence = (
-            f'{self.path}: ticks {int(self.ticks[0])} to {int(self.ticks[-1])} of '
-            f'{self.base.last_tick}, {self.times_s[-1]:g} s'
-        )
-        return '; '.join([sentence, *self.gaps])
 
 
 def read_run(path: str | Path) -> RunLog:
