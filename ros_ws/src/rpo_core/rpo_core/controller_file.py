@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every controller file holds, and the kinds of controller that a file may name.
 
-Whoever adds a kind writes a frozen dataclass and one line (`register`) in a module of their own
+To add a kind, write a frozen dataclass and one line (`register`) in a module of your own
 (`rpo_core.plugins`). Its fields are those of the file.
 """
 

@@ -4,7 +4,7 @@
 
 A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
 that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
-this table; whoever adds a topic adds one row (`add`), and nothing else. See `rpo_core.plugins`.
+this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.plugins`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Interface:
 
     @property
     def topic(self) -> str:
-        """Name of the topic as nodes ask for it: relative, but for the clock and diagnostics."""
+        """Name of the topic for a node: relative, but for the clock and diagnostics."""
         return f'/{self.name}' if self.name in (CLOCK, DIAGNOSTICS) else self.name
 
     @property
