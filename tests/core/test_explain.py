@@ -42,7 +42,7 @@ def test_decisions_are_what_is_commanded(system, state):
         for word, strength in zip(WORDS, decision.strengths, strict=True):
             deciding = [r.strength for r in decision.rules if r.force == word and r.decides]
             assert set(deciding) == ({strength} if strength else set())
-        json.dumps(decision.as_dict(), allow_nan=False)
+        json.dumps(dict(decision.pairs()), allow_nan=False)
 
 
 def test_the_sentence_of_the_issue(handmade):

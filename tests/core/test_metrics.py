@@ -134,8 +134,8 @@ def test_claims_of_the_papers_training(paper_test):
     assert speed == ('mean speed, last 50 s', 'm/s', 0.015, pytest.approx(0.013, abs=1e-15))
     assert slew == ('largest |df/dt|', 'N/s', 0.0261, 0.02)
     assert speed.holds and slew.holds
-    assert not speed._replace(flown=0.0151).holds and speed._replace(flown=0.015).holds
-    assert not speed._replace(flown=math.nan).holds
+    assert not speed._replace(value=0.0151).holds and speed._replace(value=0.015).holds
+    assert not speed._replace(value=math.nan).holds
 
 
 def test_claims_of_a_short_flight_say_how_short(paper_test):

@@ -16,7 +16,7 @@ from rpo_core.interfaces import ARRAY_TYPE as TYPE
 from rpo_log.errors import LogError
 from rpo_log.format.run import DECISIONS_FILE, TimeBase
 from rpo_log.read.decisions import decision_at, read_decisions
-from rpo_log.write.decisions import DecisionLogWriter
+from rpo_log.write.side_file import DecisionLogWriter
 
 BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)
 RATE_HZ = 2.0

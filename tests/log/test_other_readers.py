@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rpo_log.errors import LogError
 from rpo_log.read.run_log import read_run
-from rpo_log.write.run_info import HealthLogWriter
+from rpo_log.write.side_file import HealthLogWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JAVASCRIPT_PACKAGES = [

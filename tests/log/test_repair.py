@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
-from rpo_log.write.run_info import HealthLogWriter
+from rpo_log.write.side_file import HealthLogWriter
 
 
 def cut(folder: Path, content: bytes, size: int) -> Path:

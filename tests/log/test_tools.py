@@ -22,7 +22,8 @@ from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
-from rpo_log.write.run_info import HealthLogWriter, machine_facts, write_run_info
+from rpo_log.write.run_info import machine_facts, write_run_info
+from rpo_log.write.side_file import HealthLogWriter
 
 
 @pytest.fixture(scope='module')
@@ -73,7 +74,7 @@ def test_the_first_difference_of_each_topic(log, tmp_path, monkeypatch, blocks):
 
     def change(name, tick, data):
         if name == STATE and tick in (70, 90):
-            wrench = list(cdr.decode_odometry(data).floats)
+            wrench = list(cdr.decode_stamped(cdr.ODOMETRY, data).floats)
             state = wrench[:3] + wrench[43:46]
             state[4] += 0.25 if tick == 70 else 0.5
             return cdr.encode_odometry(cdr.stamp_ns(data), 'target_lvlh', 'chaser', state)

@@ -72,7 +72,7 @@ def test_one_bit_of_a_message_is_found(blocks, topic, check, tick, tmp_path):
     def flip(name, sequence, data):
         if (name, sequence) != (topic, tick):
             return data
-        at = cdr.floats_at(interfaces.find(name).type, data)
+        at = interfaces.row_of(name.rsplit('/', 1)[-1]).layout.places[0]
         (value,) = struct.unpack_from('<q', data, at)
         return data[:at] + struct.pack('<q', value ^ 1) + data[at + 8 :]
 

@@ -12,7 +12,7 @@ from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
 from rpo_core import metrics
-from rpo_core.baselines import Model, Mpc
+from rpo_core.baselines import PAPER_MODEL, Mpc
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
@@ -107,7 +107,9 @@ def by_solver(mpc, state, ticks):
 
 
 def test_where_no_limit_binds_the_quadratic_program_says_the_same():
-    mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
+    mpc = Mpc(
+        name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=replace(PAPER_MODEL, dt_s=1.0)
+    )
     state = np.array([5.0, -3.0, 2.0, 0.02, -0.03, 0.01])
     for tick in (0, 30):
         (plan,) = plans.plans(mpc, state[None], tick)
@@ -120,7 +122,9 @@ def test_where_no_limit_binds_the_quadratic_program_says_the_same():
 
 
 def test_a_plan_beyond_a_limit_is_counted():
-    mpc = Mpc(name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=Model(dt_s=1.0))
+    mpc = Mpc(
+        name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=replace(PAPER_MODEL, dt_s=1.0)
+    )
     far = np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     (plan,) = plans.plans(mpc, far[None], 0)
     assert np.abs(plan).max() > mpc.max_force_n  # 6 m r / T^2 = 0.55 N

@@ -36,8 +36,8 @@ def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int
     ticks = flight.scenario.ticks
     cells = (
         f'{rate:.0%}', f'{int(values["held_ticks"]) / ticks:.0%}',
-        f'{int(values["stale_ticks"]) / ticks:.1%}', f'{position.flown:.3f} m',
-        f'{velocity.flown:.4f} m/s', f'{metrics.of_flight(flight).energy_n2s:.2f} N²s',
+        f'{int(values["stale_ticks"]) / ticks:.1%}', f'{position.value:.3f} m',
+        f'{velocity.value:.4f} m/s', f'{metrics.of_flight(flight).energy_n2s:.2f} N²s',
         'yes' if position.holds and velocity.holds else 'NO',
     )  # fmt: skip
     return f'| {" | ".join(cells)} |'

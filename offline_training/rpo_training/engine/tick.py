@@ -8,7 +8,7 @@
 from __future__ import annotations
 
 from rpo_core.baseline_kernels import baseline_force
-from rpo_core.kernels import CwStep, cw_step, given_force, measured, saturate, sin_cos
+from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
 from rpo_core.noise import six_normals
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
@@ -148,7 +148,7 @@ def apply(w, thrusters):  # type: ignore[no-untyped-def]
         return
     for s in range(RUNS):
         y, z, i = s + RUNS, s + 2 * RUNS, MATRIX + s
-        w[FORCE + s], w[FORCE + y], w[FORCE + z] = given_force(
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = exerted_force(
             w[i],
             w[i + STRIDE],
             w[i + 2 * STRIDE],

@@ -13,20 +13,19 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import cw
 from rpo_core.baseline_kernels import GAINS, BaselineLaw, baseline_force, least_energy_gains
-from rpo_core.codec import required
 from rpo_core.controller_file import ControllerFile, ControllerStage, register
 from rpo_core.jit import as_table
 from rpo_core.stage import Signal, Stage
-from rpo_core.validation import InputError, real, shown, store
+from rpo_core.validation import InputError, check_fields, real, shown, store
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000
@@ -39,17 +38,12 @@ _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of states [m, m/s], f
 class Model:
     """The relative dynamics that a design takes for true."""
 
-    orbit_radius_m: float = required(6_678_000.0)
-    mass_kg: float = required(10.0)
-    dt_s: float = required(0.1)
+    orbit_radius_m: cw.OrbitRadius
+    mass_kg: cw.Mass
+    dt_s: cw.TickLength
 
     def __post_init__(self) -> None:
-        store(
-            self,
-            orbit_radius_m=real('orbit_radius_m', self.orbit_radius_m, 'm', least=6.4e6, most=1e9),
-            mass_kg=real('mass_kg', self.mass_kg, 'kg', least=1e-3, most=1e9),
-            dt_s=real('dt_s', self.dt_s, 's', least=1e-6, most=1e3),
-        )
+        check_fields(self)
 
     @property
     def mean_motion_rad_s(self) -> float:
@@ -59,6 +53,9 @@ class Model:
     def matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A_d (6, 6) and B_d (6, 3) of a tick."""
         return cw.matrices(cw.discretise(self.mean_motion_rad_s, self.mass_kg, self.dt_s))
+
+
+PAPER_MODEL = Model(orbit_radius_m=6_678_000.0, mass_kg=10.0, dt_s=0.1)
 
 
 class BaselineStage(ControllerStage):
@@ -105,8 +102,23 @@ def _table_law(gains: Any, limit: float) -> BaselineLaw:
     return BaselineLaw(as_table(rows), as_table(np.empty(0)), limit)
 
 
-def _gain(name: str, value: Any, unit: str) -> float:
-    return real(name, value, unit, least=0.0, most=MAX_GAIN)
+def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    if hasattr(value, 'tolist'):  # a NumPy array
+        value = value.tolist()
+    rows = isinstance(value, (list, tuple)) and len(value) == 3
+    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 6 for row in value):
+        raise InputError(f'`{name}` must be 3 rows of 6 numbers; got {shown(value)}')
+    return tuple(
+        tuple(
+            real(f'{name}[{i}][{j}]', number, least=-MAX_GAIN, most=MAX_GAIN)
+            for j, number in enumerate(row)
+        )
+        for i, row in enumerate(value)
+    )
+
+
+_gain = partial(real, least=0.0, most=MAX_GAIN)
+_positive = partial(real, least=1e-6, most=MAX_GAIN)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,16 +139,8 @@ class Pd(Baseline):
 
     kind: ClassVar[str] = 'pd'
 
-    position_gain_n_m: float
-    velocity_gain_n_s_m: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        store(
-            self,
-            position_gain_n_m=_gain('position_gain_n_m', self.position_gain_n_m, 'N/m'),
-            velocity_gain_n_s_m=_gain('velocity_gain_n_s_m', self.velocity_gain_n_s_m, 'N s/m'),
-        )
+    position_gain_n_m: Annotated[float, partial(_gain, unit='N/m')]
+    velocity_gain_n_s_m: Annotated[float, partial(_gain, unit='N s/m')]
 
     @cached_property
     def law(self) -> BaselineLaw:
@@ -158,39 +162,15 @@ class Lqr(Baseline):
 
     kind: ClassVar[str] = 'lqr'
 
-    position_weight: float
-    velocity_weight: float
-    gains: tuple[tuple[float, ...], ...]
-    model: Model = field(default_factory=Model)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        store(
-            self,
-            position_weight=_gain('position_weight', self.position_weight, 'N^2/m^2'),
-            velocity_weight=_gain('velocity_weight', self.velocity_weight, 'N^2 s^2/m^2'),
-            gains=_matrix('gains', self.gains),
-        )
+    position_weight: Annotated[float, partial(_gain, unit='N^2/m^2')]
+    velocity_weight: Annotated[float, partial(_gain, unit='N^2 s^2/m^2')]
+    gains: Annotated[tuple[tuple[float, ...], ...], _matrix]
+    model: Model = PAPER_MODEL
 
     @cached_property
     def law(self) -> BaselineLaw:
         """What the kernels read."""
         return _table_law(self.gains, self.max_force_n)
-
-
-def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
-    if hasattr(value, 'tolist'):  # a NumPy array
-        value = value.tolist()
-    rows = isinstance(value, (list, tuple)) and len(value) == 3
-    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 6 for row in value):
-        raise InputError(f'`{name}` must be 3 rows of 6 numbers; got {shown(value)}')
-    return tuple(
-        tuple(
-            real(f'{name}[{i}][{j}]', number, least=-MAX_GAIN, most=MAX_GAIN)
-            for j, number in enumerate(row)
-        )
-        for i, row in enumerate(value)
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,7 +191,7 @@ class Mpc(Baseline):
 
     horizon_s: float
     least_time_to_go_s: float
-    model: Model = field(default_factory=Model)
+    model: Model = PAPER_MODEL
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -256,30 +236,23 @@ class PotentialField(Baseline):
 
     kind: ClassVar[str] = 'apf_smc'
 
-    approach_speed_m_s: float
-    rounding_radius_m: float
-    switching_gain_n: float
-    boundary_layer_m_s: float
-    model: Model = field(default_factory=Model)
-
-    _UNITS: ClassVar[Mapping[str, str]] = {
-        'approach_speed_m_s': 'm/s',
-        'rounding_radius_m': 'm',
-        'switching_gain_n': 'N',
-        'boundary_layer_m_s': 'm/s',
-    }
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name, unit in self._UNITS.items():
-            value = real(name, getattr(self, name), unit, least=1e-6, most=MAX_GAIN)
-            store(self, **{name: value})
+    approach_speed_m_s: Annotated[float, partial(_positive, unit='m/s')]
+    rounding_radius_m: Annotated[float, partial(_positive, unit='m')]
+    switching_gain_n: Annotated[float, partial(_positive, unit='N')]
+    boundary_layer_m_s: Annotated[float, partial(_positive, unit='m/s')]
+    model: Model = PAPER_MODEL
 
     @cached_property
     def law(self) -> BaselineLaw:
         """What the kernels read."""
-        numbers = [getattr(self, name) for name in self._UNITS]
-        numbers += [self.model.mass_kg, self.model.mean_motion_rad_s]
+        numbers = [
+            self.approach_speed_m_s,
+            self.rounding_radius_m,
+            self.switching_gain_n,
+            self.boundary_layer_m_s,
+            self.model.mass_kg,
+            self.model.mean_motion_rad_s,
+        ]
         return BaselineLaw(as_table(np.zeros((1, GAINS))), as_table(numbers), self.max_force_n)
 
 

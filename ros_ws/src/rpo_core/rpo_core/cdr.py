@@ -25,8 +25,7 @@ STAMP_AT = 4
 
 STAMP = struct.Struct('<iI')
 
-WRENCH_FLOATS = 6
-ODOMETRY_FLOATS = 85
+_FRAMES = ('header.frame_id', 'child_frame_id')
 
 WRENCH_FIELDS = tuple(f'wrench.{part}.{axis}' for part in ('force', 'torque') for axis in 'xyz')
 """Names of a wrench's floats, in their order."""
@@ -41,10 +40,6 @@ ODOMETRY_FIELDS = (
 )
 """Names of an odometry's floats, in their order."""
 
-POSITION = slice(0, 3)
-VELOCITY = slice(43, 46)
-"""Where position and linear velocity lie among the floats of an odometry."""
-
 CLOCK, ODOMETRY, WRENCH = (
     'rosgraph_msgs/msg/Clock',
     'nav_msgs/msg/Odometry',
@@ -52,13 +47,15 @@ CLOCK, ODOMETRY, WRENCH = (
 )
 """Types that have a `Layout`: a stamp and numbers, the rest fixed."""
 
-_STAMPED = {ODOMETRY: (2, ODOMETRY_FLOATS), WRENCH: (1, WRENCH_FLOATS)}
-"""Types made of a stamp, so many strings and so many floats."""
+FIELDS = {
+    CLOCK: ((), ()),
+    ODOMETRY: (_FRAMES, ODOMETRY_FIELDS),
+    WRENCH: (_FRAMES[:1], WRENCH_FIELDS),
+}
+"""Names of the texts, then of the floats, that follow the stamp in these types."""
 
 _NS = 1_000_000_000
 _LENGTH = struct.Struct('<I')
-_WRENCH = struct.Struct(f'<{WRENCH_FLOATS}d')
-_ODOMETRY = struct.Struct(f'<{ODOMETRY_FLOATS}d')
 _IDENTITY_POSE = (0.0, 0.0, 0.0, 1.0) + (0.0,) * 36
 _NO_ROTATION = (0.0,) * 39
 
@@ -67,20 +64,11 @@ class CdrError(ValueError):
     """Bytes that are not the CDR of the expected type."""
 
 
-class Wrench(NamedTuple):
-    """geometry_msgs/msg/WrenchStamped; floats : force [N] and torque [N m], axes of frame_id."""
+class Stamped(NamedTuple):
+    """A Clock, Odometry or WrenchStamped; texts and floats in the order of `FIELDS`."""
 
     stamp_ns: int
-    frame_id: str
-    floats: tuple[float, ...]
-
-
-class Odometry(NamedTuple):
-    """nav_msgs/msg/Odometry; floats : those of `ODOMETRY_FIELDS`."""
-
-    stamp_ns: int
-    frame_id: str
-    child_frame_id: str
+    texts: tuple[str, ...]
     floats: tuple[float, ...]
 
 
@@ -107,6 +95,15 @@ def _pad(buffer: bytearray, alignment: int) -> None:
     buffer.extend(bytes(-(len(buffer) - 4) % alignment))
 
 
+def _encode_stamped(stamp_ns: int, texts: Sequence[str], floats: Sequence[float] = ()) -> bytes:
+    buffer = bytearray(_stamp(stamp_ns))
+    for text in texts:
+        _pad(buffer, 4)
+        buffer += _string(text)
+    _pad(buffer, 8 if floats else 1)
+    return bytes(buffer) + struct.pack(f'<{len(floats)}d', *floats)
+
+
 def encode_clock(stamp_ns: int) -> bytes:
     """Return the CDR of a rosgraph_msgs/msg/Clock."""
     return _stamp(stamp_ns)
@@ -114,9 +111,7 @@ def encode_clock(stamp_ns: int) -> bytes:
 
 def encode_wrench(stamp_ns: int, frame_id: str, force_n: Sequence[float]) -> bytes:
     """Return the CDR of a WrenchStamped without torque; force_n : (3,) N, axes of frame_id."""
-    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
-    _pad(buffer, 8)
-    return bytes(buffer) + _WRENCH.pack(*force_n, 0.0, 0.0, 0.0)
+    return _encode_stamped(stamp_ns, [frame_id], [*force_n, 0.0, 0.0, 0.0])
 
 
 def encode_odometry(
@@ -126,11 +121,8 @@ def encode_odometry(
 
     state : (6,) position [m] and velocity [m/s] in the axes of frame_id
     """
-    buffer = bytearray(_stamp(stamp_ns) + _string(frame_id))
-    _pad(buffer, 4)
-    buffer += _string(child_frame_id)
-    _pad(buffer, 8)
-    return bytes(buffer) + _ODOMETRY.pack(*state[:3], *_IDENTITY_POSE, *state[3:], *_NO_ROTATION)
+    floats = [*state[:3], *_IDENTITY_POSE, *state[3:], *_NO_ROTATION]
+    return _encode_stamped(stamp_ns, [frame_id, child_frame_id], floats)
 
 
 def encode_status(
@@ -234,32 +226,15 @@ def stamp_ns(data: bytes) -> int:
     return _Cursor(data).stamp()
 
 
-def decode_clock(data: bytes) -> int:
-    """Return the time [ns] of a rosgraph_msgs/msg/Clock; raises CdrError."""
+def decode_stamped(type_name: str, data: bytes) -> Stamped:
+    """Return a message of a type of `FIELDS`; raises CdrError."""
+    texts, floats = FIELDS[type_name]
     cursor = _Cursor(data)
-    stamp = cursor.stamp()
+    stamp, found = cursor.stamp(), tuple(cursor.string() for _ in texts)
+    cursor.align(8 if floats else 1)
+    numbers = cursor.unpack(struct.Struct(f'<{len(floats)}d'))
     cursor.end()
-    return stamp
-
-
-def decode_wrench(data: bytes) -> Wrench:
-    """Return a geometry_msgs/msg/WrenchStamped; raises CdrError."""
-    cursor = _Cursor(data)
-    stamp, frame_id = cursor.stamp(), cursor.string()
-    cursor.align(8)
-    floats = cursor.unpack(_WRENCH)
-    cursor.end()
-    return Wrench(stamp, frame_id, floats)
-
-
-def decode_odometry(data: bytes) -> Odometry:
-    """Return a nav_msgs/msg/Odometry; raises CdrError."""
-    cursor = _Cursor(data)
-    stamp, frame_id, child_frame_id = cursor.stamp(), cursor.string(), cursor.string()
-    cursor.align(8)
-    floats = cursor.unpack(_ODOMETRY)
-    cursor.end()
-    return Odometry(stamp, frame_id, child_frame_id, floats)
+    return Stamped(stamp, found, numbers)
 
 
 def decode_status(data: bytes) -> Status:
@@ -280,23 +255,10 @@ def decode_array(data: bytes) -> tuple[int, tuple[Status, ...]]:
     return stamp, statuses
 
 
-def floats_at(type_name: str, data: bytes) -> int:
-    """Return the offset of the first float of an Odometry or WrenchStamped; raises CdrError."""
-    strings, floats = _STAMPED[type_name]
-    cursor = _Cursor(data)
-    cursor.stamp()
-    for _ in range(strings):
-        cursor.string()
-    cursor.align(8)
-    if cursor.at + 8 * floats != len(data):
-        raise CdrError(f'must be {cursor.at + 8 * floats} bytes; got {len(data)}')
-    return cursor.at
-
-
 def canonical(type_name: str, data: bytes) -> bytes:
     """Return a message with the gaps between its fields cleared; raises CdrError."""
     if type_name == CLOCK:
-        decode_clock(data)
+        decode_stamped(CLOCK, data)
         return data
     if type_name == 'diagnostic_msgs/msg/DiagnosticStatus':
         return data[:4] + encode_status(*decode_status(data))[4:]
@@ -305,7 +267,7 @@ def canonical(type_name: str, data: bytes) -> bytes:
         cursor.stamp()
         stamp, statuses = decode_array(data)
         return encode_array(stamp, cursor.string(), statuses)
-    strings, floats = _STAMPED[type_name]
+    strings, floats = map(len, FIELDS[type_name])
     texts, numbers = data[12 : -8 * floats], data[-8 * floats :]
     if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:
         raise CdrError(f'must be the CDR of {type_name}; got {len(data)} bytes')

@@ -9,19 +9,13 @@ written as a mapping or a list of mappings.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import MISSING, field, fields, is_dataclass
+from contextlib import nullcontext
+from dataclasses import MISSING, fields, is_dataclass
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from rpo_core.validation import InputError, mapping, shown, within
 
 Record = TypeVar('Record')
-
-_REQUIRED = 'required in files'
-
-
-def required(default: Any) -> Any:
-    """Return a dataclass field that a file must have, though code may leave it out."""
-    return field(default=default, metadata={_REQUIRED: True})
 
 
 def from_mapping(
@@ -37,18 +31,14 @@ def from_mapping(
     must = [
         f.name
         for f in known
-        if f.name in needed
-        or f.metadata.get(_REQUIRED)
-        or (f.default is MISSING and f.default_factory is MISSING)
+        if f.name in needed or (f.default is MISSING and f.default_factory is MISSING)
     ]
     data = mapping(place, value, must, [f.name for f in known if f.name not in must])
     hints = get_type_hints(kind)
     prefix = f'{place}.' if place else ''
-    given = {name: _nested(hints[name], f'{prefix}{name}', item) for name, item in data.items()}
-    if not place:
-        return kind(**given)
-    with within(place):
-        return kind(**given)
+    values = {name: _nested(hints[name], f'{prefix}{name}', item) for name, item in data.items()}
+    with within(place) if place else nullcontext():
+        return kind(**values)
 
 
 def _nested(hint: Any, place: str, value: Any) -> Any:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import yaml
@@ -20,14 +21,15 @@ from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, o
 from rpo_core.jit import as_table
 from rpo_core.stage import Signal, Stage
 from rpo_core.validation import (
+    Description,
     InputError,
+    Name,
+    check_fields,
     choice,
     mapping,
     real,
     schema,
     shown,
-    store,
-    text,
 )
 
 FUZZY = 'fuzzy'
@@ -86,8 +88,7 @@ class FuzzyStage(ControllerStage):
         return (forces,)
 
 
-def _scale(name: str, value: Any, unit: str) -> float:
-    return real(name, value, unit, above=0.0, most=1e6)
+_scale = partial(real, above=0.0, most=1e6)
 
 
 @dataclass(frozen=True)
@@ -99,23 +100,16 @@ class FuzzyController:
     provenance : how it came to be; free text and numbers, not read by the control
     """
 
-    name: str
+    name: Name
     system: FuzzySystem
-    position_scale_m: float
-    velocity_scale_m_s: float
-    force_scale_n: float
-    description: str = field(default='', compare=False)
+    position_scale_m: Annotated[float, partial(_scale, unit='m')]
+    velocity_scale_m_s: Annotated[float, partial(_scale, unit='m/s')]
+    force_scale_n: Annotated[float, partial(_scale, unit='N')]
+    description: Description = field(default='', compare=False)
     provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        store(
-            self,
-            name=text('name', self.name),
-            description=text('description', self.description, empty=True),
-            position_scale_m=_scale('position_scale_m', self.position_scale_m, 'm'),
-            velocity_scale_m_s=_scale('velocity_scale_m_s', self.velocity_scale_m_s, 'm/s'),
-            force_scale_n=_scale('force_scale_n', self.force_scale_n, 'N'),
-        )
+        check_fields(self)
 
     @property
     def scales(self) -> tuple[float, float, float]:

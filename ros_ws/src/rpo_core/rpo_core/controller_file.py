@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every controller file holds, and the kinds of controller that a file may name.
 
-Whoever adds a kind writes a frozen dataclass and one line (`register`) in a module of their own
+To add a kind, write a frozen dataclass and one line (`register`) in a module of your own
 (`rpo_core.plugins`). Its fields are those of the file.
 """
 
@@ -10,11 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, TypeVar
+from functools import partial
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from rpo_core import codec, interfaces, plugins
 from rpo_core.stage import Stage
-from rpo_core.validation import InputError, choice, real, shown, store, text
+from rpo_core.validation import (
+    Description,
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    real,
+    shown,
+    store,
+)
 
 SCHEMA = 'rpo/controller/1'
 
@@ -37,21 +47,16 @@ class ControllerFile:
 
     kind: ClassVar[str]
 
-    name: str
-    description: str = field(default='', compare=False)
-    max_force_n: float = 0.5
+    name: Name
+    description: Description = field(default='', compare=False)
+    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=1e6)] = 0.5
     provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.provenance, Mapping):
             raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
-        store(
-            self,
-            name=text('name', self.name),
-            description=text('description', self.description, empty=True),
-            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=1e6),
-            provenance=dict(self.provenance),
-        )
+        store(self, provenance=dict(self.provenance))
+        check_fields(self)
 
     @property
     def clock_s(self) -> float | None:

@@ -13,14 +13,22 @@ target's velocity; z H-bar, along the orbit's angular momentum. State: (x, y, z,
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.kernels import CwStep, sin_cos
+from rpo_core.validation import real
 
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""
+
+OrbitRadius = Annotated[float, partial(real, unit='m', least=6.4e6, most=1e9)]
+Mass = Annotated[float, partial(real, unit='kg', least=1e-3, most=1e9)]
+TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
+"""Annotations of the fields of a dataclass, see `rpo_core.validation.check_fields`."""
 
 
 def mean_motion(orbit_radius_m: float) -> float:

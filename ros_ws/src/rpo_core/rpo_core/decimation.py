@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which ticks of a run something rarer falls on, told from stamps alone."""
+"""When an output that is not due at each tick is due, from stamps alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _NANOSECONDS = 1_000_000_000
 class Decimation:
     """Periods counted from 1970: the first stamp in each is due.
 
-    So the sender, who knows no tick, and the reader of its log agree on what is owed.
+    So the sender, which knows no tick, and the reader of its log agree on what is due.
 
     rate_hz : periods per second; 0: nothing is ever due
     """

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import sin_cos
-from rpo_core.validation import choice, real, store, vector3
+from rpo_core.kernels import Vector, sin_cos
+from rpo_core.validation import check_fields, choice, real, vector3
 
 AXES = ('x', 'y', 'z')
 
@@ -23,36 +25,25 @@ MAX_FORCE_N = 1e6
 class Harmonic:
     """One term: amplitude_n * function(angular_rate_rad_s * t + phase_rad) on one axis."""
 
-    axis: str
-    function: str
-    amplitude_n: float
-    angular_rate_rad_s: float
-    phase_rad: float = 0.0
+    axis: Annotated[str, partial(choice, known=AXES)]
+    function: Annotated[str, partial(choice, known=('sin', 'cos'))]
+    amplitude_n: Annotated[float, partial(real, unit='N', least=-MAX_FORCE_N, most=MAX_FORCE_N)]
+    angular_rate_rad_s: Annotated[float, partial(real, unit='rad/s', least=-10.0, most=10.0)]
+    phase_rad: Annotated[float, partial(real, unit='rad', least=-100.0, most=100.0)] = 0.0
 
     def __post_init__(self) -> None:
-        choice('axis', self.axis, AXES)
-        choice('function', self.function, ('sin', 'cos'))
-        store(
-            self,
-            amplitude_n=real(
-                'amplitude_n', self.amplitude_n, 'N', least=-MAX_FORCE_N, most=MAX_FORCE_N
-            ),
-            angular_rate_rad_s=real(
-                'angular_rate_rad_s', self.angular_rate_rad_s, 'rad/s', least=-10.0, most=10.0
-            ),
-            phase_rad=real('phase_rad', self.phase_rad, 'rad', least=-100.0, most=100.0),
-        )
+        check_fields(self)
 
 
 @dataclass(frozen=True)
 class Disturbance:
     """Force on the chaser from outside, in target LVLH axes [N]."""
 
-    constant_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    constant_n: Annotated[Vector, partial(vector3, unit='N', bound=MAX_FORCE_N)] = (0.0, 0.0, 0.0)
     harmonics: tuple[Harmonic, ...] = ()
 
     def __post_init__(self) -> None:
-        store(self, constant_n=vector3('constant_n', self.constant_n, 'N', bound=MAX_FORCE_N))
+        check_fields(self)
 
     @property
     def is_zero(self) -> bool:

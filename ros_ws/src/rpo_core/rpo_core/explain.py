@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 from rpo_core import kernels
 from rpo_core.controller import FuzzyController
@@ -102,13 +101,6 @@ class Decision:
             *((f'rule.{r.position}.{r.velocity}.{r.force}', r.strength) for r in self.rules),
             *_grades([('force', self.strengths)]),
         ]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the decision as plain names, numbers, texts and lists, to be published."""
-        data = asdict(self)
-        for name in ('position_grades', 'velocity_grades', 'strengths'):
-            data[name] = dict(zip(WORDS, data[name], strict=True))
-        return {**data, 'rules': list(data['rules']), 'sentence': self.sentence}
 
 
 def _grades(named: Iterable[tuple[str, kernels.Five]]) -> list[tuple[str, float]]:

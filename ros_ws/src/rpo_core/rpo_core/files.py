@@ -160,7 +160,7 @@ def find(kind: str, name: str) -> Path:
         raise InputError(f'`{kind}` must be a shipped name or a path; got {shown(name)}')
     if os.sep in name or name.endswith(('.yaml', '.yml')):
         path = os.path.expanduser(name)
-        if not os.path.isfile(path):  # unlike Path's, neither raises on odd names
+        if not os.path.isfile(path):  # unlike Path's, neither raises on unusual names
             raise InputError(
                 f'`{kind}` must be a file or a shipped name; there is no file {quoted(name)}'
             )

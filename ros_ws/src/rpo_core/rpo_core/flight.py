@@ -59,14 +59,14 @@ class Flight:
         return made[stage.outputs.index(SATURATED_FORCE)]
 
 
-class _GivenForces(ControllerStage):
+class _CommandedForces(ControllerStage):
     """Commands that are known before the flight."""
 
     def __init__(self, forces_n: Floats) -> None:
         self._forces = forces_n.tolist()
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the commanded force (3,) [N] of a tick; zero after the last one given."""
+        """Return the commanded force (3,) [N] of a tick; zero after the last one."""
         return (tuple(self._forces[tick]) if tick < len(self._forces) else (0.0, 0.0, 0.0),)
 
 
@@ -80,7 +80,7 @@ class OpenLoop:
 
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage of the chain; its forces are held for any tick."""
-        return _GivenForces(self.forces_n)
+        return _CommandedForces(self.forces_n)
 
 
 def fly(

@@ -11,15 +11,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rpo_core import kernels
 from rpo_core.jit import as_table
-from rpo_core.validation import InputError, choice, real, shown, store, whole, within
+from rpo_core.validation import (
+    InputError,
+    check_fields,
+    choice,
+    real,
+    shown,
+    store,
+    whole,
+    within,
+)
 
 WORDS = ('LN', 'SN', 'Z', 'SP', 'LP')
 """Large negative, small negative, zero, small positive, large positive."""
@@ -42,21 +51,14 @@ class MembershipFunctions:
     lp_left : LP is (lp_left, 1, ...), peak at the edge of the range; in [0, 1)
     """
 
-    z_half_width: float
-    sp_left: float
-    sp_centre: float
-    sp_right: float
-    lp_left: float
+    z_half_width: Annotated[float, partial(real, above=0.0, most=1.0)]
+    sp_left: Annotated[float, partial(real, least=0.0, most=1.0)]
+    sp_centre: Annotated[float, partial(real, above=0.0, most=1.0)]
+    sp_right: Annotated[float, partial(real, above=0.0, most=1.0)]
+    lp_left: Annotated[float, partial(real, least=0.0, below=1.0)]
 
     def __post_init__(self) -> None:
-        store(
-            self,
-            z_half_width=real('z_half_width', self.z_half_width, above=0.0, most=1.0),
-            sp_left=real('sp_left', self.sp_left, least=0.0, most=1.0),
-            sp_centre=real('sp_centre', self.sp_centre, above=0.0, most=1.0),
-            sp_right=real('sp_right', self.sp_right, above=0.0, most=1.0),
-            lp_left=real('lp_left', self.lp_left, least=0.0, below=1.0),
-        )
+        check_fields(self)
         feet = (self.sp_left, self.sp_centre, self.sp_right)
         if not (feet[0] <= feet[1] <= feet[2] and feet[0] < feet[2]):
             raise InputError(
@@ -137,10 +139,10 @@ class FuzzySystem:
     velocity: MembershipFunctions
     force: MembershipFunctions
     rules: RuleTable
-    samples: int = DEFAULT_SAMPLES
+    samples: Annotated[int, odd_samples] = DEFAULT_SAMPLES
 
     def __post_init__(self) -> None:
-        odd_samples('samples', self.samples)
+        check_fields(self)
 
     @cached_property
     def tables(self) -> kernels.FisTables:

@@ -4,7 +4,7 @@
 
 A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
 that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
-this table; whoever adds a topic adds one row (`add`), and nothing else. See `rpo_core.plugins`.
+this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.plugins`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ force that thrusters exert; a force from outside. A stage that reads one of thes
 signal made before it."""
 
 TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
-"""When a topic is owed: at each tick, by the plant itself; at each tick, in answer to a state (in
+"""When a message is due: at each tick, by the plant itself; at each tick, in answer to a state (in
 free running it may be late or missing); now and then."""
 
 _COLUMNS = {
@@ -90,7 +90,7 @@ class Interface:
     type : ROS type of the message; '' for a signal that is no topic
     meaning : in a few words, with unit and frame
     carries : STATE, COMMAND, THRUST, DISTURBANCE, or '' for a signal read by its name only
-    owed : TRUTH, EACH_TICK or EVENT
+    due : TRUTH, EACH_TICK or EVENT
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
     """
@@ -99,13 +99,13 @@ class Interface:
     type: str
     meaning: str
     carries: str = ''
-    owed: str = EACH_TICK
+    due: str = EACH_TICK
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
 
     @property
     def topic(self) -> str:
-        """Name of the topic as nodes ask for it: relative, but for the clock and diagnostics."""
+        """Name of the topic for a node: relative, but for the clock and diagnostics."""
         return f'/{self.name}' if self.name in (CLOCK, DIAGNOSTICS) else self.name
 
     @property
@@ -138,7 +138,7 @@ def add(row: Interface, before: str = '') -> Interface:
     """
     if row.name in _TABLE:
         raise InputError(f'interface `{row.name}` must be added once; it is in the table already')
-    types = (STATUS_TYPE,) if row.owed == EVENT else (CLOCK_TYPE, STATE_TYPE, FORCE_TYPE)
+    types = (STATUS_TYPE,) if row.due == EVENT else (CLOCK_TYPE, STATE_TYPE, FORCE_TYPE)
     if row.logged and row.type not in types:
         allowed = ' or '.join(types)
         raise InputError(f'interface `{row.name}` must be {allowed} to be logged; got {row.type}')
@@ -178,7 +178,7 @@ def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
 # fmt: off
 for _row in (
     Interface(CLOCK, CLOCK_TYPE,
-              'simulated time, for others; no control depends on it', owed=TRUTH),
+              'simulated time, for others; no control depends on it', due=TRUTH),
     Interface(RELATIVE_STATE, STATE_TYPE,
               'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
     Interface(NAVIGATION_STATE, STATE_TYPE,
@@ -197,20 +197,20 @@ for _row in (
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
-              owed=EVENT, qos=LATCHED),
+              due=EVENT, qos=LATCHED),
     Interface(RUN_STATUS, STATUS_TYPE,
               'waiting, running, paused, finished or aborted; reason and metrics',
-              owed=EVENT, qos=LATCHED),
+              due=EVENT, qos=LATCHED),
     Interface(DECISION, ARRAY_TYPE,
               'why the controller commands: per axis a sentence, grades and strengths',
-              owed=EVENT, logged=False),
+              due=EVENT, logged=False),
     Interface(NODE_MANIFEST, STATUS_TYPE,
               'files and parameters that shape the flight, for the log',
-              owed=EVENT, logged=False, qos=LATCHED),
+              due=EVENT, logged=False, qos=LATCHED),
     Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready or closed',
-              owed=EVENT, logged=False, qos=LATCHED),
+              due=EVENT, logged=False, qos=LATCHED),
     Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
-              owed=EVENT, logged=False, qos=Qos(depth=10)),
+              due=EVENT, logged=False, qos=Qos(depth=10)),
 ):
     add(_row)
 # fmt: on

@@ -30,7 +30,7 @@ def _wanted() -> bool:
         return False
     installed = importlib.util.find_spec('numba') is not None
     if choice == '1' and not installed:
-        raise InputError('`RPO_JIT=1` asks for compiled kernels, but numba is not installed')
+        raise InputError('`RPO_JIT=1` needs compiled kernels, but numba is not installed')
     return installed
 
 

@@ -235,7 +235,7 @@ def plant_step(
 
 
 @kernel
-def given_force(
+def exerted_force(
     t00: float,
     t01: float,
     t02: float,
@@ -249,7 +249,7 @@ def given_force(
     fy: float,
     fz: float,
 ) -> Vector:
-    """Force [N] that thrusters of matrix t give when told (fx, fy, fz)."""
+    """Force [N] of thrusters with matrix t for the saturated command (fx, fy, fz)."""
     return (
         t00 * fx + t01 * fy + t02 * fz,
         t10 * fx + t11 * fy + t12 * fz,

@@ -32,13 +32,13 @@ class Layout:
             self.columns: tuple[int, ...] = ()
             self.plain = cdr.encode_clock(0)
         elif type_name == cdr.ODOMETRY:
-            self.columns = (*range(3), *range(cdr.VELOCITY.start, cdr.VELOCITY.stop))
+            self.columns = (0, 1, 2, 43, 44, 45)  # position, linear velocity
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
-            self.columns = tuple(range(3))
+            self.columns = (0, 1, 2)  # force
             self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
-        self.texts, self.size = texts, len(self.plain)
-        first = cdr.floats_at(type_name, self.plain) if self.columns else self.size
+        self.type, self.texts, self.size = type_name, texts, len(self.plain)
+        first = self.size - 8 * len(cdr.FIELDS[type_name][1])
         self.places = tuple(first + 8 * column for column in self.columns[::3])
         # What must stand between the stamp and the numbers, with the gaps cleared.
         self._fixed = self.plain[12:first]
@@ -72,22 +72,10 @@ class Layout:
         Raises CdrError if the bytes are not a message of this type.
         """
         if not self.knows(data):
-            return self._decode_slowly(data)
+            stamp, texts, floats = cdr.decode_stamped(self.type, data)
+            return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]
         seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
         values: tuple[float, ...] = ()
         for place in self.places:
             values += _THREE.unpack_from(data, place)
         return seconds * _NS + nanoseconds, values, True
-
-    def _decode_slowly(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
-        """Read a message with other frame ids, or with something in the gaps between fields."""
-        if not self.places:
-            return cdr.decode_clock(data), (), True
-        if len(self.places) > 1:
-            odometry = cdr.decode_odometry(data)
-            texts: tuple[str, ...] = (odometry.frame_id, odometry.child_frame_id)
-            stamp, floats = odometry.stamp_ns, odometry.floats
-        else:
-            wrench = cdr.decode_wrench(data)
-            texts, stamp, floats = (wrench.frame_id,), wrench.stamp_ns, wrench.floats
-        return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]

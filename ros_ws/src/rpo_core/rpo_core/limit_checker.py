@@ -23,14 +23,14 @@ SCHEMA = 'rpo/monitor/1'
 
 WARN, COAST, ABORT = 'warn', 'coast', 'abort'
 REACTIONS = (WARN, COAST, ABORT)
-"""Say so; have the controller command zero; end the run."""
+"""Report the fault; also make the controller command zero; also end the run."""
 
 FAULTS = {
     'not_finite': 'a state or a command is not a finite number',
     'out_of_range': 'the chaser is farther from the target than allowed',
     'too_fast': 'the chaser is faster than its range allows',
     'off_corridor': 'the chaser is outside the approach corridor',
-    'force_saturated': 'the command asks for all the thrusters have, or more',
+    'force_saturated': 'the command is at the limit of the thrusters, or beyond it',
     'force_stale': 'no command came in time',
     'controller_inactive': 'the controller is not active',
 }
@@ -136,18 +136,7 @@ class LimitChecker:
 
     def sample(self, seen: Mapping[str, bool]) -> list[Detection]:
         """Take one sample of some faults; return those that begin to hold by it."""
-        return [self._detect(fault) for fault in self._take(seen)]
-
-    def clear(self, faults: Iterable[str]) -> None:
-        """Forget the samples of some faults: their cause is over by design."""
-        for fault in faults:
-            rule = self.table.rules[fault]
-            self._samples[fault].extend([False] * rule.window)
-            self._shown[fault] = 0
-            self.holding.discard(fault)
-
-    def _take(self, seen: Mapping[str, bool]) -> list[str]:
-        begun = []
+        detections = []
         for fault, shows in seen.items():
             samples, rule = self._samples[fault], self.table.rules[fault]
             self._shown[fault] += shows - samples[0]  # the oldest sample drops out
@@ -156,13 +145,18 @@ class LimitChecker:
                 if not self._shown[fault]:
                     self.holding.discard(fault)
             elif self._shown[fault] >= rule.count:
-                begun.append(fault)
-        return begun
+                self.holding.add(fault)
+                self.detected[fault] += 1
+                detections.append(Detection(fault, rule.reaction))
+        return detections
 
-    def _detect(self, fault: str) -> Detection:
-        self.holding.add(fault)
-        self.detected[fault] += 1
-        return Detection(fault, self.table.rules[fault].reaction)
+    def clear(self, faults: Iterable[str]) -> None:
+        """Forget the samples of some faults: their cause is over by design."""
+        for fault in faults:
+            rule = self.table.rules[fault]
+            self._samples[fault].extend([False] * rule.window)
+            self._shown[fault] = 0
+            self.holding.discard(fault)
 
 
 def parse(document: Any) -> MonitorTable:

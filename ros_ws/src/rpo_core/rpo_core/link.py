@@ -13,17 +13,20 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from random import Random
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
-from rpo_core import validation
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, check_fields, real
 
 Message = TypeVar('Message')
 
 # Not 'nan' and 'infinity': rcl takes these for numbers on the command line.
 NAN, INFINITY, WRONG_FRAME, WRONG_STAMP = 'not_a_number', 'infinite', 'wrong_frame', 'wrong_stamp'
 CORRUPTIONS = (NAN, INFINITY, WRONG_FRAME, WRONG_STAMP)
+
+
+Share = Annotated[float, partial(real, least=0.0, most=1.0)]
 
 
 @dataclass(frozen=True)
@@ -38,19 +41,15 @@ class FaultRates:
     repeat : passed on twice
     """
 
-    drop: float = 0.0
-    freeze: float = 0.0
-    corrupt: float = 0.0
-    delay: float = 0.0
-    reorder: float = 0.0
-    repeat: float = 0.0
+    drop: Share = 0.0
+    freeze: Share = 0.0
+    corrupt: Share = 0.0
+    delay: Share = 0.0
+    reorder: Share = 0.0
+    repeat: Share = 0.0
 
     def __post_init__(self) -> None:
-        checked: dict[str, Any] = {
-            field.name: validation.real(field.name, getattr(self, field.name), least=0.0, most=1.0)
-            for field in fields(self)
-        }
-        validation.store(self, **checked)
+        check_fields(self)
 
 
 KINDS = tuple(field.name for field in fields(FaultRates))

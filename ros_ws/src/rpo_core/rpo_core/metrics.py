@@ -273,17 +273,17 @@ def disturbance_level_n(flight: Flight) -> float:
 
 
 class Claim(NamedTuple):
-    """A statement of the paper beside what was flown."""
+    """A statement of the paper beside the value of a flight."""
 
     statement: str
     unit: str
     paper: float
-    flown: float
+    value: float
 
     @property
     def holds(self) -> bool:
         """Whether the flight does as well."""
-        return self.flown <= self.paper
+        return self.value <= self.paper
 
 
 def claims(flight: Flight) -> list[Claim]:

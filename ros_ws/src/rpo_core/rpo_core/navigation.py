@@ -8,16 +8,29 @@ Noise is a function of tick and key (`rpo_core.noise`), so all of it can be repe
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 from rpo_core import interfaces, kernels
 from rpo_core.kernels import State, Vector
 from rpo_core.noise import six_normals
 from rpo_core.stage import Place, Section, Signal, Stage, register
-from rpo_core.validation import InputError, real, shown, store, vector3, whole
+from rpo_core.validation import InputError, check_fields, real, shown, vector3, whole
 
 MAX_POSITION_ERROR_M = 1e5
 MAX_VELOCITY_ERROR_M_S = 1e3
+
+
+def _key(name: str, value: Any) -> tuple[int, ...]:
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise InputError(f'`{name}` must be a list of 2 words of 32 bits; got {shown(value)}')
+    return tuple(whole(f'{name}[{i}]', v, least=0, most=2**32 - 1) for i, v in enumerate(value))
+
+
+_position_bias = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
+_velocity_bias = partial(vector3, unit='m/s', bound=MAX_VELOCITY_ERROR_M_S)
+_position_noise = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
+_velocity_noise = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
 
 
 @dataclass(frozen=True)
@@ -29,29 +42,14 @@ class Navigation:
     noise_key : two words of 32 bits, the key of Philox4x32-10
     """
 
-    position_bias_m: Vector = (0.0, 0.0, 0.0)
-    velocity_bias_m_s: Vector = (0.0, 0.0, 0.0)
-    position_noise_m: float = 0.0
-    velocity_noise_m_s: float = 0.0
-    noise_key: tuple[int, int] = (0, 0)
+    position_bias_m: Annotated[Vector, _position_bias] = (0.0, 0.0, 0.0)
+    velocity_bias_m_s: Annotated[Vector, _velocity_bias] = (0.0, 0.0, 0.0)
+    position_noise_m: Annotated[float, _position_noise] = 0.0
+    velocity_noise_m_s: Annotated[float, _velocity_noise] = 0.0
+    noise_key: Annotated[tuple[int, int], _key] = (0, 0)
 
     def __post_init__(self) -> None:
-        key = self.noise_key
-        if not isinstance(key, (list, tuple)) or len(key) != 2:
-            raise InputError(f'`noise_key` must be a list of 2 words of 32 bits; got {shown(key)}')
-        r, v = MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S
-        noise_m, noise_m_s = self.position_noise_m, self.velocity_noise_m_s
-        store(
-            self,
-            position_bias_m=vector3('position_bias_m', self.position_bias_m, 'm', bound=r),
-            velocity_bias_m_s=vector3('velocity_bias_m_s', self.velocity_bias_m_s, 'm/s', bound=v),
-            position_noise_m=real('position_noise_m', noise_m, 'm', least=0.0, most=r),
-            velocity_noise_m_s=real('velocity_noise_m_s', noise_m_s, 'm/s', least=0.0, most=v),
-            noise_key=tuple(
-                whole(f'noise_key[{i}]', word, least=0, most=2**32 - 1)
-                for i, word in enumerate(key)
-            ),
-        )
+        check_fields(self)
 
     def solution(self, tick: int, state: Signal) -> State:
         """Return the state (x, y, z, vx, vy, vz) [m, m/s] that navigation finds at a tick."""

@@ -7,9 +7,9 @@ from __future__ import annotations
 import datetime
 import itertools
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import yaml
@@ -17,19 +17,21 @@ from numpy.typing import NDArray
 
 from rpo_core import codec, cw, files
 from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
-from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State
+from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.navigation import Navigation
 from rpo_core.stage import section_of, sections
 from rpo_core.thrusters import Thrusters
 from rpo_core.validation import (
+    Description,
     InputError,
+    Name,
+    check_fields,
     choice,
     mapping,
     real,
     schema,
     shown,
     store,
-    text,
     vector3,
 )
 
@@ -63,36 +65,21 @@ class Scenario:
     sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
     """
 
-    name: str
-    orbit_radius_m: float
-    mass_kg: float
-    max_force_n: float
-    dt_s: float
-    duration_s: float
-    initial_position_m: tuple[float, float, float]
-    initial_velocity_m_s: tuple[float, float, float]
+    name: Name
+    orbit_radius_m: cw.OrbitRadius
+    mass_kg: cw.Mass
+    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=MAX_FORCE_N)]
+    dt_s: cw.TickLength
+    duration_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e9)]
+    initial_position_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)]
+    initial_velocity_m_s: Annotated[Vector, partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)]
     epoch_ns: int
     disturbance: Disturbance = NONE
     sections: tuple[Any, ...] = ()
-    description: str = field(default='', compare=False)
+    description: Description = field(default='', compare=False)
 
     def __post_init__(self) -> None:
-        store(
-            self,
-            name=text('name', self.name),
-            description=text('description', self.description, empty=True),
-            orbit_radius_m=real('orbit_radius_m', self.orbit_radius_m, 'm', least=6.4e6, most=1e9),
-            mass_kg=real('mass_kg', self.mass_kg, 'kg', least=1e-3, most=1e9),
-            max_force_n=real('max_force_n', self.max_force_n, 'N', above=0.0, most=MAX_FORCE_N),
-            dt_s=real('dt_s', self.dt_s, 's', least=1e-6, most=1e3),
-            duration_s=real('duration_s', self.duration_s, 's', above=0.0, most=1e9),
-            initial_position_m=vector3(
-                'initial_position_m', self.initial_position_m, 'm', bound=MAX_POSITION_M
-            ),
-            initial_velocity_m_s=vector3(
-                'initial_velocity_m_s', self.initial_velocity_m_s, 'm/s', bound=MAX_VELOCITY_M_S
-            ),
-        )
+        check_fields(self)
         self._check_sections()
         self._check_ticks()
         self._check_angles()
@@ -158,11 +145,6 @@ class Scenario:
         kinds = {type(new) for new in settings}
         kept = [old for old in self.sections if type(old) not in kinds]
         return replace(self, sections=(*kept, *settings))
-
-    @property
-    def is_ideal(self) -> bool:
-        """Whether no stage has a section: thrusters and navigation are perfect."""
-        return not self.sections
 
     @property
     def dt_ns(self) -> int:
@@ -255,7 +237,7 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     """Return the scenario, or set, of a parsed YAML document; raises InputError."""
     is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
-    known = {} if is_set else sections()  # a set is flown without stages of its own
+    known = {} if is_set else sections()  # the flights of a set have no stages of their own
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     data = mapping('', document, required, [*known, 'description'])
     base = Scenario(

@@ -5,8 +5,8 @@
 A stage is a function of its inputs so far: deterministic, with memory if it needs any, without ROS.
 Randomness is a function of (tick, key). `rpo_core.chain` puts stages in a row and flies them.
 
-A section of a scenario file adds a stage. Whoever adds one writes a class and one line (`register`)
-in a module of their own (`rpo_core.plugins`).
+A section of a scenario file adds a stage. To add a section, write a class and one line (`register`)
+in a module of your own (`rpo_core.plugins`).
 """
 
 from __future__ import annotations

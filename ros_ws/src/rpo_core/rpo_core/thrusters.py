@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from rpo_core import interfaces, kernels
 from rpo_core.kernels import Vector
 from rpo_core.stage import Place, Section, Signal, Stage, register
-from rpo_core.validation import InputError, shown, store, vector3, whole
+from rpo_core.validation import InputError, check_fields, shown, vector3, whole
 
 MAX_DELAY_TICKS = 1000
 MAX_GAIN = 10.0
@@ -26,6 +27,12 @@ MAX_GAIN = 10.0
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def _matrix(name: str, value: Any) -> tuple[Vector, ...]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise InputError(f'`{name}` must be a list of 3 rows of 3 numbers; got {shown(value)}')
+    return tuple(vector3(f'{name}[{i}]', row, '', bound=MAX_GAIN) for i, row in enumerate(value))
 
 
 @dataclass(frozen=True)
@@ -36,18 +43,11 @@ class Thrusters:
     delay_ticks : from a state to the force that answers it; zero force before the first
     """
 
-    matrix: tuple[Vector, Vector, Vector] = IDENTITY
-    delay_ticks: int = 0
+    matrix: Annotated[tuple[Vector, Vector, Vector], _matrix] = IDENTITY
+    delay_ticks: Annotated[int, partial(whole, least=0, most=MAX_DELAY_TICKS)] = 0
 
     def __post_init__(self) -> None:
-        rows = self.matrix
-        if not isinstance(rows, (list, tuple)) or len(rows) != 3:
-            raise InputError(f'`matrix` must be a list of 3 rows of 3 numbers; got {shown(rows)}')
-        checked = tuple(
-            vector3(f'matrix[{i}]', row, '', bound=MAX_GAIN) for i, row in enumerate(rows)
-        )
-        delay = whole('delay_ticks', self.delay_ticks, least=0, most=MAX_DELAY_TICKS)
-        store(self, matrix=checked, delay_ticks=delay)
+        check_fields(self)
 
 
 class ThrustersStage(Stage):
@@ -85,7 +85,7 @@ class ThrustersStage(Stage):
         )
         if not self._matrix:
             return due, saturated, saturated
-        exerted: Any = kernels.given_force(*self._matrix, *saturated)  # type: ignore[call-arg]
+        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)  # type: ignore[call-arg]
         return due, saturated, exerted
 
     def steps(

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cache, partial
+from typing import Annotated, Any, get_type_hints
 
 
 class InputError(ValueError):
@@ -39,6 +40,25 @@ def store(instance: Any, **checked: Any) -> None:
     """Set checked values of a frozen dataclass from its `__post_init__`."""
     for name, value in checked.items():
         object.__setattr__(instance, name, value)
+
+
+def check_fields(instance: object) -> None:
+    """Check and store the fields of a frozen dataclass, from its `__post_init__`.
+
+    The annotation of a field holds its check, which takes the name and the value:
+    `mass_kg: Annotated[float, partial(real, unit='kg', above=0.0)]`. Raises InputError.
+    """
+    kind: Any = type(instance)
+    for name, check in _checks(kind):
+        store(instance, **{name: check(name, getattr(instance, name))})
+
+
+@cache
+def _checks(kind: Any) -> tuple[tuple[str, Callable[[str, Any], Any]], ...]:
+    hints = get_type_hints(kind, include_extras=True)
+    return tuple(
+        (name, check) for name, hint in hints.items() for check in getattr(hint, '__metadata__', ())
+    )
 
 
 def real(
@@ -127,6 +147,11 @@ def text(name: str, value: Any, *, empty: bool = False) -> str:
     if not all(c.isprintable() or c in '\n\t' for c in value):
         raise InputError(f'`{name}` must be printable; got {shown(value)}')
     return value
+
+
+Name = Annotated[str, text]
+Description = Annotated[str, partial(text, empty=True)]
+"""Annotations of fields that hold a text, see `check_fields`."""
 
 
 def choice(name: str, value: Any, known: Iterable[str]) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the events of a run say about its stages: switched off, or no longer expected."""
+"""Events of a run: stages switched off, signals that are no longer expected."""
 
 from __future__ import annotations
 
@@ -21,6 +21,6 @@ def dropped(status: cdr.Status) -> dict[str, int]:
 
 
 def tick_of(status: cdr.Status) -> int | None:
-    """Return the first tick that an event holds for; None if it does not say."""
+    """Return the first tick that an event holds for; None if it has none."""
     text = dict(status.values).get('tick', '')
     return int(text) if text.isdecimal() else None

@@ -14,13 +14,13 @@ RECORDER = (
     Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
     Row('grace_s', 3.0, 'wall time to wait for the last messages after the end of a run', 's',
         wall=True),
-    Row('plant_timeout_s', 5.0, 'silence after which the plant is gone; it speaks once a second '
-        'even when it is paused', 's', least=2.0, wall=True),
+    Row('plant_timeout_s', 5.0, 'wall time without a message after which the plant is gone; it '
+        'publishes once a second even when it is paused', 's', least=2.0, wall=True),
 )  # fmt: skip
 
 REPLAY = (
     Row('bag', '', 'run folder or .mcap file', example='runs/first'),
-    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as it goes', most=1e6),
+    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as possible', most=1e6),
     Row('start_s', 0.0, 'time of the run at which to begin', 's'),
     Row('end_s', 0.0, 'time of the run at which to end; 0: its end', 's'),
     Row('loop', False, 'begin again at the end'),

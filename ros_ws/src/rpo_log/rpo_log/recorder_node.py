@@ -22,7 +22,7 @@ from rpo_log.errors import LogError
 from rpo_log.format import run as run_log
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
-from rpo_log.write.decisions import DecisionLogWriter
+from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
@@ -72,7 +72,7 @@ class RecorderNode(FlightNode):
         self._ready = self._running = False
         self._timeout = Timeout()
         self._interrupted = False
-        self._health_log: run_info.HealthLogWriter | None = None
+        self._health_log: HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
         self._decision_topic = self.resolve_topic_name(names.DECISION)
         self._begun = time.time()
@@ -82,17 +82,17 @@ class RecorderNode(FlightNode):
         except LogError as error:
             raise InputError(f'{error} (parameter `overwrite`)') from None
         self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
-        self._say('waiting')
+        self._announce('waiting')
         self._subscribe()
         health.publish_health(self, self._health)
         self.every(_LOOK_S, self._look)
-        self.every(health.PERIOD_S, self._say_again)
+        self.every(health.PERIOD_S, self._publish_status)
 
     def _subscribe(self) -> None:
         for row in (*interfaces.rows(logged=True), interfaces.row_of(interfaces.DECISION)):
             name, kind = self.resolve_topic_name(row.topic), message_class(row.type)
             on_raw, profile = partial(self._on_raw, name), qos.RECORDING
-            if row.owed == interfaces.EVENT and row.logged:
+            if row.due == interfaces.EVENT and row.logged:
                 profile = qos.LATCHED_QUEUE
                 if row.name == interfaces.RUN_STATUS:
                     on_raw = self._on_status
@@ -153,14 +153,14 @@ class RecorderNode(FlightNode):
                 self._scenario, self._plant = found, values
 
     def _topics(self, found: scenario.Scenario, plant: Mapping[str, str]) -> list[str]:
-        """Return the full names of the topics that speak at every tick.
+        """Return the full names of the topics with a message at every tick.
 
         They are those of the scenario's stages; and any other that a node publishes, unless the
         scenario alone decides about it.
         """
         made = {*signals_of(found)}
         for row in interfaces.rows(logged=True):
-            if row.owed == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
+            if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
                 made |= {row.name} if self.count_publishers(row.topic) else set()
         if plant.get(f'{_PARAMETER}publish_clock') == 'True':
             made.add(interfaces.CLOCK)
@@ -179,7 +179,7 @@ class RecorderNode(FlightNode):
             self._begin()
         if not self._ready and self.log is not None and self._heard >= self._awaited:
             self._ready = True
-            self._say('ready')
+            self._announce('ready')
         if self._end is not None:
             phase, tick, moment = self._end
             grace = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
@@ -199,14 +199,14 @@ class RecorderNode(FlightNode):
         if self._timeout.look() > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
 
-    def _lose_plant(self, said: str) -> None:
+    def _lose_plant(self, reason: str) -> None:
         if self._end is None:
-            self.get_logger().error(said)
+            self.get_logger().error(reason)
             self._end = ('aborted', NEVER, time.monotonic())
             self.exit_code = EXIT_INCOMPLETE
 
     def _begin(self) -> None:
-        """Open the log once it is known what flies, and who flies it or that they do not say."""
+        """Open the log when the scenario is known, and the manifests are there or will not come."""
         if self._scenario is None:
             return
         roles = (
@@ -214,9 +214,8 @@ class RecorderNode(FlightNode):
         )
         if any(role not in self._manifests for role in roles) and self._patient():
             return
-        flown = self._scenario
-        base = run_log.TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
-        self._expected = self._topics(flown, self._plant)
+        base = run_log.TimeBase(self._scenario.epoch_ns, self._scenario.dt_ns, self._scenario.ticks)
+        self._expected = self._topics(self._scenario, self._plant)
         self._recorded = {*self._expected, *self._events, self._status_topic}
         try:
             self.log = RunLogWriter(
@@ -227,7 +226,7 @@ class RecorderNode(FlightNode):
             self.get_logger().error(str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
-        self._health_log = run_info.HealthLogWriter(self.folder)
+        self._health_log = HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
         rate_hz = self._decision_rate_hz()
         if rate_hz > 0.0:
@@ -236,13 +235,13 @@ class RecorderNode(FlightNode):
         for name, data in self._early:
             self._on_raw(name, data)
         self._early.clear()
-        self.get_logger().info(f'recording {flown.name} to {self.folder}')
+        self.get_logger().info(f'recording {self._scenario.name} to {self.folder}')
 
     def _patient(self) -> bool:
-        """Return whether manifests may still come: the wall clock says so, not the messages.
+        """Return whether manifests may still come, by the wall clock and not by the messages.
 
         A plant that waits sends the first state again and again, and on a slow machine any number
-        of them is here before the manifest that says who answers.
+        of them may be here before the manifest of the node that answers.
         """
         if self._end is not None and self._end[0] == 'finished':
             return False
@@ -250,7 +249,7 @@ class RecorderNode(FlightNode):
         return since is None or time.monotonic() - since < MANIFEST_PATIENCE_S
 
     def _decision_rate_hz(self) -> float:
-        """Return how often the controller says why, by its own account; 0 if it does not."""
+        """Return how often the controller publishes decisions, by its manifest; 0: never."""
         manifest = self._manifests.get('controller')
         try:
             return float(_values(manifest)[f'{_PARAMETER}decision_rate_hz']) if manifest else 0.0
@@ -281,13 +280,13 @@ class RecorderNode(FlightNode):
             return
         summary = self.log.close()
         self._write_run_info(summary)
-        said = f'{summary.sentence()}: {self.folder}'
+        sentence = f'{summary.sentence()}: {self.folder}'
         if summary.whole:
-            self.get_logger().info(said)
+            self.get_logger().info(sentence)
         else:
             self.exit_code = EXIT_INCOMPLETE
-            self.get_logger().error(said)
-        self._say('closed')
+            self.get_logger().error(sentence)
+        self._announce('closed')
         self.done = True
 
     def _write_run_info(self, summary: run_log.RunSummary) -> None:
@@ -311,13 +310,13 @@ class RecorderNode(FlightNode):
         except LogError as error:
             self.get_logger().error(str(error))
 
-    def _say(self, message: str) -> None:
-        self._said = to_status(health.OK, self.get_name(), message, [])
-        self._say_again()
+    def _announce(self, message: str) -> None:
+        self._last_status = to_status(health.OK, self.get_name(), message, [])
+        self._publish_status()
 
-    def _say_again(self) -> None:
-        """Say the last word again: to the plant, a silent recorder is gone."""
-        self._status.publish(self._said)
+    def _publish_status(self) -> None:
+        """Publish the status again: for the plant, a recorder without messages is gone."""
+        self._status.publish(self._last_status)
 
     def _health(self) -> health.Health:
         if self.log is None:
@@ -339,7 +338,7 @@ class RecorderNode(FlightNode):
         return level, failure or 'recording', values
 
     def interrupt(self, reason: str) -> None:
-        """Wait a moment for the plant's last words; an interruption is no fault of the log."""
+        """Wait a moment for the last messages; an interruption is no fault of the log."""
         self._interrupted = True
         self.done = self.done or self.log is None
         if self._end is None:

@@ -32,7 +32,7 @@ EXIT_NO_ANSWER = 3
 
 _FASTEST_S = 1e-4
 _SETTLED_S = 0.5
-"""A listener's topics are found one after the other; after so long without another, all are."""
+"""Topics of a listener are found one by one; after so long without a new one, all are found."""
 
 Tick = list[Message]
 
@@ -104,7 +104,7 @@ class ReplayNode(FlightNode):
     def _on_time(self) -> None:
         if self.done or self._paused:
             return
-        if not self._played and not self._somebody_listens():
+        if not self._played and not self._has_listeners():
             if time.monotonic() - self._begun > self.values['answer_timeout_s']:
                 self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
@@ -113,7 +113,7 @@ class ReplayNode(FlightNode):
         else:
             self._wait()
 
-    def _somebody_listens(self) -> bool:
+    def _has_listeners(self) -> bool:
         if self.values['drive']:
             return bool(self.count_publishers(names.CONTROL_FORCE))
         now_s = time.monotonic()

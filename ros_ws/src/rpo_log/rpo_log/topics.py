@@ -34,18 +34,18 @@ class Topic:
 
     @property
     def is_event(self) -> bool:
-        """Whether it speaks now and then, and not at each tick."""
-        return self.row.owed == interfaces.EVENT
+        """Whether its messages are rare, not one at each tick."""
+        return self.row.due == interfaces.EVENT
 
 
 def free_running(recorded: Iterable[Topic]) -> bool:
-    """Return whether the plant kept the wall clock: then it says which force it applied."""
+    """Return whether the plant kept the wall clock: then it publishes the force that it applied."""
     return any(topic.signal == interfaces.APPLIED_FORCE for topic in recorded)
 
 
-def owed(topic: Topic, recorded: Iterable[Topic]) -> bool:
+def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:
     """Return whether each tick must have a message; in free running an answer may be missing."""
-    answers = topic.row.owed == interfaces.EACH_TICK
+    answers = topic.row.due == interfaces.EACH_TICK
     return not (topic.is_event or (answers and free_running(recorded)))
 
 

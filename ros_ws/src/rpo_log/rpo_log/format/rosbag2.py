@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from rpo_core.interfaces import Qos
+from rpo_log.format import schemas
+from rpo_log.format.run import METADATA_FILE
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
@@ -47,6 +51,31 @@ class BagTopic:
     qos: Sequence[Mapping[str, Any]]
     messages: int = 0
 
+    @classmethod
+    def of(cls, name: str, type_name: str, qos: Qos, messages: int = 0) -> BagTopic:
+        """Return a topic of an installed type; raises LogError."""
+        type_hash = schemas.definition(type_name).type_hash
+        return cls(name, type_name, type_hash, [qos_document(qos)], messages)
+
+    @property
+    def channel_metadata(self) -> dict[str, str]:
+        """Metadata of the topic's MCAP channel; the profiles are a YAML sequence, version 9."""
+        profiles = yaml.safe_dump(list(self.qos), sort_keys=False).rstrip('\n')
+        return {'offered_qos_profiles': profiles, 'topic_type_hash': self.type_hash}
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the entry of the list `topics_with_message_count`."""
+        return {
+            'topic_metadata': {
+                'name': self.name,
+                'type': self.type,
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': [dict(profile) for profile in self.qos],
+                'type_description_hash': self.type_hash,
+            },
+            'message_count': self.messages,
+        }
+
 
 @dataclass(frozen=True)
 class BagFile:
@@ -67,24 +96,6 @@ class BagFile:
         }
 
 
-def qos_text(profiles: Iterable[Qos]) -> str:
-    """Return the channel metadata `offered_qos_profiles`: a YAML sequence, version 9."""
-    return yaml.safe_dump([qos_document(qos) for qos in profiles], sort_keys=False).rstrip('\n')
-
-
-def _topic(topic: BagTopic) -> dict[str, Any]:
-    return {
-        'topic_metadata': {
-            'name': topic.name,
-            'type': topic.type,
-            'serialization_format': 'cdr',
-            'offered_qos_profiles': [dict(profile) for profile in topic.qos],
-            'type_description_hash': topic.type_hash,
-        },
-        'message_count': topic.messages,
-    }
-
-
 def metadata(topics: Iterable[BagTopic], files: Sequence[BagFile]) -> dict[str, Any]:
     """Return the content of `rosbag2_bagfile_information` for a whole bag."""
     filled = [file for file in files if file.messages]
@@ -96,7 +107,7 @@ def metadata(topics: Iterable[BagTopic], files: Sequence[BagFile]) -> dict[str, 
         'duration': {'nanoseconds': last - first},
         'starting_time': {'nanoseconds_since_epoch': first},
         'message_count': sum(file.messages for file in files),
-        'topics_with_message_count': [_topic(topic) for topic in topics],
+        'topics_with_message_count': [topic.to_document() for topic in topics],
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': [file.path for file in files],
@@ -113,16 +124,21 @@ class _NoAliases(yaml.SafeDumper):
         return True
 
 
-def to_yaml(document: Mapping[str, Any]) -> str:
-    """Return the YAML text of a document, keys in their order."""
-    return yaml.dump(dict(document), Dumper=_NoAliases, sort_keys=False, width=1000)
+def _to_yaml(document: dict[str, Any]) -> str:
+    return yaml.dump(document, Dumper=_NoAliases, sort_keys=False, width=1000)
 
 
-def record_values(document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the values of the MCAP metadata record `rosbag2`."""
-    return {'serialized_metadata': to_yaml(document)}
+def record_values(topics: Iterable[BagTopic], file: BagFile) -> dict[str, str]:
+    """Return the values of the MCAP metadata record `rosbag2` of a file."""
+    return {'serialized_metadata': _to_yaml(metadata(topics, [file]))}
 
 
-def metadata_yaml(document: Mapping[str, Any]) -> str:
-    """Return the text of `metadata.yaml`."""
-    return to_yaml({'rosbag2_bagfile_information': dict(document)})
+def write_metadata(folder: Path, topics: Iterable[BagTopic], files: Sequence[BagFile]) -> None:
+    """Write `metadata.yaml`, whole or not at all; raises OSError."""
+    path = folder / METADATA_FILE
+    draft = path.with_suffix('.part')
+    with open(draft, 'w', encoding='utf-8') as stream:
+        stream.write(_to_yaml({'rosbag2_bagfile_information': metadata(topics, files)}))
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.replace(path)

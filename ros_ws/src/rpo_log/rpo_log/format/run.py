@@ -144,9 +144,8 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
             raise LogError(
                 Fault.EXISTS,
                 folder,
-                'holds a log already '
-                f'({", ".join(path.name for path in taken)}); name another folder, or '
-                'ask for it to be overwritten',
+                f'holds a log already ({", ".join(path.name for path in taken)}); '
+                'name another folder, or overwrite this one',
             )
         for path in taken:
             path.unlink()

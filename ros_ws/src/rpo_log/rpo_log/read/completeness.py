@@ -17,7 +17,7 @@ class Completeness:
     def __init__(self, reader: RunReader) -> None:
         self.base = reader.base
         self.messages: dict[Topic, int] = dict.fromkeys(reader.topics, 0)
-        self._may_miss = {t for t in reader.topics if not topics.owed(t, reader.topics)}
+        self._may_miss = {t for t in reader.topics if not topics.is_due(t, reader.topics)}
         self._due = dict.fromkeys(reader.topics, 0)
         self.dropped: dict[str, int] = {}
         self.first = self.last = -1

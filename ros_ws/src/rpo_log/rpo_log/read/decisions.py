@@ -16,7 +16,7 @@ from rpo_log.read.records import FileRecords, message_at
 
 
 class LoggedDecision(NamedTuple):
-    """What the controller said of one state.
+    """Why the controller commanded its force in one state.
 
     stamp_ns : of the state
     axes : x, y, z; level, sentence and numbers as texts

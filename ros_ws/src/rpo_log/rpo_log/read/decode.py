@@ -87,13 +87,7 @@ class TickBlock:
 
     def after(self, tick: int) -> TickBlock:
         """Return the ticks after one, without events."""
-        keep = self.ticks > tick
-        return TickBlock(
-            self.ticks[keep],
-            {signal: values[keep] for signal, values in self.values.items()},
-            {signal: present[keep] for signal, present in self.present.items()},
-            non_canonical=tuple(m for m in self.non_canonical if m.tick > tick),
-        )
+        return self.at(self.ticks[self.ticks > tick])
 
     def at(self, ticks: NDArray[np.int64]) -> TickBlock:
         """Return some ticks, without events; those that are not here have no message."""
@@ -115,8 +109,8 @@ def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
 
 def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
     """Return the LogError of a message that is not of its type."""
-    said = f'tick {tick} of {topic.name}: a {topic.type} {error}'
-    return LogError(Fault.BAD_MESSAGE, path, said, tick)
+    sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
+    return LogError(Fault.BAD_MESSAGE, path, sentence, tick)
 
 
 @dataclass(frozen=True)
@@ -187,8 +181,8 @@ class Messages:
         ticks = self.tick[found]
         again = np.flatnonzero(ticks[1:] == ticks[:-1])
         if len(again):
-            said = f'has tick {ticks[again[0]]} of {topic.name} twice'
-            raise LogError(Fault.DUPLICATE_TICK, self.path, said)
+            sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
+            raise LogError(Fault.DUPLICATE_TICK, self.path, sentence)
 
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]

@@ -133,8 +133,8 @@ class FileRecords:
     def _walk(self, stream: BinaryIO) -> Iterator[McapRecord]:
         magic = stream.read(len(MAGIC))
         if magic != MAGIC:
-            said = f'begins with {magic.hex(" ")}' if magic else 'is empty'
-            raise LogError(Fault.NOT_MCAP, self.path, f'is not an MCAP file: it {said}')
+            what = f'begins with {magic.hex(" ")}' if magic else 'is empty'
+            raise LogError(Fault.NOT_MCAP, self.path, f'is not an MCAP file: it {what}')
         size = stream.seek(0, 2)
         stream.seek(0)
         reader = _StrictReader(stream, size, self)

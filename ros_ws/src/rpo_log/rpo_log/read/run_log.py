@@ -17,7 +17,7 @@ from rpo_core.controller import AnyController
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import CONTROLLER, SCENARIO, TimeBase
 from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import Event, NonCanonical
@@ -74,8 +74,7 @@ class RunLog:
     @property
     def statuses(self) -> tuple[tuple[int, cdr.Status], ...]:
         """Each run_status with its tick."""
-        said = (event for event in self.events if event.signal == interfaces.RUN_STATUS)
-        return tuple((event.tick, event.status) for event in said)
+        return tuple((e.tick, e.status) for e in self.events if e.signal == interfaces.RUN_STATUS)
 
     @property
     def complete(self) -> bool:
@@ -93,27 +92,9 @@ class RunLog:
         return self.ticks * self.base.dt_ns / 1_000_000_000
 
     @property
-    def until_ns(self) -> int:
-        """Stamp of the last tick."""
-        return self.base.stamp_ns(int(self.ticks[-1]))
-
-    @property
     def outcome(self) -> str | None:
-        """What run_status said last: finished, aborted; running if it never said the end."""
+        """The last phase in run_status: finished, aborted; running if the log ends before."""
         return dict(self.statuses[-1][1].values).get('phase') if self.statuses else None
-
-    @property
-    def exit_code(self) -> ExitCode:
-        """OK, or INCOMPLETE."""
-        return ExitCode.OK if self.complete else ExitCode.INCOMPLETE
-
-    def sentence(self) -> str:
-        """Return one line that says whether the log is whole, and what to do if it is not."""
-        said = (
-            f'{self.path}: ticks {int(self.ticks[0])} to {int(self.ticks[-1])} of '
-            f'{self.base.last_tick}, {self.times_s[-1]:g} s'
-        )
-        return '; '.join([said, *self.gaps])
 
 
 def read_run(path: str | Path) -> RunLog:
@@ -147,19 +128,19 @@ def read_run(path: str | Path) -> RunLog:
 
 def scenario_of(log: RunLog | RunReader) -> Scenario:
     """Return the scenario that a log carries; LogError if it is missing, or of other ticks."""
-    flown = _parsed(log, SCENARIO, scenario.parse)
-    if not isinstance(flown, Scenario):
+    found = _parsed(log, SCENARIO, scenario.parse)
+    if not isinstance(found, Scenario):
         raise LogError(
             Fault.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
         )
-    base = TimeBase(flown.epoch_ns, flown.dt_ns, flown.ticks)
+    base = TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
     if base != log.base:
         raise LogError(
             Fault.BAD_ATTACHMENT,
             log.path,
             f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}',
         )
-    return flown
+    return found
 
 
 def controller_of(log: RunLog | RunReader) -> AnyController:
@@ -194,19 +175,19 @@ def flight_of(log: RunLog) -> Flight:
     Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
     last. Without a recorded disturbance it is zero. Of free running, its forces are those applied.
     """
-    flown = scenario_of(log)
+    found = scenario_of(log)
     if not log.complete:
         raise LogError(
             Fault.TRUNCATED,
             log.path,
-            f'must hold a whole flight, ticks 0 to {flown.ticks}, but {"; ".join(log.gaps)}',
+            f'must hold a whole flight, ticks 0 to {found.ticks}, but {"; ".join(log.gaps)}',
         )
     zero = np.zeros((len(log.ticks), 3))
     forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
     if interfaces.APPLIED_FORCE in log.values:
         pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
-    return Flight(flown, log.states, forces, pushes)
+    return Flight(found, log.states, forces, pushes)
 
 
 def read_flight(path: str | Path) -> Flight:

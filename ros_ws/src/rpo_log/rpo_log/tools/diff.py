@@ -36,7 +36,7 @@ class LogDiff:
 
     @property
     def equal(self) -> bool:
-        """Whether both logs say the same."""
+        """Whether both logs hold the same."""
         return not (self.remarks or self.first)
 
     @property
@@ -45,21 +45,21 @@ class LogDiff:
         return ExitCode.OK if self.equal else ExitCode.DIFFERENT
 
     def lines(self) -> list[str]:
-        """Return what there is to say, in lines for people."""
-        said = [
+        """Return the comparison as lines of text."""
+        lines = [
             f'{self.paths[0]} and {self.paths[1]}: {self.compared} ticks compared, '
             + ('equal' if self.equal else 'DIFFERENT')
         ]
-        said += self.remarks
+        lines += self.remarks
         for signal, (tick, name, a, b) in sorted(self.first.items(), key=lambda item: item[1][0]):
-            said.append(
+            lines.append(
                 f'{signal}: {self.ticks[signal]} ticks differ, the first is {tick}: {name} is '
                 f'{_shown(a)} and {_shown(b)}'
             )
-        said += [
+        lines += [
             f'largest difference of {name}: {value:.6g}' for name, value in self.largest.items()
         ]
-        return said
+        return lines
 
 
 def _shown(value: float | None) -> str:
@@ -115,8 +115,7 @@ def diff(a: str | Path, b: str | Path) -> LogDiff:
     right.drain()
     if left.last != right.last:
         found.remarks.append(f'they end at ticks {left.last} and {right.last}')
-    said = {event.signal for event in (*left.events, *right.events)}
-    for signal in sorted(said):
+    for signal in sorted({event.signal for event in (*left.events, *right.events)}):
         in_a, in_b = ([e for e in side.events if e.signal == signal] for side in (left, right))
         if in_a != in_b:
             found.remarks.append(f'{signal} differs')

@@ -20,7 +20,7 @@ class LogInfo:
 
     messages : per topic
     ticks : first and last in the log
-    outcome : what run_status said last; None if it said nothing
+    outcome : last phase in run_status; None if there is none
     gaps : why the log does not show a whole flight; empty if it does
     """
 
@@ -45,17 +45,17 @@ class LogInfo:
 
     def lines(self) -> list[str]:
         """Return the table as lines of text."""
-        said = [f'{path}  {size} bytes' for path, size in self.files]
-        said.append(
+        lines = [f'{path}  {size} bytes' for path, size in self.files]
+        lines.append(
             f'ticks {self.ticks[0]} to {self.ticks[1]} of {self.base.last_tick}, '
             f'{self.duration_s:g} s, outcome: {self.outcome or "unknown"}'
         )
-        said += [
+        lines += [
             f'{topic.name}  {topic.type}  {count} messages'
             for topic, count in self.messages.items()
         ]
-        said += [f'attached: {name}  {size} bytes' for name, size in self.attachments.items()]
-        return [*said, *self.gaps]
+        lines += [f'attached: {name}  {size} bytes' for name, size in self.attachments.items()]
+        return [*lines, *self.gaps]
 
 
 def inspect(path: str | Path) -> LogInfo:

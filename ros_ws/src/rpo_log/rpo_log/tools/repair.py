@@ -11,8 +11,8 @@ from __future__ import annotations
 import os
 import shutil
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import yaml
@@ -37,7 +37,9 @@ class FileRepair:
     """One file: what was found, what was kept.
 
     damage : what was wrong with it; empty if nothing was
-    lost_chunks : chunks that could not be read
+    chunks, lost_chunks : chunks that could be read, and that could not
+    first_ns, last_ns : stamps of the messages
+    schemas, channels, counts : records, and numbers of messages, by their ids
     """
 
     path: Path
@@ -46,24 +48,24 @@ class FileRepair:
     lost_chunks: int = 0
     first_ns: int = 0
     last_ns: int = 0
-    counts: Counter[str] = field(default_factory=Counter)
-    topics: dict[str, rosbag2.BagTopic] = field(default_factory=dict)
+    header: Header = field(default_factory=lambda: Header('', ''))
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    counts: Counter[int] = field(default_factory=Counter)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is wrong with the file."""
+        return not self.damage and not self.lost_chunks
 
     @property
     def messages(self) -> int:
         """Messages kept."""
-        return sum(self.counts.values())
+        return sum(topic.messages for topic in _bag_topics([self]))
 
-    def bag_topics(self) -> list[rosbag2.BagTopic]:
-        """Return the topics with the messages kept."""
-        return [
-            rosbag2.BagTopic(t.name, t.type, t.type_hash, t.qos, self.counts[t.name])
-            for t in self.topics.values()
-        ]
-
-    def bag_file(self) -> rosbag2.BagFile:
+    def bag_file(self, name: str) -> rosbag2.BagFile:
         """Return the file as rosbag2 describes it."""
-        return rosbag2.BagFile(self.path.name, self.first_ns, self.last_ns, self.messages)
+        return rosbag2.BagFile(name, self.first_ns, self.last_ns, self.messages)
 
     def sentence(self) -> str:
         """Return one line for people."""
@@ -74,6 +76,58 @@ class FileRepair:
             f'{self.path}: repaired, {self.messages} messages in {self.chunks} chunks kept'
             f'{lost} ({self.damage})'
         )
+
+    def read(self) -> Iterator[McapRecord | list[RawMessage]]:
+        """Yield the sound records, and in place of each sound chunk its messages.
+
+        Schemas and channels are taken on the way; afterwards `damage` and `lost_chunks` are known.
+        """
+        records = FileRecords(self.path, tolerant=True)
+        for record in records:
+            if isinstance(record, Chunk):
+                try:
+                    data = records.content_of(record)
+                    at = records.messages_in(data, self._take)
+                except LogError as error:
+                    records.pass_over(Opcode.CHUNK, error)
+                    continue
+                yield [message_at(data, place) for place in at]
+            else:
+                self._take(record)
+                yield record
+        self.damage, self.lost_chunks = records.damage, records.lost_chunks
+
+    def _take(self, record: McapRecord) -> None:
+        if isinstance(record, Header):
+            self.header = record
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.channels[record.id] = record
+
+
+def _bag_topics(files: Iterable[FileRepair]) -> list[rosbag2.BagTopic]:
+    """Return the topics of some files, with the messages kept; each channel needs a schema."""
+    topics: dict[str, rosbag2.BagTopic] = {}
+    for found in files:
+        for number, channel in found.channels.items():
+            schema = found.schemas.get(channel.schema_id)
+            if schema is not None:
+                topic = topics.get(channel.topic) or _bag_topic(channel, schema)
+                messages = topic.messages + found.counts[number]
+                topics[channel.topic] = replace(topic, messages=messages)
+    return list(topics.values())
+
+
+def _bag_topic(channel: Channel, schema: Schema) -> rosbag2.BagTopic:
+    try:
+        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '[]'))
+    except yaml.YAMLError:
+        qos = []
+    type_hash = channel.metadata.get('topic_type_hash', '')
+    return rosbag2.BagTopic(
+        channel.topic, schema.name, type_hash, qos if isinstance(qos, list) else []
+    )
 
 
 @dataclass(frozen=True)
@@ -90,103 +144,31 @@ class Repair:
         return ExitCode.INCOMPLETE if lost else ExitCode.OK
 
 
-class _Source:
-    """Reads what is sound in a damaged file."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.damage = ''
-        self.lost_chunks = 0
-        self.header = Header('', '')
-        self.schemas: dict[int, Schema] = {}
-        self.channels: dict[int, Channel] = {}
-
-    def chunks(self) -> Iterator[list[RawMessage]]:
-        """Yield the messages of each sound chunk; learns schemas and channels on the way."""
-        return (found for found in self._walk() if isinstance(found, list))
-
-    def records(self) -> Iterator[McapRecord]:
-        """Yield the records that are no chunks, up to where the file ends."""
-        return (found for found in self._walk() if isinstance(found, McapRecord))
-
-    def _walk(self) -> Iterator[McapRecord | list[RawMessage]]:
-        records = FileRecords(self.path, tolerant=True)
-        for record in records:
-            if isinstance(record, Chunk):
-                try:
-                    data = records.content_of(record)
-                    at = records.messages_in(data, self._learn)
-                except LogError as error:
-                    records.pass_over(Opcode.CHUNK, error)
-                    continue
-                yield [message_at(data, place) for place in at]
-            else:
-                self._learn(record)
-                yield record
-        self.damage, self.lost_chunks = records.damage, records.lost_chunks
-
-    def _learn(self, record: McapRecord) -> None:
-        if isinstance(record, Header):
-            self.header = record
-        elif isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
-
-
 def examine(path: Path) -> FileRepair:
     """Return what a file holds and what is wrong with it; raises LogError."""
-    return _examine(_Source(path))
-
-
-def _examine(source: _Source) -> FileRepair:
-    found = FileRepair(source.path)
-    numbers: Counter[int] = Counter()
-    for messages in source.chunks():
-        found.chunks += 1
-        numbers.update(message.channel for message in messages)
-        times = [message.log_ns for message in messages] or [0]
-        found.first_ns = min(found.first_ns or times[0], min(times))
-        found.last_ns = max(found.last_ns, max(times))
-    found.damage, found.lost_chunks = source.damage, source.lost_chunks
-    for number, channel in source.channels.items():
-        schema = source.schemas.get(channel.schema_id)
-        if schema is not None:
-            found.topics[channel.topic] = _bag_topic(channel, schema)
-            found.counts[channel.topic] += numbers[number]
+    found = FileRepair(path)
+    for messages in found.read():
+        if isinstance(messages, list):
+            found.chunks += 1
+            found.counts.update(message.channel for message in messages)
+            times = [message.log_ns for message in messages] or [0]
+            found.first_ns = min(found.first_ns or times[0], min(times))
+            found.last_ns = max(found.last_ns, max(times))
     return found
-
-
-def _bag_topic(channel: Channel, schema: Schema) -> rosbag2.BagTopic:
-    try:
-        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', '[]'))
-    except yaml.YAMLError:
-        qos = []
-    return rosbag2.BagTopic(
-        channel.topic,
-        schema.name,
-        channel.metadata.get('topic_type_hash', ''),
-        qos if isinstance(qos, list) else [],
-    )
 
 
 def rebuild(path: Path, target: Path) -> FileRepair:
     """Write the sound part of a file as a whole one; raises LogError if there is nothing sound."""
-    source = _Source(path)
-    found = _examine(source)
+    found = examine(path)
     if not found.messages:
-        raise LogError(
-            Fault.EMPTY,
-            path,
-            'cannot be repaired: no whole chunk is in it'
-            + (f' ({found.damage})' if found.damage else ''),
-        )
+        why = f' ({found.damage})' if found.damage else ''
+        raise LogError(Fault.EMPTY, path, f'cannot be repaired: no whole chunk is in it{why}')
     if target.exists():
         raise LogError(Fault.EXISTS, target, 'exists already; a log is never overwritten')
     draft = target.with_name(target.name + '.part')
     try:
         draft.unlink(missing_ok=True)
-        _write(source, found, draft)
+        _write(found, draft, target.name)
         draft.replace(target)
     except OSError as error:
         raise cannot_write(target, error) from None
@@ -194,34 +176,38 @@ def rebuild(path: Path, target: Path) -> FileRepair:
     return found
 
 
-def _write(source: _Source, found: FileRepair, draft: Path) -> None:
-    """Write the draft; `source` has been read through, so that it knows every channel."""
-    file = McapFile(draft, source.header.profile, source.header.library)
+def _write(found: FileRepair, draft: Path, name: str) -> None:
+    """Write the draft of a file that has been read through, so that every channel is known."""
+    file = McapFile(draft, found.header.profile, found.header.library)
+    open_record, channels = True, None
     try:
-        open_record = True
-        for record in source.records():
-            if isinstance(record, Metadata):
+        for record in found.read():
+            if isinstance(record, list):
+                channels = _add_channels(found, file) if channels is None else channels
+                for message in record:
+                    if message.channel in channels:
+                        number = channels[message.channel]
+                        file.add_message(number, message.log_ns, message.sequence, message.data)
+                file.close_chunk()
+            elif isinstance(record, Metadata):
                 if record.name != rosbag2.RECORD or open_record:
                     file.add_metadata(record.name, record.metadata)
                 open_record = open_record and record.name != rosbag2.RECORD
             elif isinstance(record, Attachment):
                 file.add_attachment(record.name, record.media_type, record.data, record.log_time)
-        _write_messages(source, file)
-        name = draft.name.removesuffix('.part')
-        entry = rosbag2.BagFile(name, found.first_ns, found.last_ns, found.messages)
-        file.add_metadata(
-            rosbag2.RECORD, rosbag2.record_values(rosbag2.metadata(found.bag_topics(), [entry]))
-        )
+        values = rosbag2.record_values(_bag_topics([found]), found.bag_file(name))
+        file.add_metadata(rosbag2.RECORD, values)
         file.finish()
     finally:
         file.close()
 
 
-def _write_messages(source: _Source, file: McapFile) -> None:
+def _add_channels(found: FileRepair, file: McapFile) -> dict[int, int]:
+    """Add the channels that have a schema; return the new id of each."""
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
-    for number, channel in source.channels.items():
-        schema = source.schemas.get(channel.schema_id)
+    for number, channel in found.channels.items():
+        schema = found.schemas.get(channel.schema_id)
         if schema is None:
             continue
         if schema.id not in schemas:
@@ -229,13 +215,7 @@ def _write_messages(source: _Source, file: McapFile) -> None:
         channels[number] = file.add_channel(
             channel.topic, schemas[schema.id], channel.metadata, channel.message_encoding
         )
-    for messages in source.chunks():
-        for message in messages:
-            if message.channel in channels:
-                file.add_message(
-                    channels[message.channel], message.log_ns, message.sequence, message.data
-                )
-        file.close_chunk()
+    return channels
 
 
 def repair(path: str | Path, output: str | Path | None = None, *, in_place: bool = False) -> Repair:
@@ -252,7 +232,7 @@ def repair(path: str | Path, output: str | Path | None = None, *, in_place: bool
     if source.is_dir():
         return _repair_folder(source, output, in_place)
     found = examine(source)
-    if not found.damage and not found.lost_chunks:
+    if found.is_whole:
         return Repair(source, (found,))
     target = Path(output or source.with_name(f'{source.stem}-repaired{source.suffix}'))
     if in_place:
@@ -279,27 +259,30 @@ def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> R
         raise LogError(Fault.NOT_FOUND, folder, 'holds no run.mcap')
     beside = [folder / name for name in _BESIDE if (folder / name).exists()]
     examined = {file: examine(file) for file in [*files, *beside]}
-    sound = not any(found.damage or found.lost_chunks for found in examined.values())
-    if sound and (folder / METADATA_FILE).exists():
+    if all(found.is_whole for found in examined.values()) and (folder / METADATA_FILE).exists():
         return Repair(folder, tuple(examined.values()))
     target = folder if in_place else Path(output or folder.with_name(f'{folder.name}-repaired'))
     if not in_place:
         _copy_rest(folder, target, examined)
     done = []
     for file, found in examined.items():
-        if not (found.damage or found.lost_chunks):
+        if found.is_whole:
             done.append(found)
         elif in_place:
             done += repair(file, in_place=True).files
         else:
             done.append(rebuild(file, target / file.name))
-    _write_metadata(target, [found for found in done if found.path.name not in _BESIDE])
+    log = [found for found in done if found.path.name not in _BESIDE]
+    try:
+        rosbag2.write_metadata(target, _bag_topics(log), [f.bag_file(f.path.name) for f in log])
+    except OSError as error:
+        raise cannot_write(target / METADATA_FILE, error) from None
     return Repair(target, tuple(done))
 
 
 def _copy_rest(folder: Path, target: Path, examined: dict[Path, FileRepair]) -> None:
     """Copy what needs no repair to a new folder."""
-    damaged = {file.name for file, found in examined.items() if found.damage or found.lost_chunks}
+    damaged = {file.name for file, found in examined.items() if not found.is_whole}
     try:
         target.mkdir(parents=True)
         for path in sorted(folder.iterdir()):
@@ -309,19 +292,3 @@ def _copy_rest(folder: Path, target: Path, examined: dict[Path, FileRepair]) -> 
         raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None
     except OSError as error:
         raise cannot_write(target, error) from None
-
-
-def _write_metadata(folder: Path, files: list[FileRepair]) -> None:
-    topics: dict[str, rosbag2.BagTopic] = {}
-    for topic in (topic for found in files for topic in found.bag_topics()):
-        before = topics[topic.name].messages if topic.name in topics else 0
-        topics[topic.name] = rosbag2.BagTopic(
-            topic.name, topic.type, topic.type_hash, topic.qos, before + topic.messages
-        )
-    document = rosbag2.metadata(topics.values(), [found.bag_file() for found in files])
-    draft = folder / (METADATA_FILE + '.part')
-    try:
-        draft.write_text(rosbag2.metadata_yaml(document), encoding='utf-8')
-        draft.replace(folder / METADATA_FILE)
-    except OSError as error:
-        raise cannot_write(draft, error) from None

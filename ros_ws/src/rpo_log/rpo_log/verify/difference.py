@@ -7,7 +7,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from rpo_core import cdr, interfaces
+from rpo_core import cdr
 from rpo_log.read.decode import NonCanonical, values_of
 from rpo_log.topics import Topic
 
@@ -51,20 +51,9 @@ def non_canonical_difference(message: NonCanonical, stamp_ns: int) -> Difference
 
 def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
     """Return the fields of a message, by name, in their order."""
-    if topic.type == interfaces.STATE_TYPE:
-        odometry = cdr.decode_odometry(data)
-        return [
-            ('header.frame_id', odometry.frame_id),
-            ('child_frame_id', odometry.child_frame_id),
-            *zip(cdr.ODOMETRY_FIELDS, odometry.floats, strict=True),
-        ]
-    if topic.type != interfaces.FORCE_TYPE:
-        return []
-    wrench = cdr.decode_wrench(data)
-    return [
-        ('header.frame_id', wrench.frame_id),
-        *zip(cdr.WRENCH_FIELDS, wrench.floats, strict=True),
-    ]
+    texts, floats = cdr.FIELDS[topic.type]
+    found = cdr.decode_stamped(topic.type, data)
+    return list(zip((*texts, *floats), (*found.texts, *found.floats), strict=True))
 
 
 def _bits(value: float | str) -> bytes:

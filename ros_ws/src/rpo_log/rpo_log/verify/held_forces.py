@@ -52,18 +52,18 @@ class HeldForces:
         """
         new = ticks > self._ticks[-1] if len(self._ticks) else np.ones(len(ticks), dtype=bool)
         known = np.concatenate([self._ticks, ticks[new]])
-        given = np.clip(answers_n[new], -self._limit_n, self._limit_n)
-        given = np.concatenate([self._forces, given])
+        commanded = np.clip(answers_n[new], -self._limit_n, self._limit_n)
+        commanded = np.concatenate([self._forces, commanded])
         computed, found = np.zeros_like(applied_n), (applied_n == 0.0).all(axis=1)
         sure = np.full(len(ticks), self._most >= 0)
         for age in range(self._most, -1, -1):
             wanted = ticks - age
             at = np.searchsorted(known, wanted).clip(max=len(known) - 1)
-            there = (known[at] == wanted) & np.isfinite(given[at]).all(axis=1)
+            there = (known[at] == wanted) & np.isfinite(commanded[at]).all(axis=1)
             sure &= there | (wanted < 0)
-            computed[there] = np.where(found[there, None], computed[there], given[at][there])
-            found |= there & (given[at] == applied_n).all(axis=1)
+            computed[there] = np.where(found[there, None], computed[there], commanded[at][there])
+            found |= there & (commanded[at] == applied_n).all(axis=1)
         computed[found] = applied_n[found]
         kept = known >= ticks[-1] - max(self._most, 0)
-        self._ticks, self._forces = known[kept], given[kept]
+        self._ticks, self._forces = known[kept], commanded[kept]
         return computed, sure | found

@@ -24,9 +24,9 @@ class StageStates:
         self._changes: dict[str, list[tuple[int, bool]]] = {}
         self.dropped: dict[str, int] = {}
 
-    def take(self, said: Sequence[Event]) -> None:
+    def take(self, block_events: Sequence[Event]) -> None:
         """Take the events of a block."""
-        for event in said:
+        for event in block_events:
             tick = events.tick_of(event.status)
             if event.signal == interfaces.RUN_STATUS:
                 self.dropped.update(events.dropped(event.status))

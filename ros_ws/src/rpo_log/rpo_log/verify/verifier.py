@@ -93,14 +93,14 @@ class Verification:
         if self.gaps:
             gaps = '; '.join(self.gaps)
             return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
-        said = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
+        sentence = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
         if self.free_running:
-            said += (
+            sentence += (
                 '; a free-running flight: each state follows from the force applied, and each '
                 'force applied is one that had been commanded, or none. When forces came cannot be '
                 'computed'
             )
-        return said
+        return sentence
 
 
 class _Verifier:
@@ -135,8 +135,8 @@ class _Verifier:
                 row = interfaces.row_of(name)
                 if row.type and row.logged and name not in self.topics:
                     what = _SECTIONS.get(link.stage.name, f'the stage {link.stage.name}')
-                    said = f'has no topic {name}, but its scenario has {what}'
-                    raise LogError(Fault.MISSING_TOPIC, reader.path, said)
+                    sentence = f'has no topic {name}, but its scenario has {what}'
+                    raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
 
     @property
     def names(self) -> tuple[str, ...]:

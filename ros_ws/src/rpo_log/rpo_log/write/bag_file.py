@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rpo_log.format import rosbag2, schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.run import RUN_RECORD, TimeBase
 from rpo_log.topics import Topic
 from rpo_log.write.mcap_file import McapFile
@@ -21,13 +21,7 @@ MEDIA_TYPE = 'application/yaml'
 def bag_topics(recorded: Sequence[Topic], counts: Sequence[int]) -> list[rosbag2.BagTopic]:
     """Return the topics of a log as rosbag2 describes them."""
     return [
-        rosbag2.BagTopic(
-            topic.name,
-            topic.type,
-            schemas.definition(topic.type).type_hash,
-            [rosbag2.qos_document(topic.row.qos)],
-            count,
-        )
+        rosbag2.BagTopic.of(topic.name, topic.type, topic.row.qos, count)
         for topic, count in zip(recorded, counts, strict=True)
     ]
 
@@ -55,13 +49,12 @@ class BagFileWriter:
         self._chunk_ticks = 0
         self.newest_tick = -1
         self._first_ns = self._last_ns = self._newest_ns = 0
-        self._schemas: dict[str, int] = {}
         self._events = {index for index, topic in enumerate(recorded) if topic.is_event}
         self._file.add_metadata(rosbag2.RECORD, self._rosbag2_record())
         self._file.add_metadata(RUN_RECORD, base.to_record())
         for name, data in attachments.items():
             self._file.add_attachment(name, MEDIA_TYPE, data, base.epoch_ns)
-        self._channels = [self._add_channel(topic) for topic in recorded]
+        self._channels = [self._file.add_topic(t) for t in bag_topics(recorded, self.counts)]
         self._file.close_chunk()
 
     @property
@@ -106,19 +99,6 @@ class BagFileWriter:
         """Release the file, finished or not."""
         self._file.close()
 
-    def _add_channel(self, topic: Topic) -> int:
-        definition = schemas.definition(topic.type)
-        if topic.type not in self._schemas:
-            self._schemas[topic.type] = self._file.add_schema(topic.type, definition.text.encode())
-        return self._file.add_channel(
-            topic.name,
-            self._schemas[topic.type],
-            {
-                'offered_qos_profiles': rosbag2.qos_text([topic.row.qos]),
-                'topic_type_hash': definition.type_hash,
-            },
-        )
-
     def _add(self, index: int, tick: int, data: bytes) -> None:
         stamp = self.base.stamp_ns(tick)
         self._file.add_message(self._channels[index], stamp, tick, data)
@@ -139,6 +119,4 @@ class BagFileWriter:
         self._last_ns = self._newest_ns
 
     def _rosbag2_record(self) -> dict[str, str]:
-        return rosbag2.record_values(
-            rosbag2.metadata(bag_topics(self.topics, self.counts), [self.entry])
-        )
+        return rosbag2.record_values(bag_topics(self.topics, self.counts), self.entry)

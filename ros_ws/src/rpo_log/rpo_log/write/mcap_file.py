@@ -13,6 +13,7 @@ from typing import IO, Any, cast
 from mcap.writer import CompressionType, Writer
 
 from rpo_log.errors import Fault, LogError
+from rpo_log.format import rosbag2, schemas
 from rpo_log.format.run import LOG_FORMAT
 
 PROFILE = 'ros2'
@@ -98,11 +99,19 @@ class McapFile:
         self._writer.start(profile=profile, library=library)
         self._syncer = ThreadPoolExecutor(max_workers=1, thread_name_prefix='fsync')
         self._syncing: Future[None] | None = None
+        self._schemas: dict[str, int] = {}
 
     @property
     def size(self) -> int:
         """Bytes that have reached the system."""
         return self._sink.committed
+
+    def add_topic(self, topic: rosbag2.BagTopic) -> int:
+        """Return the id of a new channel for a topic of an installed type; raises LogError."""
+        if topic.type not in self._schemas:
+            text = schemas.definition(topic.type).text
+            self._schemas[topic.type] = self.add_schema(topic.type, text.encode())
+        return self.add_channel(topic.name, self._schemas[topic.type], topic.channel_metadata)
 
     def add_schema(self, name: str, text: bytes, encoding: str = 'ros2msg') -> int:
         """Return the id of a new schema."""

@@ -6,11 +6,11 @@ A tick is let go when it is complete. While it is not, the ticks after it wait, 
 
 - each topic that is missing has delivered a tick at least `REORDER` later: a publisher's messages
   arrive in order, so the missing message will not arrive;
-- some topic is `WINDOW` ticks ahead: the topics that are missing are then silent, and nobody waits
-  for them until they speak again;
+- some topic is `WINDOW` ticks ahead: the topics that are missing are then silent, and are not
+  waited for until their next message;
 - the log is closed.
 
-Event topics speak rarely, and are not waited for; only the first run_status is, before tick 1. An
+Events are rare, and are not waited for; only the first run_status is, before tick 1. An
 event whose tick is written already is passed on by itself with the last tick written: none is lost.
 A topic that the plant has dropped (`drop`) is neither waited for nor missing.
 
@@ -49,7 +49,7 @@ class _Tick:
 
 @dataclass
 class TickOrderer:
-    """Orders the messages of topics that speak once a tick; topic i is the i-th of a tick.
+    """Orders the messages of topics with one message a tick; topic i is the i-th of a tick.
 
     width : number of topics
     events : indices of the event topics
@@ -70,7 +70,7 @@ class TickOrderer:
         self._regular = [i for i in range(self.width) if i not in self.events]
         self._pending: dict[int, _Tick] = {}
         self._released: dict[int, list[bytes | None]] = {}
-        self._said: set[tuple[int, int, bytes]] = set()
+        self._known_events: set[tuple[int, int, bytes]] = set()
         self._dropped: dict[int, int] = {}
         self._newest = [-1] * self.width
         self._silent = [False] * self.width
@@ -120,10 +120,10 @@ class TickOrderer:
                 self._latest = tick
 
     def _add_event(self, index: int, tick: int, data: bytes) -> None:
-        if (index, tick, data) in self._said:
+        if (index, tick, data) in self._known_events:
             self.counts[index].duplicates += 1
             return
-        self._said.add((index, tick, data))
+        self._known_events.add((index, tick, data))
         self._event_due = self._event_due and index != self.awaited
         if tick < self.next_tick:
             self.counts[index].written += 1

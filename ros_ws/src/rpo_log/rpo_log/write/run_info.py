@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import platform
-import time
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -13,31 +12,9 @@ from typing import Any
 
 import yaml
 
-from rpo_core import interfaces
-from rpo_log.format.run import HEALTH_FILE, INFO_FILE, cannot_write
-from rpo_log.write.side_file import SideFile
-
-CHUNK_S = 2.0
-"""Wall time after which a chunk is closed: so much a crash may take."""
+from rpo_log.format.run import INFO_FILE, cannot_write
 
 _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
-
-
-class HealthLogWriter(SideFile):
-    """Writes `/diagnostics` to health.mcap, stamped with the wall clock; never raises once open.
-
-    folder : that of the run, prepared (`rpo_log.format.run.prepare_folder`)
-    """
-
-    def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
-        super().__init__(Path(folder) / HEALTH_FILE, name, interfaces.LOCKSTEP)
-        self._closed_s = time.monotonic()
-
-    def chunk_is_full(self) -> bool:
-        """Give a crash no more than CHUNK_S of wall time."""
-        full = time.monotonic() - self._closed_s >= CHUNK_S
-        self._closed_s = time.monotonic() if full else self._closed_s
-        return full
 
 
 def machine_facts() -> dict[str, Any]:

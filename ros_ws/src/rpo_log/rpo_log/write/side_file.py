@@ -1,16 +1,31 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A file of one topic of DiagnosticArrays beside a run's log: its health, its decisions."""
+"""Files beside a run's log, each of one topic of DiagnosticArrays: its health, its decisions.
+
+They are apart from run.mcap because their messages are rare: run.mcap holds the same messages every
+tick, and is therefore read many ticks at once.
+"""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
-from rpo_core.interfaces import ARRAY_TYPE, Qos
+from rpo_core import cdr
+from rpo_core.decimation import Decimation
+from rpo_core.interfaces import ARRAY_TYPE, LOCKSTEP
 from rpo_log.errors import LogError
-from rpo_log.format import rosbag2, schemas
-from rpo_log.format.run import cannot_write
+from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
+from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase, cannot_write
+from rpo_log.write.bag_file import CHUNK_SHARE
 from rpo_log.write.mcap_file import McapFile
+
+CHUNK_S = 2.0
+"""Wall time after which a chunk of the health is closed: a crash loses no more."""
+
+CHUNK_DECISIONS, MOST_CHUNK_DECISIONS = 10, 600
+"""A chunk holds a 25th of the decisions before it, within these bounds: its index stays in memory
+until the file is closed."""
 
 
 class SideFile:
@@ -21,25 +36,16 @@ class SideFile:
     failure : why the file ended early; None if it did not
     """
 
-    def __init__(self, path: Path, name: str, qos: Qos) -> None:
+    def __init__(self, path: Path, name: str) -> None:
         self.failure: str | None = None
         self.messages = 0
         self._closed = False
-        definition = schemas.definition(ARRAY_TYPE)
-        self._file = McapFile(path)
-        self._path, self._name, self._qos = path, name, qos
         self._stamps = (0, 0)
+        self._path, self._name = path, name
+        self._file = McapFile(path)
         try:
             self._add_rosbag2_record()
-            schema = self._file.add_schema(ARRAY_TYPE, definition.text.encode())
-            self._channel = self._file.add_channel(
-                name,
-                schema,
-                {
-                    'offered_qos_profiles': rosbag2.qos_text([qos]),
-                    'topic_type_hash': definition.type_hash,
-                },
-            )
+            self._channel = self._file.add_topic(BagTopic.of(name, ARRAY_TYPE, LOCKSTEP))
             self._file.close_chunk()
         except OSError as error:
             raise cannot_write(path, error) from None
@@ -58,7 +64,7 @@ class SideFile:
             self.failure = error.strerror or str(error)
 
     def chunk_is_full(self) -> bool:
-        """Return whether what is in the open chunk should be out of a crash's reach now."""
+        """Return whether the messages of the open chunk must be written now."""
         raise NotImplementedError
 
     def close(self) -> None:
@@ -75,9 +81,64 @@ class SideFile:
         self._file.close()
 
     def _add_rosbag2_record(self) -> None:
-        type_hash = schemas.definition(ARRAY_TYPE).type_hash
-        qos = [rosbag2.qos_document(self._qos)]
-        topic = rosbag2.BagTopic(self._name, ARRAY_TYPE, type_hash, qos, self.messages)
-        file = rosbag2.BagFile(self._path.name, *self._stamps, self.messages)
-        document = rosbag2.metadata([topic], [file])
-        self._file.add_metadata(rosbag2.RECORD, rosbag2.record_values(document))
+        topic = BagTopic.of(self._name, ARRAY_TYPE, LOCKSTEP, self.messages)
+        file = BagFile(self._path.name, *self._stamps, self.messages)
+        self._file.add_metadata(RECORD, record_values([topic], file))
+
+
+class HealthLogWriter(SideFile):
+    """Writes `/diagnostics` to health.mcap, stamped with the wall clock."""
+
+    def __init__(self, folder: str | Path, name: str = '/diagnostics') -> None:
+        super().__init__(Path(folder) / HEALTH_FILE, name)
+        self._closed_s = time.monotonic()
+
+    def chunk_is_full(self) -> bool:
+        """Return whether the chunk is `CHUNK_S` of wall time old."""
+        full = time.monotonic() - self._closed_s >= CHUNK_S
+        self._closed_s = time.monotonic() if full else self._closed_s
+        return full
+
+
+class DecisionLogWriter(SideFile):
+    """Writes the decisions that are due to decisions.mcap, each once, in the order of ticks.
+
+    The same run leaves the same bytes. A controller that is started anew in flight explains its
+    first state when no decision is due: that decision is not logged.
+    """
+
+    def __init__(self, folder: str | Path, name: str, base: TimeBase, rate_hz: float) -> None:
+        super().__init__(Path(folder) / DECISIONS_FILE, name)
+        self._base, self._decimation = base, Decimation(rate_hz)
+        self._last = -1
+        self._chunked = 0
+
+    def record(self, data: bytes) -> None:
+        """Take the CDR of a decision as it came."""
+        try:
+            tick = self._base.tick_of(cdr.stamp_ns(data))
+            if tick is None or tick <= self._last or not self.due(tick):
+                return
+            data = cdr.canonical(ARRAY_TYPE, data)
+        except cdr.CdrError:
+            return
+        self._last = tick
+        self.write(self._base.stamp_ns(tick), data)
+
+    def due(self, tick: int) -> bool:
+        """Return whether a decision is due at a tick."""
+        before = self._base.stamp_ns(tick - 1) if tick else None
+        return self._decimation.due(self._base.stamp_ns(tick), before)
+
+    def expects(self, tick: int) -> bool:
+        """Return whether a decision up to a tick, the last of the flight, is still to come."""
+        return self.failure is None and any(self.due(k) for k in range(self._last + 1, tick + 1))
+
+    def chunk_is_full(self) -> bool:
+        """Count decisions: the wall clock would leave other bytes each time."""
+        share = self.messages // CHUNK_SHARE
+        wanted = min(max(CHUNK_DECISIONS, share), MOST_CHUNK_DECISIONS)
+        full = self.messages - self._chunked >= wanted
+        if full:
+            self._chunked = self.messages
+        return full

@@ -10,7 +10,6 @@ wall clock; the wall clock only paces `fsync`, about once a second, in case the 
 
 from __future__ import annotations
 
-import os
 import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +21,7 @@ from rpo_log import events, topics
 from rpo_log.errors import LogError
 from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile
-from rpo_log.format.run import METADATA_FILE, RunSummary, TimeBase, cannot_write, prepare_folder
+from rpo_log.format.run import RunSummary, TimeBase, cannot_write, prepare_folder
 from rpo_log.write.bag_file import BagFileWriter, bag_topics
 from rpo_log.write.orderer import TickOrderer
 
@@ -139,7 +138,10 @@ class RunLogWriter:
                 if self.failure is None:
                     self._orderer.close(self.base.last_tick)
                     self._file.finish()
-                    self._write_metadata_yaml()
+                    files = [entry for entry, _ in self._files()]
+                    rosbag2.write_metadata(
+                        self.folder, bag_topics(self.topics, self._logged()), files
+                    )
             except (OSError, LogError) as error:
                 self._fail(error)
             self._file.close()
@@ -159,7 +161,7 @@ class RunLogWriter:
     def summary(self) -> RunSummary:
         """What the log holds now."""
         counts = dict(zip((topic.name for topic in self.topics), self._orderer.counts, strict=True))
-        owed = {topic.name for topic in self.topics if topics.owed(topic, self.topics)}
+        due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
         return RunSummary(
@@ -168,11 +170,11 @@ class RunLogWriter:
             missing={
                 name: (c.missing, c.first_missing or 0)
                 for name, c in counts.items()
-                if c.missing and name in owed
+                if c.missing and name in due
             },
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
-            late={name: c.late for name, c in counts.items() if c.late and name in owed},
+            late={name: c.late for name, c in counts.items() if c.late and name in due},
             foreign=self._foreign,
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
             failure=self.failure,
@@ -212,16 +214,3 @@ class RunLogWriter:
 
     def _fail(self, error: OSError | LogError) -> None:
         self.failure = getattr(error, 'strerror', None) or str(error)
-
-    def _write_metadata_yaml(self) -> None:
-        """Write the file whole or not at all."""
-        document = rosbag2.metadata(
-            bag_topics(self.topics, self._logged()), [entry for entry, _ in self._files()]
-        )
-        path = self.folder / METADATA_FILE
-        draft = path.with_suffix('.part')
-        with open(draft, 'w', encoding='utf-8') as stream:
-            stream.write(rosbag2.metadata_yaml(document))
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(path)
