@@ -33,6 +33,9 @@ FOREIGN, LATE = 'foreign_stamp', 'late'
 _LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
 """Longest wait, at the end, until the listeners acknowledge."""
 
+_REFUSAL_S = 1.0
+"""How long a node that refuses a run stays, so that the plant finds it and hears why."""
+
 SILENT_S = 3.0
 """A running plant that sends no state for so long is gone; the warning follows within a second."""
 
@@ -128,7 +131,11 @@ class StageNode(FlightNode):
         """Take no part in the run: publish the reason, also for the plant, and end."""
         self.get_logger().error(reason)
         self.publish_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
-        self.exit_code, self.done = EXIT_BAD_INPUT, True
+        self.exit_code = EXIT_BAD_INPUT
+        self.every(_REFUSAL_S, self._leave)
+
+    def _leave(self) -> None:
+        self.done = True
 
     def refusal(self) -> str:
         """Return why inputs get no answer now; '' if they get one."""
@@ -285,6 +292,7 @@ class StageNode(FlightNode):
         """Wait until the last answer has arrived: otherwise the log would miss it."""
         for outlet in self._outlets.values():
             outlet.publisher.wait_for_all_acked(_LAST_WORDS)
+        self._stage_status.wait_for_all_acked(_LAST_WORDS)
 
     def health(self) -> health.Health:
         """Return the health of this node for /diagnostics."""
