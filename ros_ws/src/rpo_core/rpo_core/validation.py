@@ -50,7 +50,7 @@ def check_fields(instance: object) -> None:
     """
     kind: Any = type(instance)
     for name, check in _checks(kind):
-        store(instance, **{name: check(name, getattr(instance, name))})
+        object.__setattr__(instance, name, check(name, getattr(instance, name)))
 
 
 @cache
