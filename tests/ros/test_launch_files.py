@@ -9,6 +9,7 @@ import importlib.util
 import os
 import re
 import subprocess
+from configparser import ConfigParser
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -129,3 +130,13 @@ def test_style_checks_are_the_same_in_every_package():
     copies = {path.read_text() for path in SRC.glob('*/test/test_ament.py')}
     assert len(copies) == 1
     assert len(list(SRC.glob('*/test/test_ament.py'))) == len(list(SRC.glob('*/package.xml')))
+
+
+def test_a_package_brings_its_own_configuration_of_the_checks():
+    """In somebody's workspace another pytest runs it, and the folders above are not ours."""
+    sections = set()
+    for package in SRC.glob('*/package.xml'):
+        config = ConfigParser()
+        config.read(package.with_name('setup.cfg'))
+        sections.add(repr((dict(config['tool:pytest']), dict(config['flake8']))))
+    assert len(sections) == 1

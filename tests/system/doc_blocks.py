@@ -18,11 +18,13 @@ Several may be joined by `;`. `<!-- run first: COMMAND -->` at a page's head mak
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,10 +142,17 @@ def run_line(command: str, cwd: Path, env: Mapping[str, str], deadline_s: float)
 
 
 def run_shells(block: Block, cwd: Path, env: Mapping[str, str], deadline_s: float) -> None:
-    """Run the lines of a block side by side."""
+    """Run the lines of a block side by side, each in a process group, as in a terminal."""
     log = (cwd / 'shells.txt').open('w+')
     running = [
-        subprocess.Popen(['bash', '-c', f'exec {line}'], cwd=cwd, env=env, stdout=log, stderr=log)
+        subprocess.Popen(
+            ['bash', '-c', f'exec {line}'],
+            cwd=cwd,
+            env=env,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
         for line in block.commands
     ]
     try:
@@ -155,16 +164,16 @@ def run_shells(block: Block, cwd: Path, env: Mapping[str, str], deadline_s: floa
         time.sleep(2.0)  # who leaves by itself has time to do so
         for process in running:
             if process.poll() is None:
-                process.send_signal(signal.SIGINT)
+                os.killpg(process.pid, signal.SIGINT)  # Ctrl-C
         codes = [process.wait(30.0) for process in running]
         assert first.returncode == block.exit_code, f'{block.place}: {codes}\n{_said(log)}'
         clean = {0, block.exit_code, -signal.SIGINT, 128 + signal.SIGINT}
         assert set(codes) <= clean, f'{block.place}: {codes}\n{_said(log)}'
     finally:
         for process in running:
-            if process.poll() is None:
-                process.kill()
-                process.wait()
+            with suppress(ProcessLookupError):  # the nodes behind a stock `ros2 run` too
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
         log.close()
 
 

@@ -7,6 +7,7 @@ import re
 import shlex
 import signal
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -43,10 +44,21 @@ class Shells:
     def __init__(self, folder: Path, env: dict[str, str]) -> None:
         self.folder, self.env = folder, {**os.environ, **env}
         self.log = folder / 'log.txt'
+        self.started: list[subprocess.Popen[bytes]] = []
 
     def start(self, command: list[str]) -> subprocess.Popen[bytes]:
+        """Start a command in a process group of its own, as a shell with job control does."""
         with self.log.open('a') as log:
-            return subprocess.Popen(command, cwd=self.folder, env=self.env, stdout=log, stderr=log)
+            process = subprocess.Popen(
+                command,
+                cwd=self.folder,
+                env=self.env,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+        self.started.append(process)
+        return process
 
     def ends_well(self, process: subprocess.Popen[bytes]) -> None:
         assert process.wait(DEADLINE_S) == 0, (process.args, self.log.read_text())
@@ -63,13 +75,23 @@ class Shells:
         self.ends_well(started.pop(('rpo_sim', 'plant')))
         for name, process in started.items():
             if name != ('rpo_log', 'recorder'):
-                process.send_signal(signal.SIGINT)
+                os.killpg(process.pid, signal.SIGINT)  # Ctrl-C
             self.ends_well(process)
+
+
+    def close(self) -> None:
+        """Kill what is left, the nodes behind a stock `ros2 run` too."""
+        for process in self.started:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
 
 
 @pytest.fixture
 def shells(ros_env, tmp_path):
-    return Shells(tmp_path, ros_env)
+    opened = Shells(tmp_path, ros_env)
+    yield opened
+    opened.close()
 
 
 @pytest.mark.timeout(3 * DEADLINE_S)

@@ -93,7 +93,8 @@ def _output(command: Sequence[str], folder: str) -> str:
         timeout=_DEADLINE_S,
     )
     if done.returncode:
-        last = (done.stdout.strip() or 'nothing').splitlines()[-1]
+        lines = [x for x in done.stdout.splitlines() if x and not x.startswith('[ros2run]')]
+        last = lines[-1] if lines else 'nothing'
         raise InputError(f'`ros2 run {" ".join(command)}` ended with {done.returncode}: {last}')
     return done.stdout
 

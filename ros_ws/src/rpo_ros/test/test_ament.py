@@ -13,9 +13,9 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def test_flake8():
-    """What differs from ament's defaults stands, with the reasons, in ament_flake8.ini."""
+    """What differs from ament's defaults stands, with the reasons, in setup.cfg."""
     flake8 = pytest.importorskip('ament_flake8.main')
-    config = PACKAGE.parent / 'ament_flake8.ini'
+    config = PACKAGE / 'setup.cfg'
     code, errors = flake8.main_with_errors(argv=['--config', str(config), str(PACKAGE)])
     assert code == 0, '\n'.join(errors)
 
