@@ -78,7 +78,6 @@ class Shells:
                 os.killpg(process.pid, signal.SIGINT)  # Ctrl-C
             self.ends_well(process)
 
-
     def close(self) -> None:
         """Kill what is left, the nodes behind a stock `ros2 run` too."""
         for process in self.started:
