@@ -14,9 +14,9 @@ from typing import Any
 from rpo_training.bench import flying, inference, machine, ros
 from rpo_training.outputs import markdown_table, write_text
 
-MAX_TRAINING_S, MAX_CAMPAIGN_S = 180.0, 10.0
+MAX_TRAINING_S, MAX_CAMPAIGN_S = 60.0, 4.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
-LEAST_FOUR, LEAST_ONE = 100.0, 150.0
+LEAST_FOUR, LEAST_ONE = 200.0, 400.0
 """The targets: wall time, ratios to the peers, x real time as four processes and in one."""
 
 NAIVE_LOOPS = 216 * 3
