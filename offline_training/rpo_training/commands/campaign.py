@@ -132,7 +132,7 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
     if not source.is_dir():
         return config.load(source, **changes), None
     if changes:
-        raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that was flown')
+        raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
     store = Store.open(source)
     if not store.finished:
         raise InputError(f'{source}: is not finished: go on with --resume')
@@ -144,13 +144,13 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
     from rpo_training.campaign.progress import CampaignDisplay
 
     again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
-    sentence = f'Interrupted; what was flown is saved. Go on with: {again}'
+    sentence = f'Interrupted; finished runs are saved. Go on with: {again}'
     began, cpu = time.perf_counter(), time.process_time()
     with interruptible(lambda: sentence), CampaignDisplay(store) as display:
         fly(store, workers, cluster, display.advance)
     began, cpu = time.perf_counter() - began, time.process_time() - cpu
     _print(store)
-    typer.echo(f'flown in {began:.1f} s; {cpu:.1f} s of CPU time of this process')
+    typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     typer.echo(store.folder / 'results.npz')
 
 

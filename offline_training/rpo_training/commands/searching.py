@@ -28,7 +28,7 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     with interruptible(sentence), TrainingDisplay(run.folder) as display:
         best = run.run(display.show)
     made = best.provenance
-    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers flown')
+    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
     typer.echo(
         f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
         f'N^2 s, starts that miss: {made["starts_that_miss"]}'

@@ -108,7 +108,7 @@ def _flights(found: Assessment) -> list[Block]:
         Picture(
             'starts',
             controller_plots.starts(found),
-            f'The {len(found.starts)} training starts. Left, energy flown beside the least that '
+            f'The {len(found.starts)} training starts. Left, energy used beside the least that '
             'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
             'starts stay below a share of the limit of each condition.',
             f'Mean J {found.mean_energy_n2s:.3g} N²s, {found.mean_energy_n2s / least:.2f} times '

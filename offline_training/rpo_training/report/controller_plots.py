@@ -118,7 +118,7 @@ def _energies(axes: Any, found: Assessment) -> None:
         axes.plot(most, factor * most, color=colour, linestyle=line, label=label)
     axes.set(
         xlabel='least J to rest in 200 s [N²s]',
-        ylabel='flown J [N²s]',
+        ylabel='J of the flight [N²s]',
         xlim=most,
         ylim=(0.0, 1.05 * max(energy.max(), most[1])),
     )

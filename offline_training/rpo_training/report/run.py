@@ -103,7 +103,7 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
         'never for good' if arrived is None else f'from {arrived:.1f} s on'
     )
     if not shown.whole:
-        when = f'not flown, or not logged, to its end at {shown.planned.duration_s:g} s'
+        when = f'the log does not reach the end at {shown.planned.duration_s:g} s'
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
     return (
         f'{flight.scenario.duration_s:g} s from [{start}] m; {when}; '
@@ -168,12 +168,12 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
 
 def _energy(flight: Flight, optima: _Optima) -> list[Block]:
     spent_n2s = metrics.of_flight(flight).energy_n2s
-    rows = [_energy_row('flown', flight, spent_n2s)]
+    rows = [_energy_row('this flight', flight, spent_n2s)]
     rows += [_energy_row(n, f, spent_n2s) for n, f in optima.flights.items()]
     columns = (
         'flight',
         'J [N²s]',
-        'flown / this',
+        'flight / this',
         'largest |f| [N]',
         'slew [N/s]',
         'mean speed, last 30 s [m/s]',

@@ -80,7 +80,7 @@ def _paths(flight: Flight, optima: OptimaByName) -> list[tuple[str, Floats, str,
         (name, optimum.positions_m, _OPTIMUM, line)
         for (name, optimum), line in zip(optima.items(), _LINES, strict=False)
     ]
-    return [*lines, ('flown', flight.positions_m, _INK, '-')]
+    return [*lines, ('this flight', flight.positions_m, _INK, '-')]
 
 
 def _marked(flight: Flight) -> slice:
@@ -130,7 +130,7 @@ def energy(flight: Flight, optima: OptimaByName) -> Any:
     figure, axes = style.new_panels(3.4)
     for (name, optimum), line in zip(optima.items(), _LINES, strict=False):
         axes.plot(*_energy(optimum), color=_OPTIMUM, linestyle=line, label=name)
-    axes.plot(*_energy(flight), color=_INK, label='flown')
+    axes.plot(*_energy(flight), color=_INK, label='this flight')
     axes.set(xlabel='time [s]', ylabel='energy J so far [N²s]', ylim=(0.0, None))
     axes.margins(x=0.01)
     style.legend_below(figure, axes)
@@ -181,7 +181,7 @@ def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
         position, velocity = flight.positions_m[:, i], flight.velocities_m_s[:, i]
         if controller is not None:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
-        axes.plot(position, velocity, color=_INK, label='flown')
+        axes.plot(position, velocity, color=_INK, label='this flight')
         axes.plot(position[0], velocity[0], 'o', color=_INK, markersize=6, label='start')
         dots, label = _marked(flight), f'every {MARK_S:g} s'
         axes.plot(position[dots], velocity[dots], 'o', color=_INK, markersize=3, label=label)
