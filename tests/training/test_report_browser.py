@@ -113,6 +113,6 @@ def test_the_optimum_is_drawn_beside_the_flight(tmp_path):
         for block in section.blocks
         if getattr(block, 'caption', '') == 'Beside the best possible'
     )
-    assert [row[0] for row in table.rows][:2] == ['flown', 'optimum in 200 s']
+    assert [row[0] for row in table.rows][:2] == ['this flight', 'optimum in 200 s']
     ratios = [float(row[2]) for row in table.rows]
     assert ratios[0] == 1.0 and all(ratio > 1.0 for ratio in ratios[1:]), 'none is below the least'

@@ -33,7 +33,9 @@ def optimal(
     controller: Annotated[
         str | None, typer.Option(help='fly this one too, and compare its J')
     ] = None,
-    csv: Annotated[Path | None, typer.Option(help='write the flight of the constrained optimum')] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help='write the flight of the constrained optimum')
+    ] = None,
     whole_set: Annotated[
         bool, typer.Option('--all-starts', help='the means over all starts of a scenario set')
     ] = False,
