@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from rpo_core import interfaces, kernels
+from rpo_core import interfaces, kernels, metrics
 from rpo_core.chain import Chain, Signals
 from rpo_core.interfaces import DUE_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
@@ -49,7 +48,7 @@ class Plant:
         self.scenario = scenario
         self.expected = tuple(expected)
         self.tick = 0
-        self.energy_n2s = 0.0
+        self._squares = [0.0, 0.0, 0.0]  # of the saturated commands, per axis [N^2]
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
         self._chain = Chain.of(scenario).part(*PLACES)
@@ -58,6 +57,12 @@ class Plant:
         self.signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
+
+    @property
+    def energy_n2s(self) -> float:
+        """J so far, as `rpo_core.metrics` adds it up."""
+        x, y, z = self._squares
+        return (x + y + z) * self.scenario.dt_s
 
     @property
     def state(self) -> Signal:
@@ -87,8 +92,10 @@ class Plant:
         self._chain.step(self.tick, signals)
         x, y, z = signals[SATURATED_FORCE]
         self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
-        # Neither sum() nor hypot(): they round differently from one Python to another.
-        self.energy_n2s += (x * x + y * y + z * z) * self.scenario.dt_s
+        self._squares = [
+            metrics.with_square(total, force)
+            for total, force in zip(self._squares, (x, y, z), strict=True)
+        ]
         self.tick += 1
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
 
@@ -105,7 +112,7 @@ class Plant:
             'tick': self.tick,
             'time_s': self.scenario.time_s(self.tick),
             'energy_n2s': self.energy_n2s,
-            'distance_m': math.sqrt(x * x + y * y + z * z),
-            'speed_m_s': math.sqrt(vx * vx + vy * vy + vz * vz),
+            'distance_m': metrics.norm(x, y, z),
+            'speed_m_s': metrics.norm(vx, vy, vz),
             'saturated_ticks': self.saturated_ticks,
         }

@@ -7,17 +7,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
+from rpo_core import interfaces
 from rpo_core.validation import InputError
 from rpo_log.format import schemas
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
+from rpo_ros.signals import message_class
 from rpo_view.latest import Latest, run_viewer
 from rpo_view.parameters import FOXGLOVE as PARAMETERS
 
@@ -32,10 +33,15 @@ HOST = '127.0.0.1'
 _STATUS_PERIOD_S = 1.0
 
 _SAMPLED = {
-    names.RELATIVE_STATE: Odometry,
-    names.CONTROL_FORCE: WrenchStamped,
-    names.DISTURBANCE_FORCE: WrenchStamped,
-    names.DECISION: DiagnosticArray,
+    **{
+        name: message_class(interfaces.row_of(name).type)
+        for name in (
+            names.RELATIVE_STATE,
+            names.CONTROL_FORCE,
+            names.DISTURBANCE_FORCE,
+            names.DECISION,
+        )
+    },
     names.MARKERS: MarkerArray,
 }
 
@@ -53,7 +59,9 @@ class FoxgloveNode(FlightNode):
         self._app_context = foxglove.Context()
         self._stamp_ns = 0
         self._status = b''
-        self._newest = {name: Latest(self, kind, name, raw=True) for name, kind in _SAMPLED.items()}
+        self._newest = {
+            name: Latest(self, name, kind=kind, raw=True) for name, kind in _SAMPLED.items()
+        }
         self._channels = {name: self._channel(name, kind) for name, kind in _SAMPLED.items()}
         self._channels[names.RUN_STATUS] = self._channel(names.RUN_STATUS, DiagnosticStatus)
         self._transform = FrameTransformChannel(

@@ -15,8 +15,10 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from rpo_core import interfaces
 from rpo_ros import qos
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import message_class
 
 
 class _Unspun(CallbackGroup):
@@ -33,9 +35,15 @@ class _Unspun(CallbackGroup):
 
 
 class Latest:
-    """The newest message of one topic; run the node by `run_viewer`."""
+    """The newest message of one topic; run the node by `run_viewer`.
 
-    def __init__(self, node: Node, kind: type, topic: str, *, raw: bool = False) -> None:
+    kind : of a topic that is not in the table of interfaces
+    """
+
+    def __init__(
+        self, node: Node, topic: str, *, kind: type | None = None, raw: bool = False
+    ) -> None:
+        kind = kind or message_class(interfaces.row_of(topic).type)
         self._subscription = node.create_subscription(
             kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=raw
         )

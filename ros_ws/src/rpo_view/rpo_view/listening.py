@@ -7,9 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import WrenchStamped
-from nav_msgs.msg import Odometry
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_ros import conversions, names, qos
 from rpo_ros.conversions import values_of
@@ -25,12 +23,12 @@ class ListeningNode(FlightNode):
         super().__init__(name, overrides)
         self.live = LiveRun()
         self.topic = self.resolve_topic_name(names.RELATIVE_STATE)
-        self._states = Latest(self, Odometry, names.RELATIVE_STATE)
+        self._states = Latest(self, names.RELATIVE_STATE)
         self._forces = {
-            'force_n': Latest(self, WrenchStamped, names.CONTROL_FORCE),
-            'disturbance_n': Latest(self, WrenchStamped, names.DISTURBANCE_FORCE),
+            'force_n': Latest(self, names.CONTROL_FORCE),
+            'disturbance_n': Latest(self, names.DISTURBANCE_FORCE),
         }
-        self._decisions = Latest(self, DiagnosticArray, names.DECISION)
+        self._decisions = Latest(self, names.DECISION)
         for topic, react in (
             (names.RUN_STATUS, self._on_status),
             (names.NODE_MANIFEST, self._on_manifest),

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import MarkerArray
 
@@ -37,8 +37,8 @@ class VisualizerNode(FlightNode):
         self._trail = Trail(values['trail_points'])
         self._stamp_ns = 0
         self._force_n: tuple[float, ...] | None = None
-        self._states = Latest(self, Odometry, names.RELATIVE_STATE)
-        self._forces = Latest(self, WrenchStamped, names.CONTROL_FORCE)
+        self._states = Latest(self, names.RELATIVE_STATE)
+        self._forces = Latest(self, names.CONTROL_FORCE)
         self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
         self._tf = None
