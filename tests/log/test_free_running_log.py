@@ -68,10 +68,10 @@ class FreeRun:
             say.append((STATUS, cdr.encode_status(0, 'run', '', 'none', values)))
         self.messages += [(name, tick, data) for name, data in say]
 
-    def write(self, folder, change=None):
+    def write(self, folder, change=None, stale_after=STALE_AFTER):
         """Write the log; `change(name, tick, data)` forges it."""
         names = [CLOCK, STATE, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS]
-        parameters = f'plant: {{mode: free_running, stale_after_ticks: {STALE_AFTER}}}\n'
+        parameters = f'plant: {{mode: free_running, stale_after_ticks: {stale_after}}}\n'
         attached = {**self.run.attachments, 'parameters.yaml': parameters.encode()}
         writer = RunLogWriter(folder, self.run.base, names, attached)
         for name, tick, data in self.messages:
@@ -149,3 +149,14 @@ def test_diff_names_the_force_flown(free, tmp_path):
     found = diff(tmp_path / 'a', tmp_path / 'b')
     assert found.first['applied_force'][0] == 9
     assert set(found.first) == {'applied_force'}
+
+
+@pytest.mark.parametrize('stale_after', ['1001', '-1', 'true', '"many"', '2026-02-30', '[1', '{}'])
+def test_where_the_hold_is_not_known_nothing_is_said_to_be_proved(free, stale_after, tmp_path):
+    """An invented force is then no difference, but the log is not verified either."""
+    free.write(tmp_path, forged(APPLIED, 30, (0.1, 0.1, 0.1)), stale_after)
+    found = verify(tmp_path)
+    assert found.exit_code != 0
+    if found.difference is None:
+        assert 'applied forces could not be compared with a command' in found.sentence()
+        assert 'had been commanded' not in found.sentence()

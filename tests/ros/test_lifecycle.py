@@ -5,6 +5,8 @@
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 
 from rpo_core import files
@@ -159,3 +161,15 @@ def test_deactivated_in_flight_the_chaser_drifts(ros_env, tmp_path):
     forces = read_run(output).forces_n
     first = int((forces != 0.0).any(axis=1).argmin())
     assert 0 < first < len(forces) - 100 and not forces[first:].any()
+
+
+@pytest.mark.parametrize('request_id', [0, 1, 3, 99])
+def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(ros_env, request_id):
+    """1 is configure and 3 is activate: the controller is active already."""
+    with inside() as bench:
+        bench.start(ControllerNode({**NAMED, 'controller': 'handmade'}))
+        request = ChangeState.Request(transition=Transition(id=request_id))
+        assert not bench.call(ChangeState, f'{NODE}/change_state', request).success
+        assert not bench.transition(NODE, 'activate')
+        assert bench.state(NODE) == 'active'
+        assert Asker(bench).ask(1) == force_of('handmade')

@@ -5,16 +5,19 @@
 import time
 
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
 from rosgraph_msgs.msg import Clock
 from scenarios import lasting
 
 import rpo_log.recorder_node
+from rpo_core import files
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
-from rpo_ros import names, qos
+from rpo_log.verify import verify
+from rpo_ros import health, names, qos
 from rpo_sim.plant_node import PlantNode
 
 LATE = 'late_manifest'
@@ -68,3 +71,35 @@ def test_a_controller_without_a_manifest_is_recorded_in_the_end(
     log = read_run(tmp_path / 'run')
     assert len(log.ticks) == 21
     assert set(log.attachments) == {'parameters.yaml', 'scenario.yaml'}
+
+
+# fmt: off
+ODD_NAMES = [
+    '[draft] one', '@x', 'a: b', '2026-02-30', '2026-01-01', '1e3', 'true', '', '{a', '- b', "it's",
+    '"quoted"', '*', '&a', '!tag', '#1', '%', 'null', 'é', 'a\tb', 'yes', '0x10',
+]
+# fmt: on
+
+
+@pytest.mark.parametrize('name', ODD_NAMES)
+def test_a_name_is_read_back_as_what_it_was(name):
+    assert yaml.safe_load(health.as_yaml(name)) == name
+
+
+def test_plain_names_stay_plain():
+    assert [health.as_yaml(v) for v in ('paper_test', 2, True)] == ['paper_test', '2', 'True']
+
+
+def test_a_controller_of_an_odd_name_is_recorded(ros_env, tmp_path, two_seconds):
+    text = files.find('controller', 'handmade').read_text()
+    path = tmp_path / 'mine.yaml'
+    path.write_text(text.replace('name: handmade', 'name: "[draft] one: @x"'))
+    with inside() as inner:
+        inner.start(ControllerNode({'controller': str(path)}))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        inner.start(PlantNode({'scenario': two_seconds, 'wait_for_recorder': True}))
+        inner.until(lambda: recorder.done)
+    assert recorder.exit_code == 0
+    attached = yaml.safe_load(read_run(tmp_path / 'run').attachments['parameters.yaml'])
+    assert attached['fuzzy_controller']['controller'] == '[draft] one: @x'
+    assert verify(tmp_path / 'run').exit_code == 0

@@ -87,6 +87,7 @@ class MonitorNode(FlightNode):
             self._timeout.broken()
             self.checker.clear(self.checker.table.rules)
             self._pending.clear()
+            self.answers.clear()
         self.phase = phase
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
@@ -119,7 +120,7 @@ class MonitorNode(FlightNode):
         log = self.get_logger()
         text = Detection(detection.fault, reaction).sentence
         log.warning(text) if reaction == WARN else log.error(text)
-        if reaction == COAST:
+        if reaction == COAST and self.answers.get(COAST) != 'done':  # once in a run
             self._pending[COAST] = self._coast
         elif reaction == ABORT:
             self._pending[ABORT] = self._abort

@@ -130,6 +130,14 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         """State of the lifecycle: unconfigured, inactive, active or finalized."""
         return str(self._state_machine.current_state[1])
 
+    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
+        """Refuse a transition that is not possible now; rclpy would end the process with it."""
+        possible = {number for number, *_ in self._state_machine.available_transitions}
+        if transition not in possible:
+            self.get_logger().warning(f'transition {transition} is not possible in {self.label}')
+            return FAILURE
+        return super()._LifecycleNodeMixin__change_state(transition)
+
     def _autostart(self) -> None:
         """Configure and activate; raises the error of a failed transition."""
         for trigger in (self.trigger_configure, self.trigger_activate):

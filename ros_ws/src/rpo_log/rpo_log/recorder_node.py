@@ -268,7 +268,7 @@ class RecorderNode(FlightNode):
                 if key.startswith(_FILE):
                     found[key.removeprefix(_FILE)] = value.encode()
             parameters[manifest.name] = {
-                key.removeprefix(_PARAMETER): yaml.safe_load(value)
+                key.removeprefix(_PARAMETER): _parsed(value)
                 for key, value in values.items()
                 if key.startswith(_PARAMETER)
             }
@@ -349,6 +349,14 @@ class RecorderNode(FlightNode):
         self._finish()
         if self._interrupted:
             self.exit_code = 0
+
+
+def _parsed(text: str) -> Any:
+    """Return the value of a parameter in a manifest; the text itself where it is no YAML."""
+    try:
+        return yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError):
+        return text
 
 
 def _values(status: DiagnosticStatus) -> dict[str, str]:

@@ -7,10 +7,12 @@ The ROS 2 wheels have no diagnostic_updater.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 
@@ -60,6 +62,17 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
     node.every(PERIOD_S, publish)
 
 
+def as_yaml(value: object) -> str:
+    """Return a value as YAML that is read back to the same value: quoted only where it must be."""
+    if not isinstance(value, str):
+        return repr(value)
+    try:
+        plain = yaml.safe_load(value) == value
+    except (yaml.YAMLError, ValueError):  # PyYAML converts unchecked, as 2026-02-30
+        plain = False
+    return value if plain else json.dumps(value)
+
+
 class Manifest:
     """The files and parameters of a node, latched; the recorder attaches them to the log.
 
@@ -83,7 +96,7 @@ class Manifest:
         """
         values = [
             ('role', self._role),
-            *((f'parameter.{key}', value) for key, value in sorted(parameters.items())),
+            *((f'parameter.{key}', as_yaml(value)) for key, value in sorted(parameters.items())),
             *((f'file.{name}', text) for name, text in sorted(files.items())),
         ]
         self._status = to_status(OK, self._name, 'manifest', values)

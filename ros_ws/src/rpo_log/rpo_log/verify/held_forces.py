@@ -21,7 +21,7 @@ def held_ticks(reader: RunReader) -> int:
     """Return for how many ticks the plant of a log held a force; -1 if that is not known."""
     try:
         parameters = yaml.safe_load(reader.attachments.get(run.PARAMETERS, b''))
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError):  # PyYAML converts unchecked, as 2026-02-30
         return -1
     plant = parameters.get('plant') if isinstance(parameters, Mapping) else None
     ticks = plant.get('stale_after_ticks') if isinstance(plant, Mapping) else None

@@ -33,6 +33,7 @@ from rpo_core.stage import Place
 from rpo_core.validation import InputError
 from rpo_log import topics
 from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format import run
 from rpo_log.format.run import CONTROLLER
 from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import Event, TickBlock
@@ -45,7 +46,7 @@ from rpo_log.verify.difference import (
     Difference,
     non_canonical_difference,
 )
-from rpo_log.verify.held_forces import HeldForces, held_ticks
+from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
 
 METRIC_TOLERANCE = 1e-9
@@ -122,6 +123,8 @@ class _Verifier:
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
         self.states = StageStates()
         ticks = held_ticks(reader) if self.free else 0
+        self._hold_known = ticks >= 0
+        self._unchecked, self._first_unchecked = 0, -1  # applied forces without a known command
         self._held = {
             interfaces.COMMAND: HeldForces(ticks, float(self.scenario.max_force_n)),
             interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
@@ -145,13 +148,20 @@ class _Verifier:
 
     @property
     def gaps(self) -> list[str]:
-        """Where stages could not be recomputed, for people."""
-        return [
+        """What could not be checked, for people."""
+        found = [
             f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
             f'{found.first_gap}: its memory was not known after a missing message'
             for found in self.stages
             if found.gaps
         ]
+        if self._unchecked:
+            found.append(
+                f'{self._unchecked} applied forces could not be compared with a command, the first '
+                f'at tick {self._first_unchecked}: {run.PARAMETERS} does not say for how long, up '
+                f'to {MOST_HELD_TICKS} ticks, the plant held a force'
+            )
+        return found
 
     def first_difference(self, block: TickBlock) -> Difference | None:
         """Return the first difference in a block, None if there is none."""
@@ -242,7 +252,15 @@ class _Verifier:
                     applied = block.values[_APPLIED[carried]]
                     held = self._held[carried]
                     computed, known = held.held(block.ticks, block.values[name], applied)
+                    if not self._hold_known:
+                        there = np.isfinite(applied).all(axis=1)
+                        self._count_unchecked(block.ticks[~known & there])
                     yield self._first(APPLIED, _APPLIED[carried], block, computed, known)
+
+    def _count_unchecked(self, ticks: NDArray[np.int64]) -> None:
+        if len(ticks) and not self._unchecked:
+            self._first_unchecked = int(ticks[0])
+        self._unchecked += len(ticks)
 
     def _account(self, signals: dict[str, Floats]) -> None:
         """Sum up what the thrusters took before each tick; NaN from where a force is missing."""
