@@ -9,6 +9,7 @@ environment does not open listens on the loopback interface only.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -139,6 +140,7 @@ def spin(
     executor = executor_kind()
     for node in nodes:
         executor.add_node(node)
+    gc.freeze()  # what is there now stays: collections in flight need not look at it
     # EventsExecutor.spin() of rclpy 7.1.6 runs no callback in the wheels, and spin_once returns to
     # Python after each callback, which costs a third of a tick.
     while not until() and not stop.name:
