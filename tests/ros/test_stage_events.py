@@ -53,6 +53,21 @@ def test_switched_off_and_on_in_flight(ros_env, tmp_path):
     assert found.exit_code == 0, found.sentence()
 
 
+def test_a_file_that_is_loaded_while_switched_off_begins_no_run(ros_env, tmp_path):
+    with inside() as inner:
+        scenario = lasting(60.0, tmp_path, 'paper_test')
+        *_, recorder = start(inner, scenario, tmp_path / 'run', real_time_factor=40.0)
+        assert inner.transition(NODE, 'deactivate')
+        assert inner.set(NODE, controller='handmade')[0]
+        assert inner.transition(NODE, 'activate')
+        inner.until(lambda: recorder.done)
+    log = read_run(tmp_path / 'run')
+    events = [event.values for event in log.events if event.signal == 'stage_status']
+    assert [event['state'] for event in events] == ['inactive', 'active']
+    assert int(events[0]['tick']) > 20
+    assert verify(tmp_path / 'run').exit_code == 0
+
+
 @pytest.mark.parametrize('lost', [0, 1], ids=['controller', 'disturbance'])
 def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
     with inside() as inner:

@@ -25,15 +25,13 @@ from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE, THR
 from rpo_core.jit import as_table
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage, section_of
-from rpo_core.thrusters import ThrustersStage
+from rpo_core.thrusters import ZERO, ThrustersStage
 from rpo_core.validation import InputError
 
 Signals = dict[str, Signal]
 
 NO_FORCE = ''
 """The signal that is read where nothing carries a force: zero."""
-
-ZERO = (0.0, 0.0, 0.0)
 
 
 class DisturbanceStage(Stage):

@@ -21,13 +21,13 @@ from rpo_core.chain import Chain, Link, Signals
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
+from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
 from rpo_ctrl.decision import DecisionPublisher, Reason
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import health
 from rpo_ros.stage_node import StageNode
 
-ZERO = (0.0, 0.0, 0.0)
 SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,

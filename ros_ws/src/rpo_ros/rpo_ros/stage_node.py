@@ -117,9 +117,9 @@ class StageNode(FlightNode):
         """Do the work that can wait until the answer is sent."""
 
     def rebuild(self) -> None:
-        """Make the stages again; raises InputError."""
-        if self.scenario is not None:
-            self._fly_in(self.scenario)
+        """Make the stages again, in the same run; raises InputError."""
+        if self.scenario is not None and self._connect(self.scenario):
+            self._take_up()
 
     def publish_stage_status(self, stage: str, state: str, tick: int, reason: str) -> None:
         """Publish the state of a stage from a tick on."""
@@ -142,16 +142,21 @@ class StageNode(FlightNode):
         return ''
 
     def _fly_in(self, scenario: Scenario) -> None:
-        """Make the stages of a scenario and connect to their signals; raises InputError."""
+        """Take part in a run of a scenario; raises InputError."""
+        if self._connect(scenario):
+            self.new_run()
+            self._take_up()
+
+    def _connect(self, scenario: Scenario) -> bool:
+        """Make the stages of a scenario, if it has any here, and connect to their signals."""
         chain = self.part(scenario)
         if chain is None:
-            return
+            return False
         self._open(name for name in chain.outputs if interfaces.row_of(name).type)
         self._hear(chain)
         self._warm_up(chain)
         self.chain = chain
-        self.new_run()
-        self._take_up()
+        return True
 
     @staticmethod
     def _warm_up(chain: Chain) -> None:
