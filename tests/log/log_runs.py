@@ -70,14 +70,19 @@ class Run:
     def figures(self, tick: int, phase: str) -> dict[str, str]:
         """What run_status says at a tick."""
         state = self.flight.states[tick].tolist()
-        applied = np.clip(self.flight.forces_n[:tick], -0.5, 0.5)
+        commanded = self.flight.forces_n[:tick]
+        applied = np.clip(commanded, -0.5, 0.5)
+        squares = [0.0, 0.0, 0.0]
+        for force_n in applied.tolist():  # in the order of the ticks, as the plant adds them up
+            squares = [total + force * force for total, force in zip(squares, force_n, strict=True)]
         return {
             'phase': phase,
             'tick': str(tick),
             'time_s': repr(self.flight.scenario.time_s(tick)),
-            'energy_n2s': repr(float((applied**2).sum() * self.flight.scenario.dt_s)),
-            'distance_m': repr(math.hypot(*state[:3])),
-            'speed_m_s': repr(math.hypot(*state[3:])),
+            'energy_n2s': repr(sum(squares) * self.flight.scenario.dt_s),
+            'distance_m': repr(math.sqrt(sum(r * r for r in state[:3]))),
+            'speed_m_s': repr(math.sqrt(sum(v * v for v in state[3:]))),
+            'saturated_ticks': repr(int((applied != commanded).any(axis=1).sum())),
         }
 
     def write(self, folder: Path, messages: Iterable[Sent] | None = None, **options) -> RunSummary:

@@ -128,7 +128,7 @@ def lost(topic, tmp_path, say=True, until=LOST_AT):
     scenario = run.flight.scenario
     if topic == FORCE:
         flight = fly(scenario, Switched(range(LOST_AT, 100)))
-        sent = Run(flight, run.attachments).messages
+        flown = Run(flight, run.attachments)
     else:
         control = load_controller('handmade')
         state, calm = fly(scenario, control).states[LOST_AT], replace(scenario, disturbance=NONE)
@@ -137,10 +137,9 @@ def lost(topic, tmp_path, say=True, until=LOST_AT):
         flight = fly(scenario, control)
         flight.states[LOST_AT:] = rest.states[: len(flight.states) - LOST_AT]
         flight.forces_n[LOST_AT:] = rest.forces_n[: len(flight.states) - LOST_AT]
-        sent = Run(flight, run.attachments).messages
-    sent = [m for m in sent if m[0] != STATUS or m[1] == 0]
-    sent = [m for m in sent if m[0] != topic or m[1] < until]
-    values = {'phase': 'running', 'tick': str(LOST_AT), 'dropped': topic[1:]}
+        flown = Run(flight, run.attachments)
+    sent = [m for m in flown.messages if m[0] != topic or m[1] < until]
+    values = {**flown.figures(LOST_AT, 'running'), 'dropped': topic[1:]}
     status = cdr.encode_status(1, 'run', f'coasting without {topic[1:]}', 'none', values)
     if say:
         sent.insert(next(i for i, m in enumerate(sent) if m[1] == LOST_AT) + 1,

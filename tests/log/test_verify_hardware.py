@@ -30,7 +30,7 @@ class HardwareRun(Run):
     """A run whose controller sees what navigation finds."""
 
     def of_tick(self, tick):
-        """Say what the nodes say at a tick; run_status without figures of the thrusters."""
+        """Say what the nodes say at a tick."""
         for name, data in super().of_tick(tick):
             yield name, data
             if name == STATE:
@@ -38,13 +38,9 @@ class HardwareRun(Run):
                 stamp = self.base.stamp_ns(tick)
                 yield NAVIGATION, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', seen)
 
-    def figures(self, tick, phase):
-        """What run_status says at a tick."""
-        return {'phase': phase, 'tick': str(tick)}
 
-
-def run_of(flown=SCENARIO, recorded=(*TOPICS, NAVIGATION)):
-    """Return the run of a scenario, with `SCENARIO` attached to its log."""
+def run_of(flown=SCENARIO, recorded=(*TOPICS[:-1], NAVIGATION)):
+    """Return the run of a scenario, with `SCENARIO` attached to its log; no run_status."""
     attachments = make_run(2.0).attachments | {'scenario.yaml': scenario.dumps(SCENARIO).encode()}
     flight = fly(flown, load_controller('handmade'))
     return HardwareRun(replace(flight, scenario=SCENARIO), attachments, recorded)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from rpo_core import kernels
-from rpo_core.controller import FuzzyController
+from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.fuzzy import WORDS, FuzzySystem
 from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S
 from rpo_core.validation import InputError, real
@@ -181,6 +181,31 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
         )
     ]
     return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
+
+
+Reason = tuple[str, Sequence[tuple[str, float]]]
+"""Of one axis: a sentence, and numbers with names."""
+
+INACTIVE: Sequence[Reason] = [('inactive: commands zero', [('force_n', 0.0)])] * 3
+"""The reasons of x, y, z of a controller that is switched off."""
+
+
+def reasons(
+    controller: AnyController, state: Sequence[float], force_n: Sequence[float]
+) -> Sequence[Reason]:
+    """Return the reasons of x, y, z as the topic `decision` publishes them.
+
+    state : (6,) m, m/s, target LVLH, that the controller read; force_n : (3,) N, its answer
+    """
+    if isinstance(controller, FuzzyController):
+        found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
+        return [(decision.sentence, decision.pairs()) for decision in found]
+    return [(f'commands {f:.3g} N', [('force_n', f)]) for f in force_n]
+
+
+def label(controller: AnyController, sha256: str) -> str:
+    """Return name and file of a controller, as the topic `decision` publishes them."""
+    return f'{controller.name} {sha256[:12]}'
 
 
 def state_of(text: str) -> tuple[float, ...]:

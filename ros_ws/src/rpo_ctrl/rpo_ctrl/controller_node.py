@@ -18,12 +18,12 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 
 from rpo_core import controller, explain, files, interfaces
 from rpo_core.chain import Chain, Link, Signals
-from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.controller import AnyController
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
-from rpo_ctrl.decision import DecisionPublisher, Reason
+from rpo_ctrl.decision import DecisionPublisher
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import health
 from rpo_ros.stage_node import StageNode
@@ -34,7 +34,6 @@ SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.ERROR,
 )
 _ANY_TICK_S = 1.0
-_AXES = tuple(enumerate(explain.AXES))
 
 
 class ControllerNode(LifecycleNodeMixin, StageNode):
@@ -110,16 +109,11 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         """Publish the decision when it is due; the force is sent already."""
         self._decision.offer(stamp_ns, self._label, lambda: self._explain(signals))
 
-    def _explain(self, signals: Signals) -> tuple[bytes, Sequence[Reason]]:
-        if not self.active:
-            return health.WARN, [('inactive: commands zero', [('force_n', 0.0)])] * 3
-        if isinstance(self.controller, FuzzyController):
-            state = signals[self._reads[0]]
-            fuzzy = self.controller
-            found = [explain.decide(fuzzy, state[i], state[3 + i], axis) for i, axis in _AXES]
-            return health.OK, [(decision.sentence, decision.pairs()) for decision in found]
-        force = signals[interfaces.CONTROL_FORCE]
-        return health.OK, [(f'commands {f:.3g} N', [('force_n', f)]) for f in force]
+    def _explain(self, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
+        if not self.active or self.controller is None:
+            return health.WARN, explain.INACTIVE
+        state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
+        return health.OK, explain.reasons(self.controller, state, force_n)
 
     @property
     def _full(self) -> str:
@@ -155,7 +149,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         """Make a controller the one of the run, and publish it; raises InputError."""
         self.controller = loaded
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
-        self._label = f'{loaded.name} {self._sha256[:12]}'
+        self._label = explain.label(loaded, self._sha256)
         shaping = {row.name: self.values[row.name] for row in self.rows if not row.wall}
         shaping['controller'] = loaded.name
         if not hasattr(self, '_manifest'):

@@ -10,10 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
 from rpo_core.decimation import Decimation
+from rpo_core.explain import Reason
 from rpo_ros import conversions, names, qos
-
-Reason = tuple[str, Sequence[tuple[str, float]]]
-"""Of one axis: a sentence, and numbers with names."""
 
 
 class DecisionPublisher:

@@ -40,6 +40,7 @@ class Fault(str, Enum):
     TIME_BACKWARDS = 'time backwards'
     BAD_STAMP = 'bad stamp'
     BAD_MESSAGE = 'bad message'
+    BAD_SUMS = 'bad sums'
 
 
 class LogError(InputError):

@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
+import re
+
 from rpo_core import cdr, interfaces
+
+_TICK = re.compile('0|[1-9][0-9]{0,17}')
 
 ACTIVE, INACTIVE = 'active', 'inactive'
 """Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
@@ -23,4 +27,4 @@ def dropped(status: cdr.Status) -> dict[str, int]:
 def tick_of(status: cdr.Status) -> int | None:
     """Return the first tick that an event holds for; None if it has none."""
     text = dict(status.values).get('tick', '')
-    return int(text) if text.isdecimal() else None
+    return int(text) if _TICK.fullmatch(text) else None

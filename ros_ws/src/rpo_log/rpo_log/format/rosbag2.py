@@ -124,13 +124,19 @@ class _NoAliases(yaml.SafeDumper):
         return True
 
 
-def _to_yaml(document: dict[str, Any]) -> str:
+def to_yaml(document: dict[str, Any]) -> str:
+    """Return a document in the one form that this writer gives it."""
     return yaml.dump(document, Dumper=_NoAliases, sort_keys=False, width=1000)
 
 
 def record_values(topics: Iterable[BagTopic], file: BagFile) -> dict[str, str]:
     """Return the values of the MCAP metadata record `rosbag2` of a file."""
-    return {'serialized_metadata': _to_yaml(metadata(topics, [file]))}
+    return {'serialized_metadata': to_yaml(metadata(topics, [file]))}
+
+
+def metadata_text(topics: Iterable[BagTopic], files: Sequence[BagFile]) -> str:
+    """Return the content of `metadata.yaml`."""
+    return to_yaml({'rosbag2_bagfile_information': metadata(topics, files)})
 
 
 def write_metadata(folder: Path, topics: Iterable[BagTopic], files: Sequence[BagFile]) -> None:
@@ -138,7 +144,7 @@ def write_metadata(folder: Path, topics: Iterable[BagTopic], files: Sequence[Bag
     path = folder / METADATA_FILE
     draft = path.with_suffix('.part')
     with open(draft, 'w', encoding='utf-8') as stream:
-        stream.write(_to_yaml({'rosbag2_bagfile_information': metadata(topics, files)}))
+        stream.write(metadata_text(topics, files))
         stream.flush()
         os.fsync(stream.fileno())
     draft.replace(path)

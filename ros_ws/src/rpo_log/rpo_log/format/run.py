@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ DECISIONS_FILE = 'decisions.mcap'
 INFO_FILE = 'run_info.yaml'
 
 MAX_CHUNK_TICKS = 512
+
+_PART = re.compile(r'run_(0|[1-9][0-9]{0,8})\.mcap')
 
 _NS = 1_000_000_000
 
@@ -126,7 +129,7 @@ def log_files(folder: Path) -> list[Path]:
     single = folder / 'run.mcap'
     if single.exists():
         return [single]
-    parts = [path for path in folder.glob('run_*.mcap') if path.stem[4:].isdigit()]
+    parts = [path for path in folder.glob('run_*.mcap') if _PART.fullmatch(path.name)]
     return sorted(parts, key=lambda path: int(path.stem[4:]))
 
 

@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from mcap.records import Chunk
+from mcap.records import Chunk, McapRecord
 
 from rpo_core import cdr
 from rpo_log.format.run import DECISIONS_FILE
-from rpo_log.read.records import FileRecords, message_at
+from rpo_log.read.records import FileRecords, RawMessage, message_at
 
 
 class LoggedDecision(NamedTuple):
@@ -39,12 +39,19 @@ def decisions_file(run: str | Path) -> Path:
 
 def read_decisions(path: Path) -> Iterator[LoggedDecision]:
     """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
-    records = FileRecords(path)
+    for message in messages_of(FileRecords(path), lambda _: None):
+        yield LoggedDecision(*cdr.decode_array(message.data))
+
+
+def messages_of(records: FileRecords, take: Callable[[McapRecord], None]) -> Iterator[RawMessage]:
+    """Yield the messages of a file beside a log; `take` gets its other records."""
     for record in records:
-        if isinstance(record, Chunk):
-            data = records.content_of(record)
-            for at in records.messages_in(data, lambda _: None):
-                yield LoggedDecision(*cdr.decode_array(message_at(data, at).data))
+        if not isinstance(record, Chunk):
+            take(record)
+            continue
+        data = records.content_of(record)
+        for at in records.messages_in(data, take):
+            yield message_at(data, at)
 
 
 def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:

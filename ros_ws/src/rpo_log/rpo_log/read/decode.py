@@ -239,6 +239,7 @@ class Gathering:
 
     channels : by id; a channel that is not there, or whose topic is not, is not of the run
     newest : last tick that was taken
+    size : bytes that wait
     """
 
     path: Path
@@ -248,17 +249,17 @@ class Gathering:
     newest: int = -1
     _pieces: list[bytes] = field(default_factory=list)
     _at: list[int] = field(default_factory=list)
-    _size: int = 0
+    size: int = 0
 
     def __len__(self) -> int:
         return len(self._at)
 
     def add(self, records: bytes, at: Sequence[int]) -> None:
         """Take the records of a chunk, and where the content of each message begins."""
-        size = self._size
+        size = self.size
         self._at += [size + begin for begin in at] if size else at
         self._pieces.append(records)
-        self._size += len(records)
+        self.size += len(records)
 
     def take(self, last: bool = False) -> Messages:
         """Return what came and forget it; raises LogError.
@@ -271,7 +272,7 @@ class Gathering:
         count = len(found)
         if not last and count:
             count = int(np.searchsorted(found.tick, found.tick[-1]))
-        self._pieces, self._at, self._size = [], [], 0
+        self._pieces, self._at, self.size = [], [], 0
         if count < len(found):
             begin = int(found.start[count]) - MESSAGE_HEAD.size - RECORD_HEAD.size
             rest = found.start[count:] - MESSAGE_HEAD.size - begin

@@ -9,7 +9,8 @@ The library's `StreamReader` reads them. What it does not do is done here:
 - a field may reach beyond the end of its record, and a damaged length may ask for terabytes;
 - it does not check the checksums of attachments and of the summary, and after one that fails it
   cannot go on, as `rpo repair` must;
-- it parses indexes and messages one number at a time, which takes longer than all the rest.
+- it parses indexes and messages one number at a time, which takes longer than all the rest;
+- it decompresses what a file of some kilobytes says are gigabytes.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
@@ -29,16 +31,21 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
+from rpo_core.validation import shown
 from rpo_log.errors import Fault, LogError
 
 MAGIC = b'\x89MCAP0\r\n'
-MAX_CHUNK_BYTES = 1 << 30
+MAX_RECORD_BYTES = 1 << 25
+"""A longer record, or chunk when decompressed, is not read: ours have at most some megabytes."""
+MAX_RATIO = 1000
+"""A chunk that grows more when decompressed is a bomb; ours grow 100 times at the most."""
 RECORD_HEAD = struct.Struct('<BQ')
 """Opcode and length of the content, before the content of each record."""
 MESSAGE_HEAD = struct.Struct('<HIQQ')
 """Channel, sequence, log time and publish time, before the data of a message."""
 
 _OPCODES = frozenset(int(opcode) for opcode in Opcode)
+_IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
 _INDEXES = frozenset(
     (
         Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
@@ -54,9 +61,14 @@ class _WholeReads(ReadDataStream):
         super().__init__(stream)
         self._size = size
 
+    @property
+    def rest(self) -> int:
+        """Number of bytes that are not read yet."""
+        return self._size - self._count
+
     def read(self, length: int) -> bytes:
         """Return the next bytes."""
-        data = self._stream.read(length) if length <= self._size - self._count else b''
+        data = self._stream.read(length) if length <= self.rest else b''
         if len(data) != length:
             raise EndOfFile
         self._count += length
@@ -68,7 +80,7 @@ class _WholeReader(StreamReader):
 
     def __init__(self, stream: BinaryIO, size: int) -> None:
         super().__init__(stream, emit_chunks=True, record_size_limit=None)
-        self._stream = _WholeReads(stream, size)
+        self._stream: _WholeReads = _WholeReads(stream, size)
 
 
 class _StrictReader(_WholeReader):
@@ -85,6 +97,14 @@ class _StrictReader(_WholeReader):
         if opcode not in _OPCODES:
             raise EndOfFile
         self._records.offset = self.end
+        if MAX_RECORD_BYTES < length <= self._stream.rest:
+            self._records.pass_over(
+                opcode,
+                self._records.corrupt(
+                    opcode, f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
+                ),
+            )
+            raise EndOfFile
         content = self._stream.read(length)
         self.end = self._stream.count
         head_crc = zlib.crc32(RECORD_HEAD.pack(opcode, length), self._crc)
@@ -188,10 +208,12 @@ class FileRecords:
         """Return the records inside the chunk read last, decompressed; raises LogError."""
         try:
             _check_sizes(chunk)
+            size = chunk.uncompressed_size
             if chunk.compression == 'zstd':  # the library makes a decompressor for each chunk
-                size = chunk.uncompressed_size
                 chunk.data = self._zstd.decompress(chunk.data, max_output_size=size)
-                chunk.compression = ''
+            elif chunk.compression == 'lz4':  # the library sets no limit
+                chunk.data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+            chunk.compression = ''
             stream, size = get_chunk_data_stream(chunk, validate_crc=True)
             records = stream.read(size)
         except CRCValidationError:
@@ -216,10 +238,12 @@ class FileRecords:
                 raise self.corrupt(Opcode.CHUNK, 'its last record is cut short')
             if opcode == message:
                 found.append(at)
-            elif opcode in _OPCODES:
+            elif opcode in _IN_CHUNKS:
                 record = self.parse(opcode, records[at : at + length])
                 if record is not None:
                     take(record)
+            else:
+                raise self.corrupt(Opcode.CHUNK, f'it holds a record of kind {opcode}')
             at += length
         return found
 
@@ -258,8 +282,9 @@ def _check_sizes(chunk: Chunk) -> None:
     """Raise ValueError where a damaged size asks for more memory than there is."""
     size = chunk.uncompressed_size
     if chunk.compression not in ('', 'zstd', 'lz4'):
-        raise ValueError(f'unknown compression {chunk.compression!r}')
-    if size > MAX_CHUNK_BYTES:
-        raise ValueError(f'{size} bytes')
+        raise ValueError(f'unknown compression {shown(chunk.compression)}')
+    most = min(MAX_RECORD_BYTES, MAX_RATIO * len(chunk.data))
+    if size > most:
+        raise ValueError(f'it would have {size} bytes; at most {most} are read')
     if chunk.compression == 'zstd' and zstandard.frame_content_size(chunk.data) not in (size, -1):
         raise ValueError('its sizes disagree')

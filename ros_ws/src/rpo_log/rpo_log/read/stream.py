@@ -8,9 +8,12 @@ are whole; the reader says until when. Everything else that is wrong with a log 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from mcap.records import (
     Attachment,
     Channel,
@@ -22,6 +25,7 @@ from mcap.records import (
 )
 from mcap.records import Message as MessageRecord
 
+from rpo_core.validation import shown
 from rpo_log import topics
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
@@ -32,13 +36,38 @@ from rpo_log.topics import Topic
 BLOCK_TICKS = 4096
 """Ticks that are decoded at once, about 4 MB."""
 
+MAX_BYTES = 1 << 27
+"""A log whose messages of one tick are longer is no log of a run."""
+
+_NUMBER = re.compile('[0-9]{1,9}')
+
+
+@dataclass
+class _Extent:
+    """What was read of one file: messages per topic, first and last tick; -1: none."""
+
+    counts: list[int]
+    first: int = -1
+    last: int = -1
+
+    def add(self, messages: Messages) -> None:
+        """Count messages."""
+        found = np.bincount(messages.topic, minlength=len(self.counts)).tolist()
+        self.counts = [sum(pair) for pair in zip(self.counts, found, strict=True)]
+        self.first = int(messages.tick[0]) if self.first < 0 else self.first
+        self.last = int(messages.tick[-1])
+
 
 class RunReader:
     """Opens the log of a run: its folder, or one .mcap file of it.
 
     After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
     memory. Raises LogError.
+
+    witness : called with the file and each of its records beside the messages, while `blocks` reads
     """
+
+    witness: Callable[[Path, McapRecord], None] | None = None
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -49,6 +78,9 @@ class RunReader:
         self._bases: list[TimeBase] = []
         self._channels: dict[int, Topic] = {}
         self._schemas: dict[int, str] = {}
+        self._attached: set[tuple[Path, str]] = set()
+        self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
+        self._extents: dict[Path, _Extent] = {}
         damage = self._read_head()
         if not self._bases:
             raise LogError(
@@ -70,6 +102,12 @@ class RunReader:
             yield from _blocks_of(messages)
         if empty:
             raise self._empty(self.damage)
+
+    def extent_of(self, path: Path) -> tuple[list[int], int, int]:
+        """Return what was read of a file: messages per topic, first and last stamp [ns]."""
+        found = self._extents[path]
+        stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
+        return found.counts, *(stamps if found.last >= 0 else (0, 0))
 
     def messages(self) -> Iterator[Message]:
         """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
@@ -110,7 +148,7 @@ class RunReader:
         path = self._path
         if isinstance(record, Header):
             name, _, version = record.library.partition('/')
-            if name == 'rpo_log' and version.isdigit() and int(version) > LOG_FORMAT:
+            if name == 'rpo_log' and _NUMBER.fullmatch(version) and int(version) > LOG_FORMAT:
                 raise LogError(
                     Fault.NEWER,
                     path,
@@ -119,11 +157,33 @@ class RunReader:
         elif isinstance(record, Metadata) and record.name == RUN_RECORD:
             self._take_base(path, TimeBase.from_record(record.metadata, path))
         elif isinstance(record, Attachment):
-            self.attachments[record.name] = record.data
+            self._take_attachment(path, record)
         elif isinstance(record, Schema):
+            self._declare(path, record, record.name)
             self._schemas[record.id] = record.name
         elif isinstance(record, Channel):
+            self._declare(path, record, record.topic)
             self._take_channel(path, record)
+        if self.witness is not None:
+            self.witness(path, record)
+
+    def _take_attachment(self, path: Path, record: Attachment) -> None:
+        """Take a file; each file of a log carries it once, and all the same one."""
+        before = self.attachments.setdefault(record.name, record.data)
+        place = (path, record.name)
+        if place in self._attached or before != record.data:
+            raise LogError(
+                Fault.BAD_ATTACHMENT, path, f'carries two files named {shown(record.name)}'
+            )
+        self._attached.add(place)
+
+    def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
+        """Refuse a second record with the number of another: messages would change their type."""
+        declared = self._declared.setdefault((path, type(record), record.id), record)
+        if declared != record:
+            kind = type(record).__name__.lower()
+            sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
+            raise LogError(Fault.CORRUPT, path, sentence)
 
     def _take_base(self, path: Path, base: TimeBase) -> None:
         self._bases.append(base)
@@ -152,19 +212,26 @@ class RunReader:
         """Yield the messages of all files, so many whole ticks at a time."""
         self.damage, newest = '', -1
         most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
+        self._attached.clear()  # the records of the head are read again with the messages
         for path in self.files:
-            self._path = path
+            self._path, self._channels = path, {}
             records = FileRecords(path)
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
+            extent = self._extents[path] = _Extent([0] * len(self.topics))
             for data, at in self._chunks(records):
                 gathering.add(data, at)
-                if len(gathering) > most:
+                if len(gathering) > most or gathering.size > MAX_BYTES:
                     messages = gathering.take()
                     if len(messages):
+                        extent.add(messages)
                         yield messages
+                    if gathering.size > MAX_BYTES:
+                        sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
+                        raise LogError(Fault.CORRUPT, path, sentence)
             messages = gathering.take(last=True)
             newest = gathering.newest
             if len(messages):
+                extent.add(messages)
                 yield messages
             if records.damage:
                 self.damage = f'{path.name}: {records.damage}'

@@ -7,6 +7,7 @@ the log carries; a stage that the chain of the scenario does not have cannot be 
 """
 
 from rpo_log.errors import ExitCode
-from rpo_log.verify.verifier import Verification, verify
+from rpo_log.verify.verification import Verification
+from rpo_log.verify.verifier import verify
 
 __all__ = ['ExitCode', 'Verification', 'verify']

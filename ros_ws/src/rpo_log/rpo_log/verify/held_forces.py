@@ -7,9 +7,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
+from rpo_core import files
+from rpo_core.validation import InputError
 from rpo_log.format import run
 from rpo_log.read.stream import RunReader
 
@@ -20,12 +21,12 @@ MOST_HELD_TICKS = 1000
 def held_ticks(reader: RunReader) -> int:
     """Return for how many ticks the plant of a log held a force; -1 if that is not known."""
     try:
-        parameters = yaml.safe_load(reader.attachments.get(run.PARAMETERS, b''))
-    except (yaml.YAMLError, ValueError):  # PyYAML converts unchecked, as 2026-02-30
+        parameters = files.parse_yaml(reader.attachments.get(run.PARAMETERS, b'').decode())
+    except (InputError, UnicodeDecodeError):
         return -1
     plant = parameters.get('plant') if isinstance(parameters, Mapping) else None
     ticks = plant.get('stale_after_ticks') if isinstance(plant, Mapping) else None
-    return ticks if isinstance(ticks, int) and 0 <= ticks <= MOST_HELD_TICKS else -1
+    return ticks if type(ticks) is int and 0 <= ticks <= MOST_HELD_TICKS else -1
 
 
 class HeldForces:

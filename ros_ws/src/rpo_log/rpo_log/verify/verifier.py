@@ -11,7 +11,8 @@ From the scenario and the controller that the log carries:
   long before;
 - events: where a stage was switched off its commands are zero; what the plant went on without is
   zero from then on;
-- the rest: attitude, torque, covariances, frames, and the metrics in run_status.
+- the rest: attitude, torque, covariances, frames, phases and figures of run_status, all records of
+  the file, metadata.yaml, decisions; by digest the files that do not follow from the flight.
 
 The first difference ends it. Logs of any length are verified in bounded memory.
 """
@@ -20,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -28,29 +28,30 @@ from numpy.typing import NDArray
 
 from rpo_core import interfaces
 from rpo_core.chain import NO_FORCE, Chain, Link
+from rpo_core.controller import AnyController
 from rpo_core.interfaces import RELATIVE_STATE
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
 from rpo_log import topics
-from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.errors import Fault, LogError
 from rpo_log.format import run
 from rpo_log.format.run import CONTROLLER
 from rpo_log.read.completeness import Completeness
-from rpo_log.read.decode import Event, TickBlock
+from rpo_log.read.decode import TickBlock
 from rpo_log.read.run_log import controller_of, scenario_of
 from rpo_log.read.stream import RunReader
+from rpo_log.verify.decisions import Decisions
 from rpo_log.verify.difference import (
     APPLIED,
-    REST,
     START,
     Difference,
     non_canonical_difference,
 )
+from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
-
-METRIC_TOLERANCE = 1e-9
-"""Relative, for the metrics in run_status: sums and norms, written as text, read by no stage."""
+from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.verification import Verification
 
 _APPLIED = {
     interfaces.COMMAND: interfaces.APPLIED_FORCE,
@@ -61,56 +62,13 @@ _APPLIED = {
 _SECTIONS = {'disturbance': 'a disturbance', 'navigation': 'errors of navigation'}
 
 
-@dataclass(frozen=True)
-class Verification:
-    """The outcome of `verify`.
-
-    ticks : ticks in the log
-    free_running : the plant kept the wall clock: which force it applied depended on when it came
-    stages : names of the stages that were recomputed, in the order of the chain
-    difference : the first one; None if all that is there is as computed
-    gaps : why the log does not show a whole flight; empty if it does
-    """
-
-    path: Path
-    ticks: int
-    difference: Difference | None
-    gaps: tuple[str, ...]
-    free_running: bool = False
-    stages: tuple[str, ...] = ()
-
-    @property
-    def exit_code(self) -> ExitCode:
-        """OK, DIFFERENT, or INCOMPLETE."""
-        if self.difference is not None:
-            return ExitCode.DIFFERENT
-        return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
-
-    def sentence(self) -> str:
-        """Return one line for people."""
-        if self.difference is not None:
-            return f'{self.path}: NOT as computed: {self.difference.sentence()}'
-        stages = f'recomputed: {", ".join(self.stages)}'
-        if self.gaps:
-            gaps = '; '.join(self.gaps)
-            return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
-        sentence = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
-        if self.free_running:
-            sentence += (
-                '; a free-running flight: each state follows from the force applied, and each '
-                'force applied is one that had been commanded, or none. When forces came cannot be '
-                'computed'
-            )
-        return sentence
-
-
 class _Verifier:
     """Computes the blocks of a log anew; keeps what one hands to the next."""
 
     def __init__(self, reader: RunReader) -> None:
-        self.scenario = scenario_of(reader)
+        self.scenario, controller = scenario_of(reader), controller_of(reader)
         try:
-            self.chain = Chain.of(self.scenario, controller_of(reader))
+            self.chain = Chain.of(self.scenario, controller)
         except InputError as error:
             if isinstance(error, LogError):
                 raise
@@ -130,7 +88,19 @@ class _Verifier:
             interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
         }
         self._following: tuple[int, Floats] | None = None  # state computed for the next tick
-        self._spent = np.zeros(2)  # energy [N^2 s], saturated ticks; NaN from where one is unknown
+        status = self.topics.get(interfaces.RUN_STATUS)
+        self.statuses = Statuses(self.scenario, status, self.free)
+        self.decisions = self._decisions(reader, controller)
+
+    def _decisions(self, reader: RunReader, controller: AnyController) -> Decisions | None:
+        """Return the decisions beside the log; None if there are none."""
+        self._controller = next(x for x in self.chain.links if x.place is Place.CONTROLLER)
+        if not (reader.path / run.DECISIONS_FILE).is_file():
+            return None
+        state = self.topics[RELATIVE_STATE].name
+        topic = state.removesuffix(RELATIVE_STATE) + interfaces.DECISION
+        content = reader.attachments[CONTROLLER]
+        return Decisions(reader.path, reader.base, topic, controller, content)
 
     def _require_topics(self, reader: RunReader) -> None:
         for link in self.chain.links:
@@ -171,7 +141,7 @@ class _Verifier:
         ]
         if len(block.ticks):
             found += self._compare(block)
-        found += [self._status(event, block) for event in block.events]
+        found += [self.statuses.difference(event) for event in block.events]
         order = {row.name: index for index, row in enumerate(interfaces.rows())}
         return min(
             (d for d in found if d is not None),
@@ -203,7 +173,13 @@ class _Verifier:
         yield from self._unmade(block)
         if self.free:
             yield from self._compare_applied(block)
-        self._account(signals)
+        taken, due = signals[interfaces.SATURATED_FORCE], signals[interfaces.DUE_FORCE]
+        self.statuses.account(block, taken, due)
+        if self.decisions is not None:
+            read = signals[next(self._reads(self._controller))]
+            forces_n = block.values[interfaces.CONTROL_FORCE]
+            active = self.states.active(self._controller.stage.name, block.ticks)
+            yield self.decisions.difference(block.ticks, read, forces_n, active)
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
@@ -262,15 +238,6 @@ class _Verifier:
             self._first_unchecked = int(ticks[0])
         self._unchecked += len(ticks)
 
-    def _account(self, signals: dict[str, Floats]) -> None:
-        """Sum up what the thrusters took before each tick; NaN from where a force is missing."""
-        taken = signals[interfaces.SATURATED_FORCE]
-        saturated = (taken != signals[interfaces.DUE_FORCE]).any(axis=1) * 1.0
-        saturated[np.isnan(taken).any(axis=1)] = np.nan
-        each = np.column_stack([(taken**2).sum(axis=1) * self.scenario.dt_s, saturated])
-        sums = np.cumsum(np.concatenate([self._spent[None], each]), axis=0)
-        self._before, self._spent = sums[:-1], sums[-1]
-
     def _first(
         self,
         check: str,
@@ -297,53 +264,30 @@ class _Verifier:
             check,
         )
 
-    def _status(self, event: Event, block: TickBlock) -> Difference | None:
-        """Compare the metrics of a run_status with the flight."""
-        if event.signal != interfaces.RUN_STATUS:
-            return None
-        for field, computed in self._metrics(event.tick, block).items():
-            logged = event.values.get(field, repr(computed))
-            if not _same_metric(logged, computed):
-                name = self.topics[event.signal].name
-                return Difference(event.tick, name, field, logged, repr(computed), REST)
-        return None
 
-    def _metrics(self, tick: int, block: TickBlock) -> dict[str, float]:
-        found: dict[str, float] = {'tick': tick, 'time_s': self.scenario.time_s(tick)}
-        row = int(np.searchsorted(block.ticks, tick))
-        if row < len(block.ticks) and block.ticks[row] == tick:
-            if not np.isnan(self._before[row]).any():
-                found['energy_n2s'], found['saturated_ticks'] = self._before[row].tolist()
-            if self.free:  # what was applied is saturated already
-                found.pop('saturated_ticks', None)
-            state = block.values[RELATIVE_STATE][row].tolist()
-            if not math.isnan(state[0]):
-                found['distance_m'] = math.hypot(*state[:3])
-                found['speed_m_s'] = math.hypot(*state[3:])
-        return found
+def verify(path: str | Path, trusted: Path | None = None) -> Verification:
+    """Compute the flight of a run folder or .mcap file anew and compare.
 
+    trusted : public key, or folder of them; one of them must have signed the run folder
 
-def _same_metric(logged: str, computed: float) -> bool:
-    try:
-        return math.isclose(float(logged), computed, rel_tol=METRIC_TOLERANCE)
-    except ValueError:
-        return False
-
-
-def verify(path: str | Path) -> Verification:
-    """Compute the flight of a run folder or .mcap file anew and compare; raises LogError."""
+    Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys.
+    """
     reader = RunReader(path)
-    verifier, completeness = _Verifier(reader), Completeness(reader)
+    verifier, evidence = _Verifier(reader), Evidence(reader)
+    completeness = Completeness(reader)
     for block in _events_ahead(reader.blocks(), verifier.states):
         completeness.add(block)
         difference = verifier.first_difference(block)
         if difference is not None:
-            break
-    else:
-        difference = None
-    gaps = () if difference else (*completeness.gaps(reader.damage), *verifier.gaps)
-    ticks = completeness.last + 1
-    return Verification(reader.path, ticks, difference, gaps, verifier.free, verifier.names)
+            return Verification(
+                reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
+            )
+    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+    gaps += verifier.statuses.gaps if not gaps else []
+    evidence.of_log(verifier.statuses, free=verifier.free)
+    evidence.of_decisions(verifier.decisions, completeness.last)
+    evidence.of_folder(trusted)
+    return evidence.verification(completeness.last + 1, gaps, verifier.free, verifier.names)
 
 
 def _events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:

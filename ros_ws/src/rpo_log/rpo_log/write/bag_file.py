@@ -104,9 +104,9 @@ class BagFileWriter:
         self._file.add_message(self._channels[index], stamp, tick, data)
         self._chunk_counts[index] += 1
         self._newest_ns = stamp
-        self.newest_tick = tick
-        if not self._first_ns:
+        if self.newest_tick < 0:
             self._first_ns = stamp
+        self.newest_tick = tick
 
     def _close_chunk(self) -> None:
         """End the open chunk; its messages count once the system has them."""

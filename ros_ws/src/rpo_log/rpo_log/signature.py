@@ -1,0 +1,144 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ed25519 signatures over SHA256SUMS, as OpenSSL makes and checks them.
+
+A signature says that who holds the key had these files: nobody has changed them since. It does not
+say that they are true.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rpo_core.validation import InputError
+from rpo_log.errors import Fault, LogError
+from rpo_log.format import sums
+from rpo_log.format.run import cannot_write
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import (
+        Ed25519PrivateKey,
+        Ed25519PublicKey,
+    )
+
+MAX_KEY_BYTES = 1 << 14
+
+
+def make_key(path: Path) -> Path:
+    """Write a new private key to `path` and its public key beside it; return the public one.
+
+    The public key ends in `.pub.pem`. Raises InputError if either is there already.
+    """
+    serialization = _library()[1]
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    key = Ed25519PrivateKey.generate()
+    private = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    public = key.public_key().public_bytes(
+        serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+    )
+    target = path.with_name(f'{path.stem}.pub.pem')
+    for place, data, mode in ((path, private, 0o600), (target, public, 0o644)):
+        try:
+            with open(os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), 'wb') as stream:
+                stream.write(data)
+        except OSError as error:
+            raise InputError(f'{place}: {error.strerror or error}') from None
+    return target
+
+
+def private_key(path: Path) -> Ed25519PrivateKey:
+    """Return the private key of a PEM file; raises InputError."""
+    exceptions, serialization = _library()
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    try:
+        key = serialization.load_pem_private_key(_read(path), password=None)
+    except (ValueError, TypeError, exceptions.UnsupportedAlgorithm):
+        key = None
+    if not isinstance(key, Ed25519PrivateKey):
+        raise InputError(
+            f'{path}: must be an Ed25519 private key in PEM without a password, as `rpo keygen` '
+            'or `openssl genpkey -algorithm ed25519` writes it'
+        )
+    return key
+
+
+def sign(folder: Path, key: Ed25519PrivateKey) -> None:
+    """Sign the sums of a run folder: write SHA256SUMS.sig; raises LogError."""
+    data = sums.sums_bytes(folder)
+    if data is None:
+        raise LogError(Fault.NOT_FOUND, folder, f'holds no {sums.SUMS_FILE} to sign')
+    path = folder / sums.SIGNATURE_FILE
+    draft = path.with_name(f'{path.name}.part')
+    try:
+        draft.write_bytes(key.sign(data))
+        draft.replace(path)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def signer(folder: Path, trusted: Path) -> str | None:
+    """Return the file name of the trusted key that signed the sums; None if none did.
+
+    trusted : a public key in PEM, or a folder of them (`*.pem`); raises InputError
+    """
+    exceptions = _library()[0]
+    keys = list(_public_keys(trusted))
+    data, path = sums.sums_bytes(folder), folder / sums.SIGNATURE_FILE
+    if data is None or not path.is_file():
+        return None
+    signature = _read(path)
+    for name, key in keys:
+        try:
+            key.verify(signature, data)
+        except exceptions.InvalidSignature:
+            continue
+        return name
+    return None
+
+
+def _public_keys(trusted: Path) -> Iterator[tuple[str, Ed25519PublicKey]]:
+    exceptions, serialization = _library()
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+    paths = sorted(trusted.glob('*.pem')) if trusted.is_dir() else [trusted]
+    if not paths:
+        raise InputError(f'{trusted}: must hold public keys, *.pem; it holds none')
+    for path in paths:
+        try:
+            key = serialization.load_pem_public_key(_read(path))
+        except (ValueError, exceptions.UnsupportedAlgorithm):
+            key = None
+        if not isinstance(key, Ed25519PublicKey):
+            raise InputError(f'{path}: must be an Ed25519 public key in PEM')
+        yield path.name, key
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(f'{path}: must be a file')
+        with path.open('rb') as stream:
+            return stream.read(MAX_KEY_BYTES)
+    except OSError as error:
+        raise InputError(f'{path}: {error.strerror or error}') from None
+
+
+def _library() -> tuple[Any, Any]:
+    try:
+        from cryptography import exceptions
+        from cryptography.hazmat.primitives import serialization
+    except ImportError:
+        raise InputError(
+            'signatures need the Python package `cryptography` (rosdep: python3-cryptography; '
+            'pip: cryptography)'
+        ) from None
+    return exceptions, serialization

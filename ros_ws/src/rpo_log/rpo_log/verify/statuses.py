@@ -1,0 +1,163 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What run_status says of the flight, recomputed: phases, their order, figures to the last digit.
+
+Its texts, and the events of `stage_status`, are what the nodes said; nothing computes them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import cdr, interfaces, metrics
+from rpo_core.scenario import Scenario
+from rpo_log import events
+from rpo_log.read.decode import Event, TickBlock
+from rpo_log.topics import Topic
+from rpo_log.verify.difference import REST, Difference
+
+FIGURE_TOLERANCE = 1e-9
+"""Relative, for figures of logs of older versions, which added them up in another order."""
+
+_RUNNING, _FINISHED, _ABORTED = 'running', 'finished', 'aborted'
+_LEVELS = {_RUNNING: (0, 1), _FINISHED: (0,), _ABORTED: (1, 2)}
+_OF_FREE_RUNNING = ('saturated_ticks',)
+"""Figures that a log of free running does not tell: what was applied is saturated already."""
+
+Floats = NDArray[np.float64]
+
+
+class _Figures:
+    """The figures of run_status at the ticks of one block."""
+
+    def __init__(self, block: TickBlock, before: Floats) -> None:
+        self._ticks, self._before = block.ticks, before
+        self._states = block.values[interfaces.RELATIVE_STATE]
+
+    def at(self, tick: int, scenario: Scenario) -> dict[str, float] | None:
+        """Return the figures that are known at a tick; None if it is not in this block."""
+        row = int(np.searchsorted(self._ticks, tick))
+        if row == len(self._ticks) or self._ticks[row] != tick:
+            return None
+        found: dict[str, float] = {}
+        *squares, saturated = self._before[row].tolist()
+        if not math.isnan(saturated):
+            found['energy_n2s'] = (squares[0] + squares[1] + squares[2]) * scenario.dt_s
+            found['saturated_ticks'] = int(saturated)
+        state = self._states[row].tolist()
+        if not math.isnan(state[0]):
+            found['distance_m'] = metrics.norm(*state[:3])
+            found['speed_m_s'] = metrics.norm(*state[3:])
+        return found
+
+
+class Statuses:
+    """Compares the events of a log with its flight.
+
+    free : free running: the end carries figures of the wall clock
+    rounded : whether a figure agrees to `FIGURE_TOLERANCE` only
+    """
+
+    def __init__(self, scenario: Scenario, topic: Topic | None, free: bool) -> None:
+        self._scenario, self._topic, self._free = scenario, topic, free
+        self.rounded = False
+        self._phases: list[str] = []
+        self._said = hashlib.sha256()
+        self._spent = np.zeros(4)  # squares per axis [N^2], saturated ticks; NaN from an unknown on
+        self._blocks: list[_Figures] = []
+
+    @property
+    def said(self) -> str:
+        """SHA-256 of the events, as they were logged."""
+        return self._said.hexdigest()
+
+    @property
+    def gaps(self) -> list[str]:
+        """What run_status should say of a whole flight and does not."""
+        if self._topic is None or (
+            self._phases[:1] == [_RUNNING] and self._phases[-1:] == [_FINISHED]
+        ):
+            return []
+        said = f'its phases are {", ".join(dict.fromkeys(self._phases))}' if self._phases else (
+            'it says nothing'
+        )  # fmt: skip
+        return [f'{self._topic.name} does not say that the flight began and finished: {said}']
+
+    def account(self, block: TickBlock, taken: Floats, due: Floats) -> None:
+        """Add up what the thrusters took, (n, 3) N, of the (n, 3) N that were due."""
+        saturated = (taken != due).any(axis=1) * 1.0
+        saturated[np.isnan(taken).any(axis=1)] = np.nan
+        each = np.column_stack([taken * taken, saturated])
+        sums = np.cumsum(np.concatenate([self._spent[None], each]), axis=0)
+        self._spent = sums[-1]
+        self._blocks = [*self._blocks[-1:], _Figures(block, sums[:-1])]
+
+    def difference(self, event: Event) -> Difference | None:
+        """Return what an event says that does not follow from the flight."""
+        status = event.status
+        self._said.update(b'%d %d ' % (event.tick, len(event.signal)) + event.signal.encode())
+        self._said.update(cdr.encode_status(*status))
+        if event.signal != interfaces.RUN_STATUS or self._topic is None:
+            return None
+        for field, logged, computed in self._compared(event):
+            if logged != computed:
+                name = self._topic.name
+                return Difference(event.tick, name, field, logged, computed, REST)
+        self._phases.append(event.values.get('phase', ''))
+        return None
+
+    def _compared(self, event: Event) -> Iterator[tuple[str, str, str]]:
+        """Yield (field, logged, computed) of a run_status."""
+        status, values = event.status, event.values
+        phase = values.get('phase', '')
+        wanted = self._next_phases()
+        yield 'phase', phase, phase if phase in wanted else ' or '.join(wanted) or 'none'
+        level = _LEVELS[phase]
+        yield 'level', str(status.level), str(status.level if status.level in level else level[0])
+        yield 'name', status.name, 'run'
+        yield 'hardware_id', status.hardware_id, 'none'
+        tick, last = events.tick_of(status), self._scenario.ticks
+        known = tick is not None and tick <= event.tick and (phase != _FINISHED or tick == last)
+        tick = tick if tick is not None and known else last if phase == _FINISHED else event.tick
+        yield 'tick', values.get('tick', ''), str(tick)
+        yield 'time_s', values.get('time_s', ''), repr(self._scenario.time_s(tick))
+        yield from self._figures(tick, values)
+        yield from self._others(phase, status)
+
+    def _next_phases(self) -> tuple[str, ...]:
+        if not self._phases:
+            return (_RUNNING, _ABORTED)
+        return (_RUNNING, _FINISHED, _ABORTED) if self._phases[-1] == _RUNNING else ()
+
+    def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
+        found = [block.at(tick, self._scenario) for block in self._blocks]
+        for name, computed in next((f for f in found if f is not None), {}).items():
+            if self._free and name in _OF_FREE_RUNNING:
+                continue
+            logged = values.get(name, 'nothing')
+            if logged != repr(computed) and _is_close(logged, computed):
+                self.rounded = True
+                continue
+            yield name, logged, repr(computed)
+
+    def _others(self, phase: str, status: cdr.Status) -> Iterator[tuple[str, str, str]]:
+        """Compare the names of the values: each once, none that the plant does not write."""
+        names = [name for name, _ in status.values]
+        known = ['phase', 'tick', 'time_s', 'energy_n2s', 'distance_m', 'speed_m_s']
+        known += ['saturated_ticks', 'dropped']
+        ended_free = self._free and phase in (_FINISHED, _ABORTED)
+        for name in names:
+            allowed = names.count(name) == 1 and (name in known or ended_free)
+            yield 'values', name, name if allowed else 'no such value'
+
+
+def _is_close(logged: str, computed: float) -> bool:
+    try:
+        return math.isclose(float(logged), computed, rel_tol=FIGURE_TOLERANCE)
+    except ValueError:
+        return False

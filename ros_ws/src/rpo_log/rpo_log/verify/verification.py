@@ -1,0 +1,90 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The outcome of a verification: what is proven, what it rests on, what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rpo_log.errors import ExitCode
+from rpo_log.format import code
+from rpo_log.format.sums import SUMS_FILE
+from rpo_log.verify.difference import Difference
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The outcome of `verify`.
+
+    ticks : ticks in the log
+    difference : the first thing in the flight that is not as computed; None if there is none
+    faults : files of the folder that are not those that were recorded
+    gaps : why not all is proven; empty if it is
+    free_running : the plant kept the wall clock: which force it applied depended on when it came
+    stages : names of the stages that were recomputed, in the order of the chain
+    recomputed : what else follows from the flight, and was compared
+    digested : files that do not follow from it, and have the digest that they had
+    unknown : what nothing here proves
+    premises : what the proof rests on, by name; SHA-256 each
+    signed_by : file name of the trusted key that signed the folder; None if none was asked for
+    """
+
+    path: Path
+    ticks: int
+    difference: Difference | None
+    gaps: tuple[str, ...]
+    free_running: bool = False
+    stages: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    recomputed: tuple[str, ...] = ()
+    digested: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    premises: Mapping[str, str] = field(default_factory=dict)
+    signed_by: str | None = None
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """OK, DIFFERENT, or INCOMPLETE."""
+        if self.difference is not None or self.faults:
+            return ExitCode.DIFFERENT
+        return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        if self.difference is not None:
+            return f'{self.path}: NOT as computed: {self.difference.sentence()}'
+        if self.faults:
+            return f'{self.path}: NOT as recorded: {"; ".join(self.faults)}'
+        stages = f'recomputed: {", ".join(self.stages)}'
+        if self.gaps:
+            gaps = '; '.join(self.gaps)
+            return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
+        sentence = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
+        if self.free_running:
+            sentence += (
+                '; a free-running flight: each state follows from the force applied, and each '
+                'force applied is one that had been commanded, or none. When forces came cannot be '
+                'computed'
+            )
+        return sentence
+
+    def lines(self) -> Iterator[str]:
+        """Yield the sentence, and what is proven and what is not, line by line."""
+        yield self.sentence()
+        if self.exit_code == ExitCode.DIFFERENT:
+            return
+        signed = f'signed by {self.signed_by}' if self.signed_by else 'not signed by a trusted key'
+        named = (
+            ('recomputed', ', '.join((*self.stages, *self.recomputed))),
+            (f'by digest ({SUMS_FILE}, {signed})', ', '.join(self.digested)),
+            ('not known', '; '.join(self.unknown)),
+        )
+        for name, text in named:
+            if text:
+                yield f'  {name}: {text}'
+        yield '  rests on (SHA-256):'
+        premises = {**self.premises, f'verified with rpo_core {code.version()}': code.digest()}
+        for name, digest in premises.items():
+            yield f'    {digest}  {name}'
