@@ -90,7 +90,9 @@ class ParameterRow:
             return self._numbers(value)
         if self.choices:
             return validation.choice(self.name, value, self.choices)
-        return validation.text(self.name, value, empty=self.default == '')
+        if value == self.default == '':
+            return ''
+        return validation.text(self.name, value, most=validation.MOST_PATH)
 
     def _numbers(self, value: Any) -> tuple[float, ...]:
         size = len(self.default) if isinstance(self.default, tuple) else 0
