@@ -105,6 +105,16 @@ def parse_yaml(content: str) -> Any:
         raise InputError(f'not valid YAML: {error}') from None
 
 
+def expanded(name: str, path: str) -> Path:
+    """Return a path with its home folder, `~` or `~user`; InputError if there is no such user."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise InputError(
+            f'`{name}` must be a path; got {shown(path)}, and there is no such home folder'
+        ) from None
+
+
 def open_regular(path: Path | str) -> BinaryIO:
     """Return a file opened for reading, as `open(path, 'rb')` does; use it for every path given.
 
