@@ -195,7 +195,7 @@ def test_samples_are_checked(bad):
 
 
 def test_names_and_schema_are_checked():
-    for bad in (None, '', ' ', 5, 'a\0b'):
+    for bad in (None, '', ' ', 5, 'a\0b', 'a\nb', 'x' * 201):
         assert '`name` must be ' in refusal('controller', changed(HANDMADE, ('name',), bad))
     for bad in (None, 1, 'rpo/controller/2', 'rpo/scenario/1', ['rpo/controller/1']):
         message = refusal('controller', changed(HANDMADE, ('schema',), bad))

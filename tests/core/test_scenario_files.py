@@ -187,7 +187,7 @@ def test_a_written_out_disturbance_is_the_preset(paper_test):
 
 
 def test_names_and_schema_are_checked():
-    for bad in (None, '', '  ', 5, ['a'], 'a\0b', '\x1b[31m'):
+    for bad in (None, '', '  ', 5, ['a'], 'a\0b', '\x1b[31m', 'a\nb', 'x' * 201):
         assert '`name` must be ' in refusal('scenario', changed(SINGLE, ('name',), bad))
     for bad in (None, 5, ['a'], 'a\0b'):
         assert '`description` must' in refusal('scenario', changed(SINGLE, ('description',), bad))

@@ -8,9 +8,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rpo_core import controller, files, scenario
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, printable
 
 LOADERS = {'scenario': scenario.load, 'controller': controller.load_controller}
 
@@ -85,9 +87,20 @@ def test_a_file_that_may_not_be_read_is_refused(monkeypatch, tmp_path):
     def forbidden(*_, **__):
         raise PermissionError(13, 'Permission denied')
 
-    monkeypatch.setattr(Path, 'open', forbidden)
+    monkeypatch.setattr(os, 'open', forbidden)
     with pytest.raises(InputError, match=r'mine\.yaml: Permission denied'):
         scenario.load(path)
+
+
+@pytest.mark.timeout(10)
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
+    """A pipe without a writer would wait for ever."""
+    os.mkfifo(tmp_path / 'pipe.yaml')
+    for path in (tmp_path / 'pipe.yaml', Path('/dev/zero')):
+        with pytest.raises(InputError, match='must be a regular file, not a pipe'):
+            files.read_text(path)
+    with pytest.raises(InputError, match='Is a directory'):
+        files.read_text(tmp_path)
 
 
 def test_a_path_may_be_given_in_every_form(tmp_path, monkeypatch, paper_test):
@@ -165,3 +178,18 @@ def test_nesting_up_to_the_limit_is_read():
     depth = files.MAX_DEPTH
     assert files.parse_yaml('[' * depth + ']' * depth) is not None
     assert 'nested' in refusal('[' * (depth + 1) + ']' * (depth + 1))
+
+
+@given(
+    st.text() | st.lists(st.sampled_from('\x1b[2J\n\r\t\x07‮\ud800\x9b]0;'), max_size=9).map(''.join)
+)
+def test_an_error_is_one_printable_line_whatever_it_quotes(words):
+    for shown in (printable(words), str(InputError(words)), str(InputError(InputError(words)))):
+        assert shown.isprintable()
+        assert shown == words or not words.isprintable()
+
+
+def test_a_long_text_is_cut():
+    assert printable('a\x1b[2Jb\n') == r'a\x1b[2Jb\n'
+    assert printable('x' * 200_000) == 'x' * 1997 + '...'
+    assert printable('abcdef', 5) == 'ab...'

@@ -12,9 +12,10 @@ from inside import inside
 from rclpy.parameter import Parameter
 
 from rpo_core.validation import InputError
+from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
 from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode
+from rpo_ros.running import FlightNode, run
 from tools.node_cards import CARDS
 from tools.node_processes import node_processes
 
@@ -27,6 +28,7 @@ def wrong(row: Row) -> list[object]:
         return [1, 0.0, 'maybe', [True]]
     if isinstance(row.default, str):
         others = [1, 1.5, True, ['a', 'b']] + ([] if row.default == '' else [''])
+        others += ['a b', '/x/', 'a//b', '1a', 'ä', 'a\n'] if row.ros_name else []
         return [*others, 'no such choice'] if row.choices else others
     texts = ['fast', True, [1.0, 2.0], [1]]
     if isinstance(row.default, tuple):
@@ -146,3 +148,26 @@ def test_as_a_process_each_wrong_value_is_one_line_and_exit_code_2(ros_env, card
             assert node.wait() == 2, node.output
             lines = [line for line in node.output.splitlines() if line.strip()]
             assert len(lines) == 1 and f'`{row.name}' in lines[0], node.output
+
+
+@pytest.mark.parametrize(
+    ('output', 'said'),
+    [
+        ('~nosuchuser/x', 'no such home folder'),
+        ('/dev/null', '/dev/null: cannot hold a log: File exists (parameter `output`)'),
+        ('/dev/null/x', 'Not a directory (parameter `output`)'),
+    ],
+)
+def test_a_bad_output_is_named(ros_env, output, said):
+    """`overwrite` was blamed, or a traceback said it."""
+    with inside(), pytest.raises(InputError) as error:
+        RecorderNode({'output': output})
+    assert '`output`' in str(error.value) and said in str(error.value)
+
+
+def test_a_name_that_ros_does_not_take_is_one_sentence(ros_env, capfd):
+    """A name of a table is refused by its row; this is the last resort."""
+    assert run(lambda: [FlightNode('a b')]) == 2
+    said = capfd.readouterr().err.strip()
+    assert 'Invalid node name: node name must not contain' in said and said.endswith(": 'a b'")
+    assert '\n' not in said

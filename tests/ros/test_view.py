@@ -6,9 +6,15 @@ from __future__ import annotations
 
 import json
 import math
+import socket
+import socketserver
+import struct
+import threading
 import time
 import urllib.error
 import urllib.request
+from email.message import Message
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -30,7 +36,9 @@ from rpo_core import files
 from rpo_core.validation import InputError
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal
+from rpo_view.gate import Gate, hidden_address
 from rpo_view.live import LiveRun
+from rpo_view.local import refusal
 from rpo_view.trail import Trail
 from rpo_view.visualizer_node import VisualizerNode, transform_of
 from rpo_view.web_node import WebNode
@@ -113,7 +121,7 @@ def heard() -> LiveRun:
     text = files.read_text(files.find('scenario', 'quick'))
     run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
     run.on_manifest({'role': 'controller', 'parameter.controller': 'trained'})
-    run.on_status('flying', {'phase': 'running', 'tick': '0', 'energy_n2s': 'nan'})
+    run.on_status('flying', {'phase': 'running', 'tick': '0'})
     for i in range(11):
         run.on_state(START_NS + i * 100_000_000, STATE)
     run.force_n = FORCE
@@ -128,7 +136,6 @@ def test_what_is_heard_is_what_is_shown():
     assert (shown['time_s'], shown['duration_s'], shown['max_force_n']) == (1.0, 5.0, 0.5)
     assert shown['range_m'] == pytest.approx(math.hypot(*STATE[:3]))
     assert shown['sentence'] == 'running: flying'
-    assert shown['figures'] == {'tick': 0.0}  # what is no number is left out
     assert shown['decisions']['y']['rules'] == [['Z', 'Z', 'Z', 0.75], ['SN', 'Z', 'SN', 0.25]]
 
 
@@ -137,6 +144,34 @@ def test_another_run_begins_anew():
     run.on_state(START_NS, STATE)
     assert (run.flights, run.force_n, run.decisions) == (2, None, {})
     assert run.trail.points == [STATE[:3]]
+
+
+def test_numbers_beyond_all_floats_are_not_shown():
+    """JSON has no infinity: the page showed nothing from then on."""
+    run = heard()
+    run.on_state(START_NS, (1.7e308, 1.7e308, 0.0, 0.0, 0.0, 0.0))
+    run.on_state(START_NS, (0.0, 0.0, 0.0, 1.7e308, 1.7e308, 0.0))
+    run.on_decision('x', 'so', {'rule.Z.Z.Z': 'inf', 'rule.SN.Z.Z': '1e999'})
+    assert run.position_m == STATE[:3]
+    json.dumps(run.snapshot('/relative_state'), allow_nan=False)
+
+
+HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
+
+
+def test_foreign_texts_are_shown_as_texts():
+    """A name like `[/bold]` ended the terminal view; escape sequences went to the terminal."""
+    run = heard()
+    run.on_manifest({'role': 'controller', 'parameter.controller': HOSTILE})
+    run.on_status(HOSTILE, {'phase': HOSTILE})
+    run.on_decision('x', HOSTILE, {f'rule.{HOSTILE}.{i}.Z': '0.5' for i in range(1000)})
+    run.on_decision(HOSTILE, 'an axis that is none', {})
+    console = Console(width=110, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
+    console.print(terminal.view(run, '/relative_state'))
+    shown = console.export_text()
+    assert r'[/bold]\x1b[2J' in shown and all(c.isprintable() or c == '\n' for c in shown)
+    assert terminal.line(run, '/relative_state').isprintable()
+    assert len(json.dumps(run.snapshot('/relative_state'))) < 20_000
 
 
 def test_silence_is_said():
@@ -170,8 +205,9 @@ def test_a_bar_starts_from_the_middle(share, left, right):
     assert len(before) == len(after) == 15
 
 
-def get(url: str, host: str = '') -> tuple[int, str]:
-    request = urllib.request.Request(url, headers={'Host': host} if host else {})
+def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:
+    named = {'Host': host, 'Origin': origin}
+    request = urllib.request.Request(url, headers={k: v for k, v in named.items() if v})
     try:
         with urllib.request.urlopen(request, timeout=10.0) as answer:
             return answer.status, answer.read().decode()
@@ -195,8 +231,104 @@ def test_the_page_is_whole_and_for_this_machine_alone(page):
     assert get(page.url + 'other')[0] == 404
     assert get(page.url, 'evil.example')[0] == 403
     assert get(page.url, f'evil.example:{page.server_port}')[0] == 403
+    assert get(page.url, origin='https://evil.example')[0] == 403
+    assert get(page.url, origin=page.url.rstrip('/'))[0] == 200
     with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
         LivePage(page.server_port)
+
+
+def headers(**lines: str) -> Message:
+    made = Message()
+    for name, value in lines.items():
+        made[name] = value
+    return made
+
+
+@pytest.mark.parametrize(
+    ('host', 'origin', 'welcome'),
+    [
+        ('127.0.0.1:8765', None, True),
+        ('localhost:8765', 'http://localhost:3000', True),
+        ('localhost:8765', 'https://app.example.org', True),
+        ('localhost:8765', 'https://app.example.org.evil.example', False),
+        ('localhost:8765', 'http://localhost.evil.example', False),
+        ('localhost:8765', 'null', False),
+        ('localhost:8765', '', False),
+        ('localhost:8765', 'http://[', False),
+        ('localhost:8766', None, False),
+        ('evil.example:8765', None, False),
+        ('', None, False),
+    ],
+)
+def test_who_may_connect(host, origin, welcome):
+    told = headers(Host=host) if origin is None else headers(Host=host, Origin=origin)
+    assert (refusal(told, 8765, ('https://app.example.org',)) == '') is welcome
+    told['Host'] = host
+    assert refusal(told, 8765, ('https://app.example.org',))  # two of them
+
+
+def reset(port: int, data: bytes) -> None:
+    """Send data to a server, then end the connection by RST."""
+    with socket.create_connection(('127.0.0.1', port)) as client:
+        client.sendall(data)
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+
+
+def test_a_lost_connection_is_not_worth_a_word(page, capfd):
+    for data in (
+        b'',
+        b'GET /',
+        f'GET /events HTTP/1.1\r\nHost: 127.0.0.1:{page.server_port}\r\n\r\n'.encode(),
+    ):
+        reset(page.server_port, data)
+    assert get(page.url)[0] == 200
+    time.sleep(0.1)
+    assert capfd.readouterr() == ('', '')
+
+
+@pytest.fixture
+def gate():
+    """A gate before a server that answers what it gets, in capitals."""
+
+    class Handler(socketserver.BaseRequestHandler):
+        def handle(self):
+            while data := self.request.recv(1 << 16):
+                self.request.sendall(data.upper())
+
+    class Server(socketserver.ThreadingTCPServer):
+        daemon_threads, block_on_close = True, False
+
+    with Server((hidden_address(), 0), Handler) as inner:
+        threading.Thread(target=inner.serve_forever, daemon=True).start()
+        made = Gate(0, inner.server_address, ('https://app.example.org',))
+        yield made
+        made.close()
+        inner.shutdown()
+
+
+def asked(port: int, *lines: str) -> bytes:
+    """Return the answer to the head of a request."""
+    with socket.create_connection(('127.0.0.1', port), timeout=10.0) as client:
+        client.sendall('\r\n'.join(['GET / HTTP/1.1', *lines, '', '']).encode())
+        client.shutdown(socket.SHUT_WR)
+        return b''.join(iter(lambda: client.recv(1 << 16), b''))
+
+
+def test_the_gate_passes_on_what_is_of_this_machine_alone(gate, capfd):
+    host = f'Host: localhost:{gate.port}'
+    refused = b'HTTP/1.1 403 Forbidden'
+    assert asked(gate.port, host).startswith(b'GET / HTTP/1.1\r\nHOST: LOCALHOST')
+    assert asked(gate.port, host, 'Origin: https://app.example.org').startswith(b'GET /')
+    assert asked(gate.port, host, 'Origin: https://evil.example').startswith(refused)
+    assert asked(gate.port, f'Host: evil.example:{gate.port}').startswith(refused)
+    assert asked(gate.port, host, *(f'a{i}: b' for i in range(1000))) == b''  # too many
+    assert asked(gate.port, host, f'a: {"b" * 100_000}') == b''
+    for data in (b'', b'GET /', f'GET / HTTP/1.1\r\n{host}\r\n\r\n'.encode()):
+        reset(gate.port, data)
+    assert asked(gate.port, host).startswith(b'GET /')
+    with pytest.raises(InputError, match=r'`port` must be free; got \d+: it is in use'):
+        Gate(gate.port, ('127.0.0.1', 1))
+    assert capfd.readouterr() == ('', '')
 
 
 def events(url: str, most: int) -> list[str]:
@@ -271,6 +403,40 @@ def test_nodes_show_the_newest_state(bench):
     assert web.live.force_n == FORCE
     assert web.live.decisions['x'].rules == (('Z', 'Z', 'Z', 1.0),)
     assert json.loads(events(web.page.url, 2)[1])['sentence'] == 'running: flying'
+
+
+@pytest.mark.skipif(find_spec('foxglove') is None, reason='foxglove-sdk is not installed')
+def test_no_message_and_no_caller_ends_the_foxglove_server(bench, capfd):
+    """A negative stamp did; and every page of every site could read the flight."""
+    from rpo_view.foxglove_node import FoxgloveNode
+
+    add, executor = bench
+    node = add(FoxgloveNode({'port': 0, 'rate_hz': 100.0}))
+    user = add(Node('user'))
+    states = user.create_publisher(Odometry, names.RELATIVE_STATE, qos.LOCKSTEP)
+    end = time.monotonic() + 45.0
+    while not states.get_subscription_count():
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.01)
+    for stamp_ns in (-(2**31) * 1_000_000_000, -1, START_NS, START_NS + 1):
+        for first in (math.nan, math.inf, 1.7e308, 1.0):
+            states.publish(conversions.to_odometry(stamp_ns, (first, *STATE[1:])))
+            looked = time.monotonic() + 0.02
+            while time.monotonic() < looked:
+                executor.spin_once(timeout_sec=0.01)
+    assert node._stamp_ns == START_NS + 1
+    port = node._gate.port
+    upgrade = ('Upgrade: websocket', 'Connection: Upgrade', 'Sec-WebSocket-Version: 13',
+               'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==',
+               'Sec-WebSocket-Protocol: foxglove.sdk.v1')  # fmt: skip
+    host = f'Host: 127.0.0.1:{port}'
+    assert b' 403 ' in asked(port, host, *upgrade, 'Origin: https://evil.example')
+    assert b' 403 ' in asked(port, f'Host: evil.example:{port}', *upgrade)
+    for origin in ('file://', 'https://app.foxglove.dev', 'http://localhost:8080'):
+        assert b' 101 ' in asked(port, host, *upgrade, f'Origin: {origin}')
+    reset(port, '\r\n'.join(['GET / HTTP/1.1', host, *upgrade, '', '']).encode())
+    assert b' 101 ' in asked(port, host, *upgrade)
+    assert 'Traceback' not in capfd.readouterr().err
 
 
 def test_rviz_and_foxglove_look_at_topics_that_are_there():

@@ -18,7 +18,17 @@ from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
-from rpo_core.validation import InputError, choice, mapping, real, shown, text, whole, within
+from rpo_core.validation import (
+    MOST_PATH,
+    InputError,
+    choice,
+    mapping,
+    real,
+    shown,
+    text,
+    whole,
+    within,
+)
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
 from rpo_training.outputs import check_name
@@ -104,8 +114,8 @@ class CampaignConfig:
 
     def __post_init__(self) -> None:
         check_name(self.name, 'a folder')
-        text('scenario', self.scenario)
-        text('controller', self.controller)
+        text('scenario', self.scenario, most=MOST_PATH)
+        text('controller', self.controller, most=MOST_PATH)
         whole('runs', self.runs, least=1, most=MAX_RUNS)
         whole('seed', self.seed, least=0, most=2**63 - 1)
         choice('sampling', self.sampling, SAMPLINGS)

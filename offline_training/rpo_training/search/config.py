@@ -13,7 +13,7 @@ import yaml
 
 from rpo_core import files
 from rpo_core.codec import to_mapping
-from rpo_core.validation import InputError, choice, mapping, shown, text, whole
+from rpo_core.validation import MOST_PATH, InputError, choice, mapping, shown, text, whole
 from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings
 from rpo_training.search.fitness import FitnessSettings
@@ -50,10 +50,10 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         check_name(self.name, 'a file')
         whole('seed', self.seed, least=0, most=2**63 - 1)
-        text('scenario', self.scenario)
+        text('scenario', self.scenario, most=MOST_PATH)
         choice('algorithm', self.algorithm, ALGORITHMS)
         for i, name in enumerate(self.start):
-            text(f'start[{i}]', name)
+            text(f'start[{i}]', name, most=MOST_PATH)
         if self.algorithm in ('cmaes', 'race') and not self.start:
             raise InputError(
                 f'`start` must name a controller for {self.algorithm} to start from; got none'

@@ -28,7 +28,7 @@ from rpo_sim.plant_node import PlantNode
 _START_TIMEOUT_S = 30.0
 
 
-def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
+def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
     chosen = scenario.load_scenario(options.scenario)
     named = {'scenario': options.scenario}
     plant = {
@@ -46,7 +46,7 @@ def _nodes(options: argparse.Namespace, folder: Path) -> list[FlightNode]:
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.
-    nodes.append(RecorderNode({'output': str(folder), 'overwrite': options.overwrite}))
+    nodes.append(RecorderNode({'output': output, 'overwrite': options.overwrite}))
     return nodes
 
 
@@ -61,19 +61,19 @@ def main() -> int:
     """Entry point of `ros2 run rpo_bringup final_approach`."""
     options = parser().parse_args(remove_ros_args(sys.argv)[1:])
     now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
-    folder = Path(options.output or f'runs/{Path(options.scenario).stem}-{now}')
+    output = options.output or f'runs/{Path(options.scenario).stem}-{now}'
     begun = time.monotonic()
     nodes: list[FlightNode] = []
 
     def make() -> list[FlightNode]:
-        nodes.extend(_nodes(options, folder))
+        nodes.extend(_nodes(options, output))
         return nodes
 
     # The first node is the plant, the last the recorder.
     code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
     if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
         try:
-            _report(folder, nodes[0], time.monotonic() - begun)
+            _report(nodes[-1].folder, nodes[0], time.monotonic() - begun)
         except (InputError, LogError) as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT

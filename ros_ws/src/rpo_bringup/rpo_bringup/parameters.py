@@ -10,6 +10,6 @@ MONITOR = (
     Row('table', 'default', 'shipped monitor table, or path of a monitor file',
         example='path/to/mine.yaml'),
     Row('react', True, 'false: only warn, for every fault', changeable=True),
-    Row('controller_node', 'fuzzy_controller', 'controller node to deactivate'),
-    Row('plant_node', 'plant', 'plant node to abort'),
+    Row('controller_node', 'fuzzy_controller', 'controller node to deactivate', ros_name=True),
+    Row('plant_node', 'plant', 'plant node to abort', ros_name=True),
 )  # fmt: skip

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
+import stat
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import yaml
 
@@ -103,10 +105,41 @@ def parse_yaml(content: str) -> Any:
         raise InputError(f'not valid YAML: {error}') from None
 
 
+def expanded(name: str, path: str) -> Path:
+    """Return a path with its home folder, `~` or `~user`; InputError if there is no such user."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        raise InputError(
+            f'`{name}` must be a path; got {shown(path)}, and there is no such home folder'
+        ) from None
+
+
+def open_regular(path: Path | str) -> BinaryIO:
+    """Return a file opened for reading, as `open(path, 'rb')` does; use it for every path given.
+
+    Raises
+    ------
+    OSError
+        Also where it is no regular file: a pipe without a writer would wait for ever, a device
+        may never end.
+    """
+    return open(path, 'rb', opener=_open_if_regular)
+
+
+def _open_if_regular(path: str, flags: int) -> int:
+    found = os.open(path, flags | os.O_NONBLOCK)  # a pipe opens without waiting for its writer
+    kind = os.fstat(found).st_mode
+    if stat.S_ISREG(kind) or stat.S_ISDIR(kind):  # Python itself refuses a folder
+        return found
+    os.close(found)
+    raise OSError(errno.EINVAL, 'must be a regular file, not a pipe, a socket or a device')
+
+
 def read_text(path: Path) -> str:
     """Return a UTF-8 file's text; InputError if missing, unreadable, too large or not text."""
     try:
-        with path.open('rb') as file:
+        with open_regular(path) as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}') from None

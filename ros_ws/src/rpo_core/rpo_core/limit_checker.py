@@ -17,7 +17,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rpo_core import files
-from rpo_core.validation import InputError, choice, mapping, real, schema, text, vector3, whole
+from rpo_core.validation import (
+    InputError,
+    choice,
+    description,
+    mapping,
+    real,
+    schema,
+    text,
+    vector3,
+    whole,
+)
 
 SCHEMA = 'rpo/monitor/1'
 
@@ -172,7 +182,7 @@ def parse(document: Any) -> MonitorTable:
     if not any(axis):
         raise InputError('`limits.corridor_axis` must not be zero; got [0, 0, 0]')
     faults = mapping('faults', data['faults'], FAULTS)
-    text('description', data.get('description', ''), empty=True)
+    description('description', data.get('description', ''))
     return MonitorTable(
         text('name', data['name']),
         Limits(**numbers, corridor_axis=axis),

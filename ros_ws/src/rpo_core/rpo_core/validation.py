@@ -8,12 +8,39 @@ import difflib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import cache
 from typing import Annotated, Any, get_type_hints
+
+MOST_SHOWN = 2000
+"""Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
+
+MOST_NAME = 200
+"""Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
+
+MOST_PATH = 4096
+"""Longest path; Linux has no longer one."""
+
+
+def printable(text: object, most: int = MOST_SHOWN) -> str:
+    r"""Return a foreign text as one line that is safe on a terminal and in a log.
+
+    Escape sequences, newlines and marks that turn the direction of writing become escapes like
+    `\x1b`; of a longer text, the first `most` characters stay. What is printable stays as it is.
+    """
+    line = str(text)
+    line = line if len(line) <= most else f'{line[: most - 3]}...'
+    return line if line.isprintable() else ''.join(map(_escaped, line))
+
+
+def _escaped(character: str) -> str:
+    return character if character.isprintable() else repr(character)[1:-1]
 
 
 class InputError(ValueError):
-    """A value from a user is not usable; the message is one sentence fit to be shown as it is."""
+    """A value from a user is not usable; the message is one printable sentence."""
+
+    def __init__(self, sentence: object) -> None:
+        super().__init__(printable(sentence))
 
 
 def shown(value: Any, limit: int = 60) -> str:
@@ -140,9 +167,22 @@ def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, f
     return x, y, z
 
 
-def text(name: str, value: Any, *, empty: bool = False) -> str:
-    """Return a printable string, not blank unless `empty`; raises InputError."""
-    if not isinstance(value, str) or not (empty or value.strip()):
+def text(name: str, value: Any, *, most: int = MOST_NAME) -> str:
+    """Return a printable line of at most `most` characters, not blank; raises InputError."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f'`{name}` must be a text; got {shown(value)}')
+    if not value.isprintable():
+        raise InputError(f'`{name}` must be printable, in one line; got {shown(value)}')
+    if len(value) > most:
+        raise InputError(
+            f'`{name}` must be at most {most} characters; got {len(value)}: {shown(value)}'
+        )
+    return value
+
+
+def description(name: str, value: Any) -> str:
+    """Return a printable string, of any number of lines, or empty; raises InputError."""
+    if not isinstance(value, str):
         raise InputError(f'`{name}` must be a text; got {shown(value)}')
     if not all(c.isprintable() or c in '\n\t' for c in value):
         raise InputError(f'`{name}` must be printable; got {shown(value)}')
@@ -150,7 +190,7 @@ def text(name: str, value: Any, *, empty: bool = False) -> str:
 
 
 Name = Annotated[str, text]
-Description = Annotated[str, partial(text, empty=True)]
+Description = Annotated[str, description]
 """Annotations of fields that hold a text, see `check_fields`."""
 
 

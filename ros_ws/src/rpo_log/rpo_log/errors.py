@@ -7,7 +7,7 @@ from __future__ import annotations
 from enum import Enum, IntEnum
 from pathlib import Path
 
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, printable
 
 
 class ExitCode(IntEnum):
@@ -59,6 +59,6 @@ class LogError(InputError):
     ) -> None:
         super().__init__(f'{path}: {sentence}')
         self.fault = fault
-        self.sentence = sentence
+        self.sentence = printable(sentence)
         self.tick = tick
         self.path = Path(path)

@@ -8,7 +8,6 @@ import datetime
 import time
 from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -18,7 +17,7 @@ from rclpy.serialization import deserialize_message
 from rpo_core import files, interfaces, scenario
 from rpo_core.chain import signals_of
 from rpo_core.validation import InputError
-from rpo_log.errors import LogError
+from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
@@ -55,7 +54,7 @@ class RecorderNode(FlightNode):
         super().__init__('recorder', overrides)
         self.values = declare(self, PARAMETERS)
         now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
-        self.folder = Path(self.values['output'] or f'runs/recording-{now}').expanduser()
+        self.folder = files.expanded('output', self.values['output'] or f'runs/recording-{now}')
         self.log: RunLogWriter | None = None
         self._scenario: scenario.Scenario | None = None
         self._plant: dict[str, str] = {}
@@ -80,7 +79,8 @@ class RecorderNode(FlightNode):
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
         except LogError as error:
-            raise InputError(f'{error} (parameter `overwrite`)') from None
+            name = 'overwrite' if error.fault == Fault.EXISTS else 'output'
+            raise InputError(f'{error} (parameter `{name}`)') from None
         self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
         self._announce('waiting')
         self._subscribe()

@@ -8,7 +8,6 @@ import itertools
 import struct
 import time
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -16,7 +15,7 @@ from rclpy.clock import Clock as SteadyClock
 from rclpy.clock import ClockType
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core import interfaces
+from rpo_core import files, interfaces
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
 from rpo_log.parameters import REPLAY as PARAMETERS
@@ -44,7 +43,7 @@ class ReplayNode(FlightNode):
         super().__init__('replay', overrides)
         self.values = declare(self, PARAMETERS)
         try:
-            self._reader = RunReader(Path(self.values['bag']).expanduser())
+            self._reader = RunReader(files.expanded('bag', self.values['bag']))
         except LogError as error:
             raise InputError(f'`bag` {error}') from None
         self._range = self._ticks_asked()

@@ -7,6 +7,7 @@ Without ROS, so that `--help` is quick.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,8 @@ _LARGEST = 1e9
 
 Value = bool | int | float | str | tuple[float, ...]
 
+_ROS_NAME = re.compile(r'(~/|/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*', re.ASCII)
+
 
 @dataclass(frozen=True)
 class ParameterRow:
@@ -27,6 +30,7 @@ class ParameterRow:
     unit : of a number, '' for others
     least, most : range of a number, or of each number of an array, both included
     choices : the allowed texts; empty: any text
+    ros_name : the text is the name of a node or of a topic
     wall : concerns only wall time or transport, so it does not change the flight
     changeable : may change in flight; the node may refuse a change at a wrong moment
     example : a value for `--help`; the first row of a table needs one
@@ -39,6 +43,7 @@ class ParameterRow:
     least: float = 0.0
     most: float = _LARGEST
     choices: tuple[str, ...] = ()
+    ros_name: bool = False
     wall: bool = False
     changeable: bool = False
     example: str = ''
@@ -90,7 +95,14 @@ class ParameterRow:
             return self._numbers(value)
         if self.choices:
             return validation.choice(self.name, value, self.choices)
-        return validation.text(self.name, value, empty=self.default == '')
+        if value == self.default == '':
+            return ''
+        if self.ros_name and not (isinstance(value, str) and _ROS_NAME.fullmatch(value)):
+            raise InputError(
+                f'`{self.name}` must be a name in ROS, like {self.default} or '
+                f'/one/{self.default}; got {validation.shown(value)}'
+            )
+        return validation.text(self.name, value, most=validation.MOST_PATH)
 
     def _numbers(self, value: Any) -> tuple[float, ...]:
         size = len(self.default) if isinstance(self.default, tuple) else 0

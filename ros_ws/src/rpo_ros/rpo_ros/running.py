@@ -22,6 +22,7 @@ from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
@@ -173,6 +174,8 @@ def _begin(
         secured = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
         hint = '; ROS_SECURITY_ENABLE is set, see docs/network.md' if secured else ''
         raise InputError(f'ROS 2 does not start: {reason}{hint}') from None
+    except NameValidationException as error:
+        raise InputError(str(error).partition('\n   ')[0].replace('\n ', '')) from None
 
 
 def run(

@@ -45,9 +45,9 @@ NAVIGATION = (replace(SCENARIO, example='path/to/mine.yaml'),)
 DISTURBANCE_INJECTOR = (SCENARIO,)
 
 FAULT_INJECTOR = (
-    Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to',
+    Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to', ros_name=True,
         example='control_force_raw -p drop:=0.2 -p repeat:=0.2'),
-    Row('to_topic', names.CONTROL_FORCE, 'topic to send messages to'),
+    Row('to_topic', names.CONTROL_FORCE, 'topic to send messages to', ros_name=True),
     Row('message', AUTO, 'type of the messages; auto: from the names of the topics',
         choices=(AUTO, STATE, FORCE)),
     Row('seed', 0, 'seed of the random numbers'),

@@ -19,7 +19,9 @@ from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
+from rpo_view.gate import Gate, hidden_address
 from rpo_view.latest import Latest, run_viewer
+from rpo_view.local import HOST
 from rpo_view.parameters import FOXGLOVE as PARAMETERS
 
 try:
@@ -29,7 +31,9 @@ try:
 except ImportError:  # an optional layer
     foxglove = None
 
-HOST = '127.0.0.1'
+_APPS = ('https://app.foxglove.dev', 'file://')
+"""Origins of the app in a browser, and of those on the desktop."""
+
 _STATUS_PERIOD_S = 1.0
 
 _SAMPLED = {
@@ -67,19 +71,23 @@ class FoxgloveNode(FlightNode):
         self._transform = FrameTransformChannel(
             self.resolve_topic_name('chaser_transform'), context=self._app_context
         )
+        hidden = hidden_address()
+        self._server = foxglove.start_server(
+            name='rpo', host=hidden, port=0, context=self._app_context
+        )
         try:
-            self._server = foxglove.start_server(
-                name='rpo', host=HOST, port=values['port'], context=self._app_context
-            )
-        except RuntimeError as error:
-            raise InputError(f'`port` must be free; got {values["port"]}: {error}') from None
+            origins = (*_APPS, values['origin']) if values['origin'] else _APPS
+            self._gate = Gate(values['port'], (hidden, self._server.port), origins)
+        except InputError:
+            self._server.stop()
+            raise
         self.create_subscription(
             DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE, raw=True
         )
         self.every(1.0 / values['rate_hz'], self._pass_on)
         self.every(_STATUS_PERIOD_S, self._send_status)
         self.get_logger().info(
-            f'open ws://{HOST}:{self._server.port} in the Foxglove or Lichtblick app'
+            f'open ws://{HOST}:{self._gate.port} in the Foxglove or Lichtblick app'
         )
 
     def _channel(self, name: str, kind: type) -> Any:
@@ -97,17 +105,25 @@ class FoxgloveNode(FlightNode):
             data = newest.take()
             if data is None:
                 continue
-            if name == names.RELATIVE_STATE:
-                self._on_state(deserialize_message(data, Odometry))
+            if name == names.RELATIVE_STATE and not self._on_state(
+                deserialize_message(data, Odometry)
+            ):
+                continue
             self._channels[name].log(data, log_time=self._stamp_ns)
 
-    def _on_state(self, state: Odometry) -> None:
-        """Set the time, and send the position of the chaser, as /tf does in ROS."""
+    def _on_state(self, state: Odometry) -> bool:
+        """Set the time, and send the position of the chaser, as /tf does in ROS.
+
+        Return whether it is a state of a run: the apps know no time before 1970.
+        """
         stamp_ns = conversions.from_stamp(state.header.stamp)
+        values = conversions.from_odometry(state)
+        if stamp_ns < 0 or conversions.fault_of(state, values):
+            return False
         if stamp_ns < self._stamp_ns:  # another run: clear the old one in the app
             self._server.clear_session()
         self._stamp_ns = stamp_ns
-        x, y, z = conversions.from_odometry(state)[:3]
+        x, y, z = values[:3]
         transform = messages.FrameTransform(
             timestamp=messages.Timestamp(*divmod(stamp_ns, 1_000_000_000)),
             parent_frame_id=state.header.frame_id,
@@ -116,6 +132,7 @@ class FoxgloveNode(FlightNode):
             rotation=messages.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
         )
         self._transform.log(transform, log_time=stamp_ns)
+        return True
 
     def _on_status(self, data: bytes) -> None:
         self._status = data
@@ -129,6 +146,7 @@ class FoxgloveNode(FlightNode):
     def close(self) -> None:
         """Disconnect the apps."""
         self._server.stop()
+        self._gate.close()
 
 
 def main() -> int:

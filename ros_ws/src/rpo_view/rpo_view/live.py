@@ -13,12 +13,16 @@ from typing import Any
 from rpo_core import files
 from rpo_core import scenario as scenarios
 from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core.validation import MOST_NAME, InputError, printable
 from rpo_view.trail import Trail
 
 Vector = tuple[float, ...]
 
 _NANOSECONDS = 1_000_000_000
+_AXES = ('x', 'y', 'z')
+_MOST_RULES = 25
+"""Rules of a table; what claims more is shown no further."""
+
 SILENCE_S = 3.0
 """A run in progress without a state for so long is silent."""
 
@@ -41,8 +45,10 @@ class AxisDecision:
             kind, *words = key.split('.')
             strength = _number(value)
             if kind == 'rule' and len(words) == 3 and strength is not None:
-                rules.append((words[0], words[1], words[2], strength))
-        return cls(sentence, tuple(sorted(rules, key=lambda rule: -rule[3])))
+                p, v, force = (printable(word, MOST_NAME) for word in words)
+                rules.append((p, v, force, strength))
+        rules.sort(key=lambda rule: -rule[3])
+        return cls(printable(sentence), tuple(rules[:_MOST_RULES]))
 
 
 def _number(text: str) -> float | None:
@@ -56,7 +62,7 @@ def _number(text: str) -> float | None:
 
 @dataclass
 class LiveRun:
-    """The run as far as messages came; None where none came.
+    """The run as far as messages came; None where none came. Foreign texts are printable here.
 
     position_m, velocity_m_s, force_n, disturbance_n : (3,), target LVLH
     flights : number of runs since the start of the viewer
@@ -69,7 +75,6 @@ class LiveRun:
     controller: str = ''
     phase: str = ''
     reason: str = ''
-    figures: dict[str, float] = field(default_factory=dict)
     position_m: Vector | None = None
     velocity_m_s: Vector | None = None
     force_n: Vector | None = None
@@ -81,7 +86,9 @@ class LiveRun:
     _heard_s: float | None = None
 
     def on_state(self, stamp_ns: int, state: Sequence[float]) -> None:
-        """Take a state x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+        """Take a state x, y, z [m], vx, vy, vz [m/s], target LVLH; ignore one beyond all floats."""
+        if not math.isfinite(math.hypot(*state[:3]) + math.hypot(*state[3:])):
+            return
         if self.position_m is None or stamp_ns < self._stamp_ns:
             self._begin(stamp_ns)
         self._stamp_ns, self._heard_s = stamp_ns, self.clock()
@@ -97,15 +104,13 @@ class LiveRun:
 
     def on_status(self, message: str, values: Mapping[str, str]) -> None:
         """Take a run_status."""
-        self.phase, self.reason = values.get('phase', ''), message
-        numbers = {key: _number(value) for key, value in values.items()}
-        self.figures = {key: number for key, number in numbers.items() if number is not None}
+        self.phase, self.reason = printable(values.get('phase', ''), MOST_NAME), printable(message)
 
     def on_manifest(self, values: Mapping[str, str]) -> None:
         """Take the manifest of a node."""
         role = values.get('role')
         if role == 'controller':
-            self.controller = values.get('parameter.controller', '')
+            self.controller = printable(values.get('parameter.controller', ''), MOST_NAME)
         if role != 'plant':
             return
         try:
@@ -116,7 +121,8 @@ class LiveRun:
 
     def on_decision(self, axis: str, sentence: str, values: Mapping[str, str]) -> None:
         """Take the decision of the controller on an axis."""
-        self.decisions[axis] = AxisDecision.of(sentence, values)
+        if axis in _AXES:
+            self.decisions[axis] = AxisDecision.of(sentence, values)
 
     @property
     def time_s(self) -> float:
@@ -161,7 +167,6 @@ class LiveRun:
             'speed_m_s': math.hypot(*velocity) if velocity else None,
             'force_n': self.force_n,
             'disturbance_n': self.disturbance_n,
-            'figures': self.figures,
             'decisions': {
                 axis: {'sentence': decision.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())

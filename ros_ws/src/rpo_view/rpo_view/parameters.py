@@ -29,6 +29,8 @@ WEB = (
 FOXGLOVE = (
     Row('port', 8765, 'port of the server, on 127.0.0.1 only; 0: any free port', most=65535,
         wall=True, example='8766'),
+    Row('origin', '', 'a page elsewhere that may connect, beside those of this machine and '
+        'app.foxglove.dev, like https://lichtblick.example.org', wall=True),
     Row('rate_hz', 30.0, 'how often the newest messages are passed on, by wall time', 'Hz',
         least=0.1, most=200.0, wall=True),
 )  # fmt: skip

@@ -50,7 +50,8 @@ def view(run: LiveRun, topic: str) -> Panel:
     if run.decisions:
         parts += [Text(), _decisions(run)]
     named = [name for name in (run.scenario.name if run.scenario else '', run.controller) if name]
-    return Panel(Group(*parts), title=' · '.join(['final approach', *named]), title_align='left')
+    title = Text(' · '.join(['final approach', *named]))  # not markup: names may hold brackets
+    return Panel(Group(*parts), title=title, title_align='left')
 
 
 def _bad(run: LiveRun) -> bool:

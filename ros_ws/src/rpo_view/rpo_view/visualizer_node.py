@@ -54,11 +54,13 @@ class VisualizerNode(FlightNode):
     def _show(self) -> None:
         force, state = self._forces.take(), self._states.take()
         if force is not None:
-            self._force_n = conversions.from_wrench(force)
+            force_n = conversions.from_wrench(force)
+            if not conversions.fault_of(force, force_n):
+                self._force_n = force_n
         if state is None:
             return
         values = conversions.from_odometry(state)
-        if conversions.fault_of(state, (*values, *(self._force_n or ()))):
+        if conversions.fault_of(state, values):
             return
         stamp_ns = conversions.from_stamp(state.header.stamp)
         if stamp_ns < self._stamp_ns:  # another run

@@ -4,19 +4,17 @@
 
 from __future__ import annotations
 
-import errno
 import json
+import sys
 import threading
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
 
-from rpo_core.validation import InputError
 from rpo_log.show.style import COLOURS
+from rpo_view.local import HOST, port_taken, refusal
 
-HOST = '127.0.0.1'
-_NAMES = (HOST, 'localhost')
 _HEADERS = {
     'Cache-Control': 'no-store',
     'X-Content-Type-Options': 'nosniff',
@@ -27,6 +25,9 @@ _HEADERS = {
     ),
 }
 _KEEP_ALIVE_S = 5.0
+_TIMEOUT_S = 30.0
+"""A reader that sends no request, or takes no event, for so long is disconnected."""
+
 _PALETTE_GOES = '/* The palette of rpo_log.show.style comes here. */'
 
 
@@ -83,12 +84,11 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = 'HTTP/1.1'
     server_version = 'rpo_view'
     sys_version = ''
+    timeout = _TIMEOUT_S
 
     def do_GET(self) -> None:
-        # Another host name means DNS rebinding: a page elsewhere gave its name to this machine.
-        host, _, port = self.headers.get('Host', '').rpartition(':')
-        if host not in _NAMES or port != str(self.server.server_port):
-            self.send_error(HTTPStatus.FORBIDDEN, 'only as 127.0.0.1 or localhost')
+        if why := refusal(self.headers, self.server.server_port):
+            self.send_error(HTTPStatus.FORBIDDEN, why)
         elif self.path == '/':
             self._page()
         elif self.path == '/events':
@@ -146,15 +146,18 @@ class LivePage(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except OSError as error:
-            taken = error.errno == errno.EADDRINUSE
-            why = 'it is in use' if taken else str(error.strerror)
-            raise InputError(f'`port` must be free; got {port}: {why}') from None
+            raise port_taken(port, error) from None
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
     def url(self) -> str:
         """Address of the page."""
         return f'http://{HOST}:{self.server_port}/'
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a connection that was lost; print what else went wrong."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
     def close(self) -> None:
         """Stop serving."""
