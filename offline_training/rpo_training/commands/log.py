@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpo log`, `rpo verify` and `rpo repair`: what one does with the log of a run."""
+"""`rpo log`, `rpo verify`, `rpo sign` and `rpo repair`: what one does with the log of a run."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ if TYPE_CHECKING:
     from rpo_log.errors import ExitCode
 
 VERIFY_EXAMPLES = """
-Example: `rpo verify runs/demo`. Exit codes: 0 verified, 1 not as computed, 2 not a readable log,
+Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
+readable log,
 3 as computed as far as the log goes
 """
+KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
+SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
 REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
 
 RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
@@ -63,13 +66,39 @@ def export(
     typer.echo(f'{output}: {rows} ticks')
 
 
-def verify(run: RunArgument) -> None:
-    """Compute a logged flight again and compare every state and force, bit for bit."""
+def verify(
+    run: RunArgument,
+    trusted: Annotated[
+        Path | None,
+        typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
+    ] = None,
+) -> None:
+    """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
 
-    found = check(run)
-    typer.echo(found.sentence())
+    found = check(run, trusted)
+    typer.echo('\n'.join(found.lines()))
     _end(found.exit_code)
+
+
+def keygen(
+    output: Annotated[Path, typer.Argument(help='private key to write; beside it *.pub.pem')],
+) -> None:
+    """Make a pair of Ed25519 keys: one signs runs, the other checks them."""
+    from rpo_log.signature import make_key
+
+    public = make_key(output)
+    typer.echo(f'{output}: private key, keep it to yourself\n{public}: public key, give it away')
+
+
+def sign(
+    run: RunArgument,
+    key: Annotated[Path, typer.Option(help='private key in PEM')],
+) -> None:
+    """Sign a run folder: its files, each with its digest. Nothing that was recorded may differ."""
+    from rpo_log.tools.sign import sign_run
+
+    typer.echo(sign_run(run, key))
 
 
 def repair(

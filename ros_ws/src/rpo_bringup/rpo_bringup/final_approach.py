@@ -46,7 +46,8 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.
-    nodes.append(RecorderNode({'output': output, 'overwrite': options.overwrite}))
+    recorder = {'output': output, 'overwrite': options.overwrite, 'sign_key': options.sign}
+    nodes.append(RecorderNode(recorder))
     return nodes
 
 

@@ -32,6 +32,9 @@ def parser() -> argparse.ArgumentParser:
         '--overwrite', action='store_true', help='replace the run in an existing folder'
     )
     found.add_argument(
+        '--sign', default='', metavar='KEY', help='private key in PEM, which signs the run folder'
+    )
+    found.add_argument(
         '--real-time-factor',
         default=0.0,
         type=float,

@@ -10,6 +10,8 @@ RECORDER = (
     Row('output', '', 'run folder; empty: runs/recording-<date>-<time>', wall=True,
         example='runs/second'),
     Row('overwrite', False, 'replace the run in an existing folder', wall=True),
+    Row('sign_key', '', 'Ed25519 private key in PEM, which signs the run folder; empty: not signed',
+        wall=True, example='keys/me.pem'),
     Row('split_s', 0.0, 'begin a new file after so much simulated time; 0: one file', 's'),
     Row('split_mb', 0.0, 'begin a new file after so many megabytes; 0: one file', 'MB'),
     Row('grace_s', 3.0, 'wall time to wait for the last messages after the end of a run', 's',

@@ -17,8 +17,10 @@ from rclpy.serialization import deserialize_message
 from rpo_core import files, interfaces, scenario
 from rpo_core.chain import signals_of
 from rpo_core.validation import InputError
+from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
+from rpo_log.format import sums
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
@@ -55,6 +57,8 @@ class RecorderNode(FlightNode):
         self.values = declare(self, PARAMETERS)
         now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
         self.folder = files.expanded('output', self.values['output'] or f'runs/recording-{now}')
+        key = self.values['sign_key']
+        self._key = signature.private_key(files.expanded('sign_key', key)) if key else None
         self.log: RunLogWriter | None = None
         self._scenario: scenario.Scenario | None = None
         self._plant: dict[str, str] = {}
@@ -280,6 +284,7 @@ class RecorderNode(FlightNode):
             return
         summary = self.log.close()
         self._write_run_info(summary)
+        self._seal()
         sentence = f'{summary.sentence()}: {self.folder}'
         if summary.whole:
             self.get_logger().info(sentence)
@@ -308,6 +313,16 @@ class RecorderNode(FlightNode):
         try:
             run_info.write_run_info(self.folder, facts)
         except LogError as error:
+            self.get_logger().error(str(error))
+
+    def _seal(self) -> None:
+        """Write the digest of every file of the folder, and sign them."""
+        try:
+            sums.write_sums(self.folder)
+            if self._key is not None:
+                signature.sign(self.folder, self._key)
+        except LogError as error:
+            self.exit_code = EXIT_INCOMPLETE
             self.get_logger().error(str(error))
 
     def _announce(self, message: str) -> None:

@@ -13,10 +13,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rpo_core.files import open_regular
 from rpo_core.validation import InputError
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import sums
-from rpo_log.format.run import cannot_write
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import (
@@ -75,8 +76,8 @@ def sign(folder: Path, key: Ed25519PrivateKey) -> None:
     """Sign the sums of a run folder: write SHA256SUMS.sig; raises LogError."""
     data = sums.sums_bytes(folder)
     if data is None:
-        raise LogError(Fault.NOT_FOUND, folder, f'holds no {sums.SUMS_FILE} to sign')
-    path = folder / sums.SIGNATURE_FILE
+        raise LogError(Fault.NOT_FOUND, folder, f'holds no {SUMS_FILE} to sign')
+    path = folder / SIGNATURE_FILE
     draft = path.with_name(f'{path.name}.part')
     try:
         draft.write_bytes(key.sign(data))
@@ -92,8 +93,8 @@ def signer(folder: Path, trusted: Path) -> str | None:
     """
     exceptions = _library()[0]
     keys = list(_public_keys(trusted))
-    data, path = sums.sums_bytes(folder), folder / sums.SIGNATURE_FILE
-    if data is None or not path.is_file():
+    data, path = sums.sums_bytes(folder), folder / SIGNATURE_FILE
+    if data is None or not path.exists():
         return None
     signature = _read(path)
     for name, key in keys:
@@ -124,9 +125,7 @@ def _public_keys(trusted: Path) -> Iterator[tuple[str, Ed25519PublicKey]]:
 
 def _read(path: Path) -> bytes:
     try:
-        if path.exists() and not path.is_file():
-            raise InputError(f'{path}: must be a file')
-        with path.open('rb') as stream:
+        with open_regular(path) as stream:
             return stream.read(MAX_KEY_BYTES)
     except OSError as error:
         raise InputError(f'{path}: {error.strerror or error}') from None

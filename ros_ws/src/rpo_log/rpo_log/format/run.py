@@ -26,6 +26,10 @@ METADATA_FILE = 'metadata.yaml'
 HEALTH_FILE = 'health.mcap'
 DECISIONS_FILE = 'decisions.mcap'
 INFO_FILE = 'run_info.yaml'
+SUMS_FILE = 'SHA256SUMS'
+SIGNATURE_FILE = 'SHA256SUMS.sig'
+
+_BESIDE = (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
 
 MAX_CHUNK_TICKS = 512
 
@@ -138,11 +142,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = log_files(folder)
-        taken += [
-            folder / name
-            for name in (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE)
-            if (folder / name).exists()
-        ]
+        taken += [folder / name for name in _BESIDE if (folder / name).exists()]
         if taken and not overwrite:
             raise LogError(
                 Fault.EXISTS,

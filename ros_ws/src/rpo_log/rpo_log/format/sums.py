@@ -10,12 +10,10 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from rpo_core.files import open_regular
 from rpo_core.validation import shown
 from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import cannot_write
-
-SUMS_FILE = 'SHA256SUMS'
-SIGNATURE_FILE = 'SHA256SUMS.sig'
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write
 
 MAX_SUMS_BYTES = 1 << 20
 
@@ -27,7 +25,7 @@ def digest_of(path: Path) -> str:
     """Return the SHA-256 of a file; raises LogError."""
     found = hashlib.sha256()
     try:
-        with path.open('rb') as stream:
+        with open_regular(path) as stream:
             while block := stream.read(_BLOCK):
                 found.update(block)
     except OSError as error:
@@ -97,10 +95,8 @@ def sums_bytes(folder: Path) -> bytes | None:
     path = folder / SUMS_FILE
     if not os.path.lexists(path):
         return None
-    if not path.is_file():
-        raise LogError(Fault.BAD_SUMS, path, 'must be a file')
     try:
-        with path.open('rb') as stream:
+        with open_regular(path) as stream:
             data = stream.read(MAX_SUMS_BYTES + 1)
     except OSError as error:
         raise LogError(

@@ -31,6 +31,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
+from rpo_core.files import open_regular
 from rpo_core.validation import shown
 from rpo_log.errors import Fault, LogError
 
@@ -143,7 +144,7 @@ class FileRecords:
 
     def __iter__(self) -> Iterator[McapRecord]:
         try:
-            with open(self.path, 'rb') as stream:
+            with open_regular(self.path) as stream:
                 yield from self._walk(stream)
         except OSError as error:
             raise LogError(

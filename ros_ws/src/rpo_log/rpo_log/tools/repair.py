@@ -20,8 +20,16 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 
 from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import rosbag2
-from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, METADATA_FILE, cannot_write, log_files
+from rpo_log.format import rosbag2, sums
+from rpo_log.format.run import (
+    DECISIONS_FILE,
+    HEALTH_FILE,
+    METADATA_FILE,
+    SIGNATURE_FILE,
+    SUMS_FILE,
+    cannot_write,
+    log_files,
+)
 from rpo_log.read.records import FileRecords, RawMessage, message_at
 from rpo_log.write.mcap_file import McapFile
 
@@ -30,6 +38,8 @@ DAMAGED = '.damaged'
 
 _BESIDE = (HEALTH_FILE, DECISIONS_FILE)
 """Files of a run folder that are no part of its bag."""
+
+_SUMS = (SUMS_FILE, SIGNATURE_FILE)
 
 
 @dataclass
@@ -277,6 +287,7 @@ def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> R
         rosbag2.write_metadata(target, _bag_topics(log), [f.bag_file(f.path.name) for f in log])
     except OSError as error:
         raise cannot_write(target / METADATA_FILE, error) from None
+    sums.write_sums(target)
     return Repair(target, tuple(done))
 
 
@@ -286,7 +297,7 @@ def _copy_rest(folder: Path, target: Path, examined: dict[Path, FileRepair]) -> 
     try:
         target.mkdir(parents=True)
         for path in sorted(folder.iterdir()):
-            if path.is_file() and path.name not in {*damaged, METADATA_FILE}:
+            if path.is_file() and path.name not in {*damaged, METADATA_FILE, *_SUMS}:
                 shutil.copy2(path, target / path.name)
     except FileExistsError:
         raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None

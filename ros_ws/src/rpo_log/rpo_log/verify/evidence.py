@@ -19,7 +19,13 @@ from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import rosbag2, sums
 from rpo_log.format.rosbag2 import BagFile
-from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE, PARAMETERS
+from rpo_log.format.run import (
+    DECISIONS_FILE,
+    METADATA_FILE,
+    PARAMETERS,
+    SIGNATURE_FILE,
+    SUMS_FILE,
+)
 from rpo_log.read.stream import RunReader
 from rpo_log.verify.decisions import Decisions
 from rpo_log.verify.form import Form, records_of_run
@@ -61,23 +67,21 @@ class Digests:
 
     def faults(self) -> list[str]:
         """Return what is not as listed, for people."""
-        found = [f'{name} is not the file that {sums.SUMS_FILE} lists' for name in self.changed]
-        return found + [f'{name} is missing, which {sums.SUMS_FILE} lists' for name in self.missing]
+        found = [f'{name} is not the file that {SUMS_FILE} lists' for name in self.changed]
+        return found + [f'{name} is missing, which {SUMS_FILE} lists' for name in self.missing]
 
 
 def metadata_fault(reader: RunReader) -> str:
     """Return why metadata.yaml is not that of the log; empty if it is. Raises LogError."""
     path = reader.path / METADATA_FILE
-    counts, files = [0] * len(reader.topics), []
+    counts, bag = [0] * len(reader.topics), []
     for file in reader.files:
         found, first_ns, last_ns = reader.extent_of(file)
         counts = [sum(pair) for pair in zip(counts, found, strict=True)]
-        files.append(BagFile(file.name, first_ns, last_ns, sum(found)))
-    expected = rosbag2.metadata_text(bag_topics(reader.topics, counts), files)
-    if not path.is_file():
-        return f'{METADATA_FILE} must be a file'
+        bag.append(BagFile(file.name, first_ns, last_ns, sum(found)))
+    expected = rosbag2.metadata_text(bag_topics(reader.topics, counts), bag)
     try:
-        with path.open('rb') as stream:
+        with files.open_regular(path) as stream:
             content = stream.read(MAX_METADATA_BYTES)
     except OSError as error:
         raise LogError(
@@ -159,7 +163,7 @@ class Evidence:
             self._signed_by = signature.signer(folder, trusted)
             if self._signed_by is None:
                 self._gaps.append(f'no key of {trusted} has signed it')
-        elif (folder / sums.SIGNATURE_FILE).exists():
+        elif (folder / SIGNATURE_FILE).exists():
             self._unknown.append('who signed it: no key is trusted')
 
     def _take(self, gap: str, what: str) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rpo_log.errors import ExitCode
 from rpo_log.format import code
-from rpo_log.format.sums import SUMS_FILE
+from rpo_log.format.run import SUMS_FILE
 from rpo_log.verify.difference import Difference
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from rpo_log.format import code
 from rpo_log.format.run import INFO_FILE, cannot_write
 
 _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
@@ -44,9 +45,10 @@ def _processor() -> str:
 
 
 def write_run_info(folder: str | Path, facts: Mapping[str, Any]) -> None:
-    """Write run_info.yaml: the facts of the caller, then those of the machine; raises LogError."""
+    """Write run_info.yaml: the facts of the caller, of the code, of the machine; LogError."""
     path = Path(folder) / INFO_FILE
-    text = yaml.safe_dump({**facts, 'machine': machine_facts()}, sort_keys=False)
+    made_by = {'version': code.version(), 'sha256': code.digest()}
+    text = yaml.safe_dump({**facts, 'code': made_by, 'machine': machine_facts()}, sort_keys=False)
     try:
         path.write_text(text, encoding='utf-8')
     except OSError as error:
