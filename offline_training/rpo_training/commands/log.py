@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 VERIFY_EXAMPLES = """
 Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
-readable log,
-3 as computed as far as the log goes
+readable log, 3 as computed as far as the log goes
 """
 KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
 SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'

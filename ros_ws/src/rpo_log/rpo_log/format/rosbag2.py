@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +128,13 @@ class _NoAliases(yaml.SafeDumper):
 
 def to_yaml(document: dict[str, Any]) -> str:
     """Return a document in the one form that this writer gives it."""
-    return yaml.dump(document, Dumper=_NoAliases, sort_keys=False, width=1000)
+    return _dumped(json.dumps(document))
+
+
+@lru_cache(maxsize=64)
+def _dumped(document: str) -> str:
+    """Return a JSON document as YAML, which takes PyYAML some milliseconds."""
+    return yaml.dump(json.loads(document), Dumper=_NoAliases, sort_keys=False, width=1000)
 
 
 def record_values(topics: Iterable[BagTopic], file: BagFile) -> dict[str, str]:

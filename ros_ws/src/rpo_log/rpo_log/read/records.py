@@ -161,6 +161,10 @@ class FileRecords:
         reader = _StrictReader(stream, size, self)
         try:
             yield from reader.records
+            rest = size - reader.end - len(MAGIC)
+            self.damage = (
+                f'{rest} bytes follow its end' if rest and not self.damage else self.damage
+            )
         except (EndOfFile, InvalidMagic):
             self.damage = (
                 'the last 8 bytes are missing'

@@ -9,7 +9,8 @@ some nothing is known.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+import re
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,9 @@ from rpo_log.verify.verification import Verification
 from rpo_log.write.bag_file import bag_topics
 
 MAX_METADATA_BYTES = 1 << 22
+MAX_BESIDE_BYTES = 1 << 31
+
+_LOG = re.compile(r'run(_[0-9]+)?\.mcap')
 
 
 @dataclass(frozen=True)
@@ -50,14 +54,19 @@ class Digests:
     unlisted: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, folder: Path) -> Digests:
-        """Compare the files of a folder with SHA256SUMS, if there is one; raises LogError."""
+    def of(cls, folder: Path, without: Collection[str] = ()) -> Digests:
+        """Compare the files of a folder with SHA256SUMS, if there is one; raises LogError.
+
+        without : names of files that are passed over
+        """
         listed = sums.read_sums(folder)
-        there = list(sums.files_below(folder))
+        if listed is not None:
+            listed = {name: digest for name, digest in listed.items() if name not in without}
+        there = [name for name in sums.files_below(folder) if name not in without]
         if listed is None:
             return cls(unlisted=tuple(there))
         missing = tuple(name for name in listed if name not in there)
-        same = {n: sums.digest_of(folder / n) == listed[n] for n in there if n in listed}
+        same = {n: _digest(folder / n) == listed[n] for n in there if n in listed}
         return cls(
             tuple(name for name, equal in same.items() if equal),
             tuple(name for name, equal in same.items() if not equal),
@@ -69,6 +78,12 @@ class Digests:
         """Return what is not as listed, for people."""
         found = [f'{name} is not the file that {SUMS_FILE} lists' for name in self.changed]
         return found + [f'{name} is missing, which {SUMS_FILE} lists' for name in self.missing]
+
+
+def _digest(path: Path) -> str:
+    """Return the SHA-256 of a file; empty if it is longer than a file beside a log can be."""
+    is_log = _LOG.fullmatch(path.name) is not None
+    return sums.digest_of(path) if is_log or path.stat().st_size <= MAX_BESIDE_BYTES else ''
 
 
 def metadata_fault(reader: RunReader) -> str:
@@ -115,10 +130,6 @@ class Evidence:
 
     def of_log(self, statuses: Statuses, free: bool) -> None:
         """Judge run_status, and the records of the log that are not messages."""
-        if statuses.rounded:
-            self._unknown.append(
-                'the last digits of figures in run_status, as an older version has'
-            )
         self._recomputed.append('phases and figures of run_status')
         self._unknown.append('texts of events')
         if free:
@@ -151,7 +162,8 @@ class Evidence:
             return
         if not self._reader.damage and (folder / METADATA_FILE).exists():
             self._take(metadata_fault(self._reader), METADATA_FILE)
-        digests = Digests.of(folder)
+        broken = [path.name for path in self._reader.files] if self._reader.damage else []
+        digests = Digests.of(folder, broken)
         self._faults = tuple(digests.faults())
         proven = {*self._recomputed, *(path.name for path in self._reader.files)}
         self._digested = tuple(name for name in digests.matched if name not in proven)
