@@ -4,14 +4,22 @@
 
 from __future__ import annotations
 
+import os
+import random
+import resource
 import shutil
+import struct
+from dataclasses import replace
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import FORCE, STATE, STATUS, make_run, rewrite
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from rpo_core import cdr
@@ -19,11 +27,18 @@ from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.format import schemas
 from rpo_log.format.run import TimeBase
 from rpo_log.read import decode, stream
+from rpo_log.read.records import MAGIC, RECORD_HEAD
 from rpo_log.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_log.write.mcap_file import McapFile
 from rpo_log.write.writer import RunLogWriter
+from tools.mutate_runs import Parts
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+
+
+@pytest.fixture
+def log(log_bytes, tmp_path_factory) -> Path:
+    return put(tmp_path_factory.mktemp('log'), log_bytes)
 
 
 def equal(log, flight) -> None:
@@ -422,3 +437,110 @@ def test_holes_are_nan_and_counted(run, log_bytes, tmp_path):
     assert np.flatnonzero(np.isnan(log.forces_n[:, 0])).tolist() == [100, 101]
     assert np.flatnonzero(np.isnan(log.states[:, 0])).tolist() == [250]
     assert not log.complete
+
+
+def foreign(path: Path, *records: bytes, size: int | None = None) -> Path:
+    """Write an MCAP file of raw records, without an end."""
+    content = MAGIC + b''.join(records)
+    path.write_bytes(content)
+    if size is not None:
+        os.truncate(path, size)
+    return path
+
+
+def record(opcode: Opcode, content: bytes, length: int | None = None) -> bytes:
+    return RECORD_HEAD.pack(opcode, len(content) if length is None else length) + content
+
+
+def chunk(data: bytes, compression: str, size: int) -> bytes:
+    name, packed = compression.encode(), data
+    head = struct.pack('<QQQII', 0, 0, size, 0, len(name)) + name + struct.pack('<Q', len(packed))
+    return record(Opcode.CHUNK, head + packed)
+
+
+HEADER = record(Opcode.HEADER, struct.pack('<I4sI9s', 4, b'ros2', 9, b'rpo_log/1'))
+
+
+@pytest.mark.parametrize(
+    ('name', 'packed'), [('zstd', zstandard.compress), ('lz4', lz4.frame.compress)]
+)
+def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path, name, packed):
+    size = 1 << 28
+    path = foreign(tmp_path / 'run.mcap', HEADER, chunk(packed(bytes(size)), name, size))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert f'it would have {size} bytes; at most' in refusal(path, Fault.CORRUPT)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
+
+
+def test_a_chunk_of_zeros_is_refused_at_its_first_record(tmp_path):
+    data = random.Random(1).randbytes(20_000)  # so that it does not grow too much
+    size = 1 << 20
+    packed = zstandard.compress(bytes(size - len(data)) + data)
+    path = foreign(tmp_path / 'run.mcap', HEADER, chunk(packed, 'zstd', size))
+    assert 'it holds a record of kind 0' in refusal(path, Fault.CORRUPT)
+
+
+def test_a_sparse_record_is_not_read(tmp_path):
+    length = 60 << 30
+    path = foreign(
+        tmp_path / 'run.mcap', HEADER, record(Opcode.ATTACHMENT, b'', length), size=length + 100
+    )
+    assert f'it has {length} bytes; at most' in refusal(path, Fault.CORRUPT)
+
+
+def test_what_follows_the_end_is_damage(log_bytes, tmp_path):
+    log = read_run(put(tmp_path, log_bytes + bytes(5)))
+    assert log.damage == 'run.mcap: 5 bytes follow its end'
+
+
+@pytest.mark.parametrize('name', ['scenario.yaml', 'controller.yaml'])
+@pytest.mark.parametrize('same', [False, True])
+def test_two_files_of_one_name_are_refused(log, tmp_path, name, same):
+    def attach(parts: Parts) -> None:
+        found = next(r for r in parts.records if getattr(r, 'name', '') == name)
+        data = found.data if same else found.data + b'# another\n'
+        parts.records.insert(5, replace(found, data=data))
+
+    assert f'carries two files named {name!r}' in refusal(
+        changed(log, tmp_path, attach), Fault.BAD_ATTACHMENT
+    )
+
+
+def changed(log: Path, tmp_path: Path, change) -> Path:
+    parts = Parts.of(log)
+    change(parts)
+    parts.write(tmp_path / 'run.mcap')
+    return tmp_path / 'run.mcap'
+
+
+def test_a_channel_that_changes_its_topic_is_refused(log, tmp_path):
+    # The MCAP writer numbers channels itself: the second record is made by hand.
+    content = log.read_bytes()
+    channel = (
+        b'\x01\x00'
+        + b'\x01\x00'
+        + struct.pack('<I', 6)
+        + b'/other'
+        + struct.pack('<I3sI', 3, b'cdr', 0)
+    )
+    end = content.index(record(Opcode.DATA_END, b'', 4)[:9])
+    path = tmp_path / 'run.mcap'
+    path.write_bytes(content[:end] + record(Opcode.CHANNEL, channel) + content[end:])
+    data = bytearray(path.read_bytes())
+    at = bytes(data).index(RECORD_HEAD.pack(Opcode.DATA_END, 4), end) + 9
+    data[at : at + 4] = bytes(4)  # no checksum
+    path.write_bytes(bytes(data))
+    assert 'two channel records of number 1' in refusal(path, Fault.CORRUPT)
+
+
+@pytest.mark.parametrize('version', ['²', '٣', '9' * 5000, ''])
+def test_a_version_that_is_no_number_is_no_newer_one(log, tmp_path, version):
+    def rename(parts: Parts) -> None:
+        parts.records[0] = replace(parts.records[0], library=f'rpo_log/{version}')
+
+    assert read_run(changed(log, tmp_path, rename)).complete
+
+
+def test_parts_of_a_split_log_are_numbered_in_plain_digits(log, tmp_path):
+    shutil.copy(log, tmp_path / 'run_²0.mcap')
+    assert 'holds no run.mcap' in refusal(tmp_path, Fault.NOT_FOUND)

@@ -131,9 +131,8 @@ class Statuses:
         yield from self._others(phase, status)
 
     def _next_phases(self) -> tuple[str, ...]:
-        if not self._phases:
-            return (_RUNNING, _ABORTED)
-        return (_RUNNING, _FINISHED, _ABORTED) if self._phases[-1] == _RUNNING else ()
+        goes_on = self._phases[-1:] in ([], [_RUNNING])  # the first may be missing: a gap
+        return (_RUNNING, _FINISHED, _ABORTED) if goes_on else ()
 
     def _figures(self, tick: int, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
         found = [block.at(tick, self._scenario) for block in self._blocks]

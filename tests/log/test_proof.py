@@ -1,0 +1,322 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is proven of a run folder: its files recomputed or compared by digest, signed or not."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from log_runs import STATUS, TOPICS, Run, make_run
+
+from rpo_core import cdr, explain
+from rpo_core.controller import load_controller
+from rpo_core.validation import InputError
+from rpo_log import signature
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format import sums
+from rpo_log.tools.repair import repair
+from rpo_log.tools.sign import sign_run
+from rpo_log.verify import verify
+from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
+from tools.mutate_runs import Case, Parts, run_cases
+
+RATE_HZ = 1.0
+PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: paper_test}\n'
+
+
+def decision(run: Run, tick: int) -> bytes:
+    control = load_controller('handmade')
+    label = explain.label(control, hashlib.sha256(run.attachments['controller.yaml']).hexdigest())
+    flight = run.flight
+    reasons = explain.reasons(control, flight.states[tick].tolist(), flight.forces_n[tick].tolist())
+    statuses = [
+        cdr.Status(0, f'decision: {axis}', sentence, label, tuple((n, repr(v)) for n, v in pairs))
+        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
+    ]
+    return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
+
+
+def record(folder: Path) -> Path:
+    """Write a run folder as the recorder leaves it."""
+    run = make_run(3.0)
+    run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
+    run.write(folder)
+    decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
+    for tick in range(0, 31, 10):
+        decisions.record(decision(run, tick))
+    decisions.close()
+    health = HealthLogWriter(folder)
+    status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))
+    health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))
+    health.close()
+    (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
+    sums.write_sums(folder)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory) -> Path:
+    return record(tmp_path_factory.mktemp('proof') / 'run')
+
+
+@pytest.fixture
+def folder(recorded, tmp_path) -> Path:
+    return Path(shutil.copytree(recorded, tmp_path / 'run'))
+
+
+@pytest.fixture(scope='module')
+def keys(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('keys')
+    (folder / 'trusted').mkdir()
+    for name in ('me', 'other'):
+        signature.make_key(folder / f'{name}.pem')
+    (folder / 'me.pub.pem').rename(folder / 'trusted' / 'me.pub.pem')
+    return folder
+
+
+def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
+    found = verify(recorded)
+    assert found.exit_code == ExitCode.OK
+    assert found.recomputed == (
+        'phases and figures of run_status', 'records beside the messages', 'decisions.mcap',
+        'metadata.yaml',
+    )  # fmt: skip
+    assert found.digested == ('health.mcap', 'run_info.yaml')
+    assert any('texts of events' in what for what in found.unknown)
+    text = '\n'.join(found.lines())
+    attached = make_run(3.0).attachments['controller.yaml']
+    assert f'{hashlib.sha256(attached).hexdigest()}  controller.yaml' in text
+    assert 'not signed by a trusted key' in text
+
+
+def test_a_log_alone_proves_its_flight_and_says_so(recorded, tmp_path):
+    shutil.copy(recorded / 'run.mcap', tmp_path)
+    found = verify(tmp_path / 'run.mcap')
+    assert found.exit_code == ExitCode.OK and found.digested == ()
+    assert 'metadata.yaml' not in found.recomputed
+
+
+def test_without_digests_the_other_files_are_not_known(folder):
+    (folder / 'SHA256SUMS').unlink()
+    found = verify(folder)
+    assert found.exit_code == ExitCode.OK and found.digested == ()
+    assert {'health.mcap', 'run_info.yaml'} <= set(found.unknown)
+
+
+def test_sha256sum_checks_the_same_digests(folder):
+    done = subprocess.run(['sha256sum', '--check', 'SHA256SUMS'], cwd=folder, check=False)
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize('name', ['health.mcap', 'run_info.yaml', 'run.mcap'])
+@pytest.mark.parametrize('remove', [False, True])
+def test_a_file_that_is_not_the_recorded_one(folder, name, remove):
+    if name == 'run.mcap':  # its messages are the same, its chunks are not
+        parts = Parts.of(folder / name)
+        parts.records = [record for record in parts.records if record is not None]
+        parts.write(folder / name)
+    elif remove:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes((folder / name).read_bytes() + b'\n')
+    found = verify(folder)
+    assert found.exit_code == ExitCode.DIFFERENT
+    assert name in found.sentence() and 'SHA256SUMS' in found.sentence()
+
+
+def test_forged_metadata_with_fitting_digests(folder):
+    path = folder / 'metadata.yaml'
+    path.write_text(path.read_text().replace('message_count: 31', 'message_count: 30', 1))
+    sums.write_sums(folder)
+    found = verify(folder)
+    assert found.exit_code == ExitCode.INCOMPLETE
+    assert 'metadata.yaml is not that of the log; line' in found.sentence()
+
+
+def test_forged_decisions_with_fitting_digests(folder):
+    parts = Parts.of(folder / 'decisions.mcap')
+    at = [i for i, r in enumerate(parts.records) if type(r).__name__ == 'RawMessage'][2]
+    message = parts.records[at]
+    data = message.data.replace(b'force ', b'Force ', 1)
+    assert data != message.data
+    parts.records[at] = message._replace(data=data)
+    parts.write(folder / 'decisions.mcap')
+    sums.write_sums(folder)
+    difference = verify(folder).difference
+    assert (difference.tick, difference.check, difference.field) == (20, 'decisions', 'message')
+
+
+def test_decisions_that_are_missing(folder):
+    parts = Parts.of(folder / 'decisions.mcap')
+    at = [i for i, r in enumerate(parts.records) if type(r).__name__ == 'RawMessage'][-1]
+    parts.records.pop(at)
+    parts.write(folder / 'decisions.mcap')
+    sums.write_sums(folder)
+    sentence = verify(folder).sentence()
+    assert '1 decisions are missing, the first at tick 30' in sentence
+    (folder / 'decisions.mcap').unlink()
+    sums.write_sums(folder)
+    assert 'decisions.mcap is missing' in verify(folder).sentence()
+
+
+def run_status(folder: Path, change) -> ExitCode:
+    """Verify a log whose run_status was changed."""
+    run = make_run(3.0)
+    sent = [(n, t, change(t, d) if n == STATUS else d) for n, t, d in run.messages]
+    run.write(folder, [message for message in sent if message[2]])
+    return verify(folder).exit_code
+
+
+@pytest.mark.parametrize(
+    ('field', 'value'),
+    [
+        ('phase', 'aborted'), ('phase', 'landed'), ('energy_n2s', '-0.0'), ('tick', '29'),
+        ('distance_m', None), ('saturated_ticks', '1'), ('time_s', '3.00'), ('speed_m_s', 'nan'),
+        ('more', '1'),
+    ],
+)  # fmt: skip
+def test_run_status_says_nothing_that_was_not_so(tmp_path, field, value):
+    def change(tick, data):
+        if tick == 0:
+            return data
+        status = cdr.decode_status(data)
+        values = dict(status.values) | {field: value}
+        kept = {name: text for name, text in values.items() if text is not None}
+        return cdr.encode_status(*status[:4], kept)
+
+    assert run_status(tmp_path, lambda _, data: data) == ExitCode.OK
+    shutil.rmtree(tmp_path)
+    assert run_status(tmp_path, change) == ExitCode.DIFFERENT
+
+
+@pytest.mark.parametrize('tick', [0, 30])
+def test_a_flight_that_says_neither_begin_nor_end_is_not_whole(tmp_path, tick):
+    assert run_status(tmp_path, lambda t, d: None if t == tick else d) == ExitCode.INCOMPLETE
+
+
+def test_one_last_digit_of_the_energy(tmp_path):
+    def change(tick, data):
+        status = cdr.decode_status(data)
+        values = dict(status.values)
+        text = values['energy_n2s']
+        values['energy_n2s'] = text[:-1] + ('1' if text[-1] != '1' else '2')
+        return cdr.encode_status(*status[:4], values)
+
+    assert run_status(tmp_path, change) == ExitCode.DIFFERENT
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['nothing', '0' * 64 + '  ../run.mcap', '0' * 64 + '  /etc/passwd', '0' * 64 + ' run.mcap'],
+)
+def test_sums_that_are_none(folder, line):
+    with (folder / 'SHA256SUMS').open('a') as stream:
+        stream.write(f'{line}\n')
+    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256') as found:
+        verify(folder)
+    assert found.value.fault is Fault.BAD_SUMS
+
+
+def test_a_signed_run_and_each_way_in_which_it_is_not(folder, keys):
+    assert 'signs 5 files' in sign_run(folder, keys / 'me.pem')
+    found = verify(folder, keys / 'trusted')
+    assert (found.exit_code, found.signed_by) == (ExitCode.OK, 'me.pub.pem')
+    assert 'signed by me.pub.pem' in '\n'.join(found.lines())
+    assert verify(folder).exit_code == ExitCode.OK
+
+    other = verify(folder, keys / 'other.pub.pem')
+    assert other.exit_code == ExitCode.INCOMPLETE and 'has signed it' in other.sentence()
+    (folder / 'run_info.yaml').write_text('run: {end: aborted}\n')
+    assert verify(folder, keys / 'trusted').exit_code == ExitCode.DIFFERENT
+    sums.write_sums(folder)  # takes the signature away
+    assert not (folder / 'SHA256SUMS.sig').exists()
+    assert verify(folder, keys / 'trusted').exit_code == ExitCode.INCOMPLETE
+    single = verify(folder / 'run.mcap', keys / 'trusted')
+    assert single.exit_code == ExitCode.INCOMPLETE
+
+
+def test_what_came_later_is_signed_too_and_what_changed_is_not(folder, keys):
+    (folder / 'report').mkdir()
+    (folder / 'report' / 'index.html').write_text('fine')
+    assert 'report/index.html' in verify(folder).unknown
+    assert 'signs 6 files' in sign_run(folder, keys / 'me.pem')
+    assert 'report/index.html' in verify(folder, keys / 'trusted').digested
+    (folder / 'report' / 'index.html').write_text('better')
+    with pytest.raises(LogError, match=r'cannot be signed: report/index\.html is not the file'):
+        sign_run(folder, keys / 'me.pem')
+
+
+def test_openssl_agrees(folder, keys):
+    sign_run(folder, keys / 'me.pem')
+    command = ['openssl', 'pkeyutl', '-verify', '-pubin', '-rawin', '-in', 'SHA256SUMS']
+    command += ['-sigfile', 'SHA256SUMS.sig', '-inkey', str(keys / 'trusted' / 'me.pub.pem')]
+    if shutil.which('openssl') is None:
+        pytest.skip('openssl is not installed')
+    assert subprocess.run(command, cwd=folder, check=False).returncode == 0
+
+
+@pytest.mark.parametrize('content', [b'', b'no key', None])
+def test_keys_that_are_none(folder, tmp_path, keys, content):
+    path = tmp_path / 'bad.pem'
+    if content is not None:
+        path.write_bytes(content)
+    for use in (lambda: sign_run(folder, path), lambda: verify(folder, path)):
+        with pytest.raises(InputError, match=r'bad\.pem'):
+            use()
+    with pytest.raises(InputError, match='must be an Ed25519 private key'):
+        sign_run(folder, keys / 'trusted' / 'me.pub.pem')
+
+
+def test_a_key_is_never_overwritten_and_only_its_owner_reads_it(keys):
+    assert (keys / 'me.pem').stat().st_mode & 0o077 == 0
+    with pytest.raises(InputError, match='File exists'):
+        signature.make_key(keys / 'me.pem')
+
+
+def test_a_repaired_run_has_new_digests(folder, keys):
+    sign_run(folder, keys / 'me.pem')
+    data = (folder / 'run.mcap').read_bytes()
+    (folder / 'run.mcap').write_bytes(data[: len(data) * 3 // 4])
+    assert verify(folder).exit_code == ExitCode.DIFFERENT or verify(folder).gaps
+    output = repair(folder).output
+    found = verify(output)
+    assert not found.faults and 'run_info.yaml' in found.digested
+    assert not (output / 'SHA256SUMS.sig').exists()
+
+
+def test_pipes_do_not_hang(folder):
+    for name in ('health.mcap', 'SHA256SUMS', 'run.mcap'):
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+        try:
+            assert verify(folder).exit_code != ExitCode.OK
+        except LogError as error:
+            assert '\n' not in str(error)
+
+
+def test_changed_runs_deceive_nobody(recorded):
+    found = run_cases(recorded, seed=1, first=0, last=300)
+    assert not [key for key in found if key[0].split()[0].isupper()]
+    outcomes = {outcome for outcome, _ in found}
+    assert {'refused', 'different', 'incomplete', 'verified'} <= outcomes
+
+
+def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
+    # A verifier that proves whatever it is given: the bench must say so.
+    from tools import mutate_runs
+
+    true = verify(recorded)
+    monkeypatch.setattr(mutate_runs, 'verify', lambda _: true)
+    monkeypatch.setattr(Case, '_is_same', lambda *_: False)
+    assert any(outcome == 'FALSE PROOF' for outcome, _ in run_cases(recorded, 1, 0, 3))
+
+
+@pytest.mark.slow
+def test_many_changed_runs_deceive_nobody(recorded):
+    found = run_cases(recorded, seed=2, first=0, last=20_000)
+    assert not [key for key in found if key[0].split()[0].isupper()]
