@@ -23,7 +23,8 @@ from rpo_log.tools.repair import repair
 from rpo_log.tools.sign import sign_run
 from rpo_log.verify import verify
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
-from tools.mutate_runs import Case, Parts, run_cases
+from tools.mutate_runs import Case, run_cases
+from tools.mutations import Parts
 
 RATE_HZ = 1.0
 PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: paper_test}\n'

@@ -287,7 +287,8 @@ def _repair_folder(folder: Path, output: str | Path | None, in_place: bool) -> R
         rosbag2.write_metadata(target, _bag_topics(log), [f.bag_file(f.path.name) for f in log])
     except OSError as error:
         raise cannot_write(target / METADATA_FILE, error) from None
-    sums.write_sums(target)
+    if (folder / SUMS_FILE).exists():
+        sums.write_sums(target)
     return Repair(target, tuple(done))
 
 
