@@ -35,7 +35,7 @@ from rpo_log.verify.verification import Verification
 from rpo_log.write.bag_file import bag_topics
 
 MAX_METADATA_BYTES = 1 << 22
-MAX_BESIDE_BYTES = 1 << 31
+MAX_BESIDE_BYTES = 1 << 28
 
 _LOG = re.compile(r'run(_[0-9]+)?\.mcap')
 
