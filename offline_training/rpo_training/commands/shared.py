@@ -21,7 +21,8 @@ def echo(text: object, err: bool = False) -> None:
 
 Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
 Cluster = Annotated[
-    str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
+    str,
+    typer.Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786'),
 ]
 
 
