@@ -17,6 +17,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
+from rpo_core.validation import printable
+
+
+def plain_console(stderr: bool = False) -> Console:
+    """Return a console that prints texts as they are: a name may hold `[bold]` or `[/]`."""
+    return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+
+
 EVERY_S = 10.0
 """Time between lines where there is no terminal."""
 
@@ -37,11 +45,11 @@ def print_table(
         table.add_column(Text(heading), justify='left' if place < left else 'right', no_wrap=True)
     for row in rows:
         table.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
-    console = Console()
+    console = plain_console()
     any_width = console.options.update(width=1000)
     console.width = max(console.width, console.measure(table, options=any_width).maximum)
     if title:
-        console.print(Text(title))
+        console.print(printable(title))
     console.print(table)
 
 
@@ -51,8 +59,8 @@ def progress() -> Iterator[Callable[[str, float, float], None]]:
 
     It draws a bar on a terminal, and prints a line for each new work elsewhere.
     """
-    console, last = Console(stderr=True), ''
-    columns = TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn()
+    console, last = plain_console(stderr=True), ''
+    columns = TextColumn('{task.description}', markup=False), BarColumn(), MofNCompleteColumn()
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
     task = bar.add_task('')
 
@@ -60,7 +68,7 @@ def progress() -> Iterator[Callable[[str, float, float], None]]:
         nonlocal last
         bar.update(task, description=what, completed=done, total=total)
         if what != last and not console.is_terminal:
-            console.print(what, highlight=False)
+            console.print(what)
         last = what
 
     with bar:
@@ -74,9 +82,13 @@ class Display:
     """
 
     def __init__(self, folder: Path, console: Console | None = None) -> None:
-        self.console = console or Console(stderr=True)
-        self.console.print(f'{folder}', highlight=False)
-        columns = (TextColumn('{task.description}'), BarColumn(), MofNCompleteColumn())
+        self.console = console or plain_console(stderr=True)
+        self.console.print(printable(folder))
+        columns = (
+            TextColumn('{task.description}', markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+        )
         self._bar = Progress(*columns, TextColumn('{task.fields[left]} left'))
         self._task = self._bar.add_task('', total=None, left='?')
         self._live = Live(console=self.console, refresh_per_second=4)
@@ -99,4 +111,4 @@ class Display:
         elif time.monotonic() - self._last >= EVERY_S:
             self._last = time.monotonic()
             line = f'{what} {done}/{total}  {sentence}  {left} left'
-            self.console.print(line, highlight=False, soft_wrap=True)
+            self.console.print(line, soft_wrap=True)

@@ -1,18 +1,23 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Files that commands write: complete or not at all, and parts of pages between two markers."""
+"""Files of commands: written complete or not at all, locked, read back with damage noticed."""
 
 from __future__ import annotations
 
+import fcntl
+import hashlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
+from rpo_core import files
 from rpo_core.validation import InputError, shown, text
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rpo_core.flight import Flight
 
 END = '<!-- end -->'
@@ -25,6 +30,38 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
+
+
+@contextmanager
+def alone(path: Path, doing: str) -> Iterator[None]:
+    """Lock a file; raises InputError if another process holds it, and is `doing` the same."""
+    with ExitStack() as stack:
+        with writing(path):
+            file = stack.enter_context(path.open('r+b', buffering=0))
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f'{path.parent}: another process {doing}') from None
+        yield
+
+
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Return arrays of an .npz file, all if none is named.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no regular file, or damaged in any way.
+    """
+    import numpy as np
+
+    try:
+        with files.open_regular(path) as file, np.load(file, allow_pickle=False) as saved:
+            return {name: saved[name] for name in names or saved.files}
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except Exception as error:  # zipfile and NumPy raise all kinds of them for damaged bytes
+        raise InputError(f'{path}: is damaged: {error}') from None
 
 
 def write_flight(flight: Flight, path: Path) -> None:
@@ -66,6 +103,11 @@ def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         raise
 
 
+def digest_of(*texts: str) -> str:
+    """Return the SHA-256 of texts, in hexadecimal."""
+    return hashlib.sha256('\0'.join(texts).encode()).hexdigest()
+
+
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a Markdown table."""
     lines = [f'| {" | ".join(cells)} |' for cells in (headings, *rows)]
@@ -97,7 +139,7 @@ def check_name(name: str, what: str) -> None:
 def put(page: Path, command: str, content: str) -> None:
     """Replace the text between the marker of a command and END; add both to a page without."""
     begin = f'<!-- printed by `{command}` -->'
-    page_text = page.read_text() if page.is_file() else ''
+    page_text = files.read_text(page) if page.is_file() else ''
     if begin not in page_text:
         page_text = f'{page_text.rstrip()}\n\n{begin}\n{END}\n'.lstrip()
     before, _, rest = page_text.partition(begin)

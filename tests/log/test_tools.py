@@ -8,12 +8,14 @@ import csv
 import importlib.util
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
 from mcap.reader import make_reader
+from typer.testing import CliRunner
 
 from rpo_core import cdr
 from rpo_log.errors import ExitCode, Fault, LogError
@@ -24,6 +26,7 @@ from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.write.run_info import machine_facts, write_run_info
 from rpo_log.write.side_file import HealthLogWriter
+from rpo_training.cli import app
 
 
 @pytest.fixture(scope='module')
@@ -47,6 +50,15 @@ def test_info_of_a_whole_log(run, log):
     assert counts == {n: sum(1 for m in run.messages if m[0] == n) for n in run.topics}
     assert found.attachments.keys() == run.attachments.keys()
     assert any('401 messages' in line for line in found.lines())
+
+
+def test_foreign_names_go_escaped_to_the_terminal(monkeypatch):
+    lines = ['attached: a\x1b[2J\n/fake  3 bytes', 'x' * 200_000]
+    found = SimpleNamespace(lines=lambda: lines, exit_code=0)
+    monkeypatch.setattr('rpo_log.tools.info.inspect', lambda path: found)
+    shown = CliRunner().invoke(app, ['log', 'info', 'run']).output.splitlines()
+    assert shown[0] == r'attached: a\x1b[2J\n/fake  3 bytes'
+    assert len(shown) == 2 and len(shown[1]) == 2000
 
 
 def test_info_of_a_log_cut_short(log, tmp_path):

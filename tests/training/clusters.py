@@ -21,23 +21,30 @@ def _drain(process):
     threading.Thread(target=process.stderr.read, daemon=True).start()
 
 
+LOCAL = ('--host', '127.0.0.1', '--no-dashboard', '--dashboard-address', '127.0.0.1:0')
+"""Options of docs/campaigns.md; without the last an HTTP port is open to all."""
+
+
 @contextmanager
-def cluster(workers, folder):
-    """Start a scheduler and workers as processes; yield its address and all of them."""
-    local = ['--host', '127.0.0.1']
-    scheduler = _start('dask_scheduler', *local, '--port', '0', '--no-dashboard')
+def cluster(workers, folder, *tls):
+    """Start a scheduler and workers as processes; yield its address and all of them.
+
+    tls : options of dask, for a cluster that encrypts
+    """
+    protocol = 'tls' if tls else 'tcp'
+    scheduler = _start('dask_scheduler', *LOCAL, '--port', '0', '--protocol', protocol, *tls)
     processes = [scheduler]
     try:
         address = next(
             found.group()
             for line in scheduler.stderr
-            if (found := re.search(r'tcp://127.0.0.1:\d+', line))
+            if (found := re.search(rf'{protocol}://127.0.0.1:\d+', line))
         )
         _drain(scheduler)
         for _ in range(workers):
             worker = _start(
-                *('dask_worker', address, *local, '--nthreads', '1', '--no-nanny'),
-                *('--no-dashboard', '--local-directory', str(folder)),
+                *('dask_worker', address, *LOCAL, *tls, '--nthreads', '1', '--no-nanny'),
+                *('--local-directory', str(folder)),
             )
             processes.append(worker)
             _drain(worker)

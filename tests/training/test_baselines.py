@@ -212,7 +212,9 @@ def compare(tmp_path, monkeypatch):
     text = comparison.files.read_text(comparison.files.find('scenario', comparison.STARTS))
     kept = tmp_path / 'out' / f'optimum-{comparison.key_of("optimum", text)}.json'
     kept.parent.mkdir()
-    kept.write_text('{"mean": 2.5}')
+    optimum = {'mean': 2.5}
+    digest = comparison.digest_of(json.dumps(optimum))
+    kept.write_text(json.dumps({'sha256': digest, 'result': optimum}))
     return run
 
 
@@ -246,6 +248,16 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert again.exit_code == 0, again.output
     rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']
     assert {**rows[1], 'command_us': 0} == {**baseline, 'command_us': 0}
+
+
+@pytest.mark.parametrize('kept', ['', '[', '[' * 100_000, '3', '{"result": {"mean": 1.0}}', None])
+def test_a_kept_result_that_was_changed_is_computed_anew(kept, tmp_path):
+    made = comparison.Comparison([], tmp_path, tmp_path)
+    assert made._kept('../[/x]', ['text'], lambda: {'mean': 1.0}) == {'mean': 1.0}
+    (path,) = tmp_path.iterdir()  # a name is no way out of the folder
+    path.write_text(path.read_text().replace('1.0', '9.0') if kept is None else kept)
+    assert made._kept('../[/x]', ['text'], lambda: {'mean': 2.0}) == {'mean': 2.0}
+    assert made._kept('../[/x]', ['text'], lambda: {'mean': 3.0}) == {'mean': 2.0}
 
 
 def test_a_table_goes_between_its_marks_only(tmp_path):

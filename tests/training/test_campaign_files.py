@@ -3,6 +3,7 @@
 """Campaigns on disk and by command: the same bytes, interrupted or killed; bad input."""
 
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -185,6 +186,84 @@ def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):
         file.write(b'\1')
     with pytest.raises(InputError, match='results are damaged'):
         Store.open(folder).pending()
+
+
+def numbers(campaign, unit):
+    """Return what a unit might have as results, without flying it."""
+    size = min(run_batch.UNIT, campaign.config.runs - unit * run_batch.UNIT)
+    return np.random.default_rng(unit).random((len(run_batch.COLUMNS), size))
+
+
+@pytest.fixture
+def begun(write, tmp_path, monkeypatch):
+    """Return the folder of a campaign with three of seven units done."""
+    monkeypatch.setattr(execution, 'fly_unit', numbers)
+    store = Store.create(tmp_path / 'begun', config.load(write(runs=1250, seed=1)))
+    for unit in (0, 3, 6):
+        store.put(unit, numbers(store.campaign, unit))
+    assert Store.open(store.folder).pending() == [1, 2, 4, 5]
+    return store.folder
+
+
+@pytest.mark.parametrize('name', ['campaign.yaml', 'scenario.yaml', 'controller.yaml'])
+def test_results_of_two_configurations_are_never_mixed(begun, name):
+    text = (begun / name).read_text()
+    changed = text.replace('seed: 1', 'seed: 2') if name == 'campaign.yaml' else f'{text}# so\n'
+    assert changed != text
+    (begun / name).write_text(changed)
+    with pytest.raises(InputError, match='must be as they were when the campaign began'):
+        Store.open(begun)
+    bound = begun / 'versions.yaml'
+    bound.write_text(re.sub('files_sha256: .*', '', bound.read_text()))
+    with pytest.raises(InputError, match='must be as they were'):
+        Store.open(begun)
+    (begun / name).write_text(text)
+
+
+def test_a_damaged_part_is_flown_again(begun):
+    """Zeros, as after a power cut, were taken for results."""
+    part, done = (begun / 'results.part').read_bytes(), (begun / 'done.part').read_bytes()
+    (begun / 'results.part').write_bytes(bytes(len(part)))
+    assert Store.open(begun).pending() == list(range(7))
+    (begun / 'results.part').write_bytes(part)
+    (begun / 'done.part').write_bytes(b'\1' * len(done))
+    assert Store.open(begun).pending() == list(range(7))
+    (begun / 'done.part').write_bytes(done)
+    flipped = bytearray(part)
+    flipped[8 * 1250 * 5 + 8 * 3 * run_batch.UNIT] ^= 1  # column 5, the first run of unit 3
+    (begun / 'results.part').write_bytes(flipped)
+    store = Store.open(begun)
+    assert store.pending() == [1, 2, 3, 4, 5]
+    execution.fly(store, 1)
+    columns = dict(zip(run_batch.COLUMNS, numbers(store.campaign, 3), strict=True))
+    mass = store.column('mass_kg')[3 * run_batch.UNIT : 4 * run_batch.UNIT]
+    np.testing.assert_array_equal(mass, columns['mass_kg'])
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize('name', ['results.part', 'done.part', 'versions.yaml', 'scenario.yaml'])
+def test_a_pipe_in_a_folder_is_refused_at_once(begun, name):
+    (begun / name).unlink()
+    os.mkfifo(begun / name)
+    with pytest.raises(InputError, match=f'{name}: must be a regular file'):
+        Store.open(begun).pending()
+
+
+def test_damaged_results_are_one_sentence(begun):
+    store = Store.open(begun)
+    execution.fly(store, 1)
+    whole = (begun / 'results.npz').read_bytes()
+    for place in (*range(0, 60, 3), *range(len(whole) - 2000, len(whole), 9)):
+        spoiled = bytearray(whole)
+        spoiled[place] ^= 8
+        (begun / 'results.npz').write_bytes(spoiled)
+        try:
+            store.column(run_batch.COLUMNS[-1])
+        except InputError as error:
+            assert 'results.npz: ' in str(error)
+    np.savez(begun / 'results.npz', **{name: np.zeros(3) for name in run_batch.COLUMNS})
+    with pytest.raises(InputError, match='must have 1250 numbers of mass_kg'):
+        store.column('mass_kg')
 
 
 def test_a_disk_that_is_too_small_says_so_at_once(write, tmp_path):

@@ -3,11 +3,13 @@
 """A campaign on a dask cluster of real processes: lost workers, lost scheduler, the same bytes."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 
+import dask
 import pytest
 from clusters import cluster
 from typer.testing import CliRunner
@@ -77,7 +79,43 @@ def test_a_killed_scheduler_is_one_sentence_and_nothing_is_lost(tmp_path):
     assert len(Store.open(store.folder).pending()) == 5000 - len(came_in)
 
 
-@pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nowhere', 'http://127.0.0.1:9'])
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which('openssl') is None, reason='openssl is not installed')
+@pytest.mark.timeout(180)
+def test_with_tls_only_who_has_the_key_takes_part(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'campaign.yaml').write_text(CAMPAIGN.replace('12000', '600'))
+    campaign = config.load('campaign.yaml')
+    subprocess.run(
+        ['openssl', 'req', '-x509', '-newkey', 'ed25519', '-nodes', '-days', '1', '-subj',
+         '/CN=rpo', '-keyout', 'rpo.key', '-out', 'rpo.pem'],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    files = {'ca-file': 'rpo.pem', 'cert': 'rpo.pem', 'key': 'rpo.key'}
+    options = [part for name, path in files.items() for part in (f'--tls-{name}', path)]
+    names = {'ca-file': 'rpo.pem', 'client.cert': 'rpo.pem', 'client.key': 'rpo.key'}
+    own = {f'distributed.comm.tls.{name}': path for name, path in names.items()}
+    execution.fly(Store.create(tmp_path / 'alone', campaign))
+    with cluster(1, tmp_path, *options) as (address, (scheduler, _)):
+        listening = subprocess.run(['ss', '-ltnpH'], capture_output=True, text=True).stdout
+        mine = [line for line in listening.splitlines() if f'pid={scheduler.pid},' in line]
+        assert all('127.0.0.1:' in line for line in mine), mine
+        with pytest.raises(InputError, match='needs the certificates in the configuration of dask'):
+            execution.fly(Store.create(tmp_path / 'without', campaign), address=address)
+        with pytest.raises(InputError, match='scheduler that answers'):
+            plain = address.replace('tls', 'tcp')
+            execution.fly(Store.create(tmp_path / 'plain', campaign), address=plain)
+        with dask.config.set(own):
+            execution.fly(Store.create(tmp_path / 'together', campaign), address=address)
+    alone, together = (
+        (tmp_path / run / 'results.npz').read_bytes() for run in ('alone', 'together')
+    )
+    assert alone == together
+
+
+@pytest.mark.parametrize(
+    'address', ['tcp://127.0.0.1:9', 'nowhere', 'http://127.0.0.1:9', 'tls://127.0.0.1:9']
+)
 def test_a_cluster_that_does_not_answer_is_one_sentence(address, tmp_path, monkeypatch):
     monkeypatch.setattr(pool, 'CONNECT_S', 1)
     path = tmp_path / 'campaign.yaml'

@@ -11,7 +11,7 @@ import pytest
 from log_runs import FORCE, make_run, rewrite
 from typer.testing import CliRunner
 
-from rpo_core import cdr
+from rpo_core import cdr, files
 from rpo_core.controller import dumps, load_controller
 from rpo_core.explain import decisions
 from rpo_core.files import DEFAULT_CONTROLLER
@@ -47,6 +47,28 @@ def test_warnings_of_a_controller_are_shown(tmp_path):
     done = run(broken(tmp_path))
     assert done.exit_code == 0
     assert 'the force falls from Z to SN' in done.stdout and 'No warnings' not in done.stdout
+
+
+HOSTILE = '[/bold] [red]$\\frac$ :smile:'
+
+
+def test_names_are_printed_as_they_are(tmp_path, monkeypatch):
+    """A name like `[/bold]` was markup: a traceback."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / '[' / 'bold].yaml'
+    path.parent.mkdir()
+    shipped = load_controller('handmade')
+    path.write_text(dumps(replace(shipped, name=HOSTILE, description=f'{HOSTILE}\n\tmore')))
+    done = run('[/bold].yaml')
+    assert done.exit_code == 0 and HOSTILE in done.output
+    scenario = tmp_path / 'mine.yaml'
+    text = files.find('scenario', 'quick').read_text()
+    scenario.write_text(text.replace('name: quick', f"name: '{HOSTILE}'"))
+    for refused in (['simulate', '[/bold].yaml'], ['report', '[/bold]'], ['report', 'a\x1b[2J']):
+        done = CliRunner().invoke(app, refused, env={'COLUMNS': '300'})
+        assert done.exit_code == 2 and done.output.rstrip().isprintable(), done.output
+    arguments = ['simulate', 'mine.yaml', '--controller', '[/bold].yaml']
+    assert '[/bold].yaml' in CliRunner().invoke(app, arguments, env={'COLUMNS': '300'}).output
 
 
 def broken(tmp_path):

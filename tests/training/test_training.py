@@ -12,10 +12,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rpo_core import files
 from rpo_core.controller import load_controller
 from rpo_core.validation import InputError
+from rpo_training.outputs import alone
 from rpo_training.search import checkpoint
 from rpo_training.search import config as configs
+from rpo_training.search.checkpoint import Checkpoint
 from rpo_training.search.genetic import AdaptiveFeasibleMutation, generator
 from rpo_training.search.training import Training
 
@@ -194,6 +197,62 @@ def test_a_search_that_no_longer_repeats_is_noticed(halfway, monkeypatch):
     monkeypatch.setattr(configs, 'dumps', lambda config: (halfway / 'config.yaml').read_text())
     with pytest.raises(InputError, match='generation 1 does not repeat'):
         Training.resume(halfway)
+
+
+def test_a_checkpoint_is_bound_to_what_the_configuration_names(tmp_path):
+    """The scenario or a start could change between two halves of one training."""
+    scenario, start = tmp_path / 'mine.yaml', tmp_path / 'start.yaml'
+    scenario.write_text(files.find('scenario', 'paper_training').read_text())
+    start.write_text(files.find('controller', 'handmade').read_text())
+    config = replace(small(), scenario=str(scenario), start=(str(start),))
+
+    def stop(_):
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        Training.create(config, tmp_path / 'run', 1).run(stop)
+    for path in (scenario, start):
+        text = path.read_text()
+        path.write_text(f'{text}# another\n')
+        with pytest.raises(InputError, match='another content of the scenario or of a start'):
+            Training.resume(tmp_path / 'run')
+        path.write_text(text)
+    assert len(Training.resume(tmp_path / 'run').checkpoint.scores) == 1
+
+
+def test_two_processes_cannot_go_on_with_one_run(halfway):
+    with (
+        alone(halfway / 'config.yaml', 'holds it'),
+        pytest.raises(InputError, match='another process goes on with this run'),
+    ):
+        Training.resume(halfway).run()
+
+
+def test_a_flipped_bit_of_a_checkpoint_is_one_sentence(halfway):
+    """One in six hundred was a traceback: zipfile and NumPy raise all kinds of errors."""
+    path = halfway / 'checkpoint.npz'
+    whole, text = path.read_bytes(), (halfway / 'config.yaml').read_text()
+    kept = Checkpoint.load(path, text, Training.resume(halfway).inputs())
+    for place in range(0, 8 * len(whole), 101):
+        spoiled = bytearray(whole)
+        spoiled[place // 8] ^= 1 << place % 8
+        path.write_bytes(spoiled)
+        try:
+            found = Checkpoint.load(path, text, kept.inputs)
+        except InputError as error:
+            assert 'checkpoint.npz' in str(error)
+        else:
+            assert found.digests == kept.digests
+            assert all(map(np.array_equal, found.scores, kept.scores))
+
+
+@pytest.mark.timeout(20)
+def test_pipes_are_refused_at_once(halfway):
+    for name in ('checkpoint.npz', 'config.yaml'):
+        (halfway / name).unlink()
+        os.mkfifo(halfway / name)
+        with pytest.raises(InputError, match='must be a regular file'):
+            Training.resume(halfway)
 
 
 @pytest.mark.parametrize('damage', [b'', b'PK\x03\x04 torn', None])

@@ -93,6 +93,10 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """Return the configuration as the text of its file."""
         return yaml.safe_dump(asdict(self.config), sort_keys=False)
 
+    def inputs(self) -> list[str]:
+        """Return the text of the scenario."""
+        return [files.read_text(files.find('scenario', SCENARIO))]
+
     def make_search(self) -> Search:
         """Return the search over the space, from the middle of each."""
         own = self.config

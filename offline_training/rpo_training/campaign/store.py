@@ -4,9 +4,13 @@
 
 campaign.yaml, scenario.yaml, controller.yaml
     All that determines the outcome: the folder alone repeats any run.
+versions.yaml
+    Versions of the libraries that bits depend on, and a digest of the three files: results of two
+    configurations cannot be mixed.
 results.part, done.part
-    Until the end: columns one after the other, float64; and a byte per unit, 1 when it is done.
-    Units are written in any order, each at its place; nothing is kept in memory.
+    Until the end: columns one after the other, float64; and 8 bytes per unit, a digest of the
+    configuration and of its results when it is done, else 0. Units are written in any order, each
+    at its place; nothing is kept in memory. A unit that does not fit its digest is flown again.
 results.npz, summary.yaml
     At the end: one array per column, for `numpy.load`; rates, intervals, quantiles. They have the
     same bytes on any number of workers, interrupted or not.
@@ -14,7 +18,7 @@ results.npz, summary.yaml
 
 from __future__ import annotations
 
-import fcntl
+import hashlib
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -27,11 +31,11 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, mapping
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.run_batch import COLUMNS, UNIT, units
 from rpo_training.cluster.pool import versions
-from rpo_training.outputs import make_folder, write_aside, write_text
+from rpo_training.outputs import alone, digest_of, make_folder, read_arrays, write_aside, write_text
 
 Floats = NDArray[np.float64]
 
@@ -39,6 +43,14 @@ _TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
 _RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'
 _VERSIONS = 'versions.yaml'
 _BYTES = 8
+"""Of a number, and of the digest of a unit."""
+
+_BOUND = 'files_sha256'
+_NOT_DONE = bytes(_BYTES)
+
+
+def _versions(document: Any) -> dict[str, Any]:
+    return dict(mapping('', document, versions(), [_BOUND]))
 
 
 class Store:
@@ -46,6 +58,7 @@ class Store:
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
         self.folder, self.campaign = folder, campaign
+        self.bound = digest_of(*campaign.texts)
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:
@@ -66,8 +79,8 @@ class Store:
         make_folder(folder)
         runs = campaign.config.runs
         store._reserve(_PART, len(COLUMNS) * runs * _BYTES)
-        store._reserve(_DONE, units(runs))
-        write_text(folder / _VERSIONS, yaml.safe_dump(versions()))
+        store._reserve(_DONE, units(runs) * _BYTES)
+        write_text(folder / _VERSIONS, yaml.safe_dump({**versions(), _BOUND: store.bound}))
         for name, text in zip(reversed(_TEXTS), reversed(campaign.texts), strict=True):
             write_text(folder / name, text)  # campaign.yaml last: with it, the folder is one
         return store
@@ -79,11 +92,17 @@ class Store:
             raise InputError(f'{folder}: must be the folder of a campaign; it holds no {_TEXTS[0]}')
         names = tuple(str(folder / name) for name in _TEXTS)
         store = cls(folder, Campaign.of_texts(cls._texts(folder), names))  # type: ignore[arg-type]
-        theirs = files.load(folder / _VERSIONS, lambda document: document)
+        theirs = files.load(folder / _VERSIONS, _versions)
+        bound = theirs.pop(_BOUND, store.bound if store.finished else '')  # older ones have none
         if theirs != versions():
             raise InputError(
                 f'{folder}: was begun with {theirs}; resuming requires the same versions, '
                 f'not {versions()}'
+            )
+        if bound != store.bound:
+            raise InputError(
+                f'{folder}: {", ".join(_TEXTS)} must be as they were when the campaign began; '
+                f'undo the changes, or begin anew in another folder'
             )
         return store
 
@@ -97,17 +116,34 @@ class Store:
         return (self.folder / _RESULTS).is_file()
 
     def pending(self) -> list[int]:
-        """Return the units that are not done."""
+        """Return the units that are not done, or do not fit their digest."""
         if self.finished:
             return []
-        done = np.fromfile(self.folder / _DONE, np.uint8)
-        size = (self.folder / _PART).stat().st_size
         runs = self.campaign.config.runs
-        if len(done) != units(runs) or size != len(COLUMNS) * runs * _BYTES:
-            raise InputError(
-                f'{self.folder}: its results are damaged; start anew in another folder'
-            )
-        return np.flatnonzero(done == 0).tolist()
+        with self._read(_DONE) as file, self._read(_PART) as part:
+            digests = file.read(units(runs) * _BYTES + 1)
+            size = os.fstat(part.fileno()).st_size
+            if len(digests) != units(runs) * _BYTES or size != len(COLUMNS) * runs * _BYTES:
+                raise InputError(
+                    f'{self.folder}: its results are damaged; start anew in another folder'
+                )
+            claims = (digests[i : i + _BYTES] for i in range(0, len(digests), _BYTES))
+            return [
+                unit
+                for unit, claim in enumerate(claims)
+                if claim == _NOT_DONE or claim != self._digest(unit, self._results(part, unit))
+            ]
+
+    def _results(self, part: IO[bytes], unit: int) -> bytes:
+        """Return the results of a unit, column by column."""
+        runs, first = self.campaign.config.runs, unit * UNIT
+        size = min(UNIT, runs - first) * _BYTES
+        offsets = ((column * runs + first) * _BYTES for column in range(len(COLUMNS)))
+        return b''.join(os.pread(part.fileno(), size, offset) for offset in offsets)
+
+    def _digest(self, unit: int, results: bytes) -> bytes:
+        key = f'{self.bound} {unit} '.encode()
+        return hashlib.blake2b(key + results, digest_size=_BYTES).digest()
 
     @property
     def done_runs(self) -> int:
@@ -118,21 +154,17 @@ class Store:
     @contextmanager
     def alone(self) -> Iterator[None]:
         """Lock the folder; raises InputError if another process holds it."""
-        with self._opened(_TEXTS[0]) as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise InputError(f'{self.folder}: another process flies this campaign') from None
+        with alone(self.folder / _TEXTS[0], 'flies this campaign'):
             yield
 
     def put(self, unit: int, results: Floats) -> None:
         """Store results (len(COLUMNS), n) of a unit; they are safe from kill -9 afterwards."""
-        runs = self.campaign.config.runs
+        runs, columns = self.campaign.config.runs, [v.astype('<f8').tobytes() for v in results]
         with self._opened(_PART) as part, self._opened(_DONE) as done:
-            for column, values in enumerate(results):
-                offset = (column * runs + unit * UNIT) * _BYTES
-                os.pwrite(part.fileno(), values.astype('<f8').tobytes(), offset)
-            os.pwrite(done.fileno(), b'\1', unit)
+            for column, values in enumerate(columns):
+                os.pwrite(part.fileno(), values, (column * runs + unit * UNIT) * _BYTES)
+            digest = self._digest(unit, b''.join(columns))
+            os.pwrite(done.fileno(), digest, unit * _BYTES)
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Write `results.npz` and the summary; remove the partial results."""
@@ -144,12 +176,15 @@ class Store:
 
     def column(self, name: str) -> Floats:
         """Return a column (runs,); zeros for runs that are not done."""
-        if self.finished:
-            with np.load(self.folder / _RESULTS, allow_pickle=False) as results:
-                return np.asarray(results[name])
         runs = self.campaign.config.runs
+        if self.finished:
+            found = read_arrays(self.folder / _RESULTS, name)[name]
+            if found.shape != (runs,) or found.dtype != np.float64:
+                raise InputError(f'{self.folder / _RESULTS}: must have {runs} numbers of {name}')
+            return found
         offset = COLUMNS.index(name) * runs * _BYTES
-        return np.fromfile(self.folder / _PART, '<f8', count=runs, offset=offset)
+        with self._read(_PART) as part:
+            return np.fromfile(part, '<f8', count=runs, offset=offset)
 
     def _archive(self, file: IO[bytes]) -> None:
         """Write an .npz, column by column, without times of files: the same bytes each time."""
@@ -158,6 +193,12 @@ class Store:
                 entry = zipfile.ZipInfo(f'{name}.npy')
                 with archive.open(entry, 'w', force_zip64=True) as member:
                     np.lib.format.write_array(member, self.column(name), allow_pickle=False)
+
+    def _read(self, name: str) -> IO[bytes]:
+        try:
+            return files.open_regular(self.folder / name)
+        except OSError as error:
+            raise InputError(f'{self.folder / name}: {error.strerror or error}') from None
 
     def _opened(self, name: str) -> IO[bytes]:
         return (self.folder / name).open('r+b', buffering=0)

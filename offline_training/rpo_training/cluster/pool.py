@@ -135,10 +135,11 @@ def connected(address: str, workers: int) -> Iterator[Any]:
             return
         try:
             client = Client(address, timeout=CONNECT_S)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # TypeError: TLS without certificates
             raise InputError(
                 f'`--cluster` must be local or the address of a scheduler that answers, like '
-                f'tcp://127.0.0.1:8786; got {address} ({type(error).__name__})'
+                f'tcp://127.0.0.1:8786; got {address} ({type(error).__name__}); a tls:// address '
+                'needs the certificates in the configuration of dask, see docs/campaigns.md'
             ) from None
         with client:
             yield client

@@ -14,7 +14,7 @@ import typer
 
 from rpo_core.validation import InputError
 from rpo_training import outputs
-from rpo_training.commands.shared import Cluster, Workers, interruptible
+from rpo_training.commands.shared import Cluster, Workers, echo, interruptible
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -151,7 +151,7 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
     began, cpu = time.perf_counter() - began, time.process_time() - cpu
     _print(store)
     typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
-    typer.echo(store.folder / 'results.npz')
+    echo(store.folder / 'results.npz')
 
 
 def _print(store: Store) -> None:
@@ -210,13 +210,13 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
     path = export or Path(f'run_{number}.yaml')
     if export is None:
         again = ['rpo', 'campaign', str(source), '--run', str(number), '--export', str(path)]
-        typer.echo(f'On ROS 2: {shlex.join(again)}')
+        echo(f'On ROS 2: {shlex.join(again)}')
     else:
         content = scenario.dumps(scenario_of(chosen, number)).encode()
         outputs.write_aside(path, lambda file: file.write(content))
     controller = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
     fly = ['--scenario', str(path), '--controller', controller]
-    typer.echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
+    echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
 
 
 def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:

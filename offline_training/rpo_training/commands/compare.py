@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_training.commands.shared import Workers, interruptible
+from rpo_training.commands.shared import Workers, echo, interruptible
 
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
@@ -55,9 +55,9 @@ def compare(
         widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
         print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)
     for note in comparison_table.notes(rows, least, name):
-        typer.echo(f'- {note}')
+        echo(f'- {note}')
     for path in comparison_table.write(rows, least, name, output):
-        typer.echo(path)
+        echo(path)
     if write is not None:
         comparison_table.put_into(write, comparison_table.markdown(rows, least, name))
-        typer.echo(write)
+        echo(write)

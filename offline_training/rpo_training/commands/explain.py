@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,12 +44,11 @@ def explain(
     ] = False,
 ) -> None:
     """Say in words why the controller fires: its rules, or one decision of a run or a state."""
-    from rich.console import Console
-
     from rpo_core.controller import load_fuzzy
     from rpo_core.explain import decisions, state_of
+    from rpo_training.display import plain_console
 
-    console = Console()
+    console = plain_console()
     if state is not None:
         if target or at is not None or certify:
             raise InputError('`--state` takes `--controller` and nothing else')
@@ -88,7 +87,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     if not np.isfinite(log.states[row]).all():
         raise InputError(f'{path}: has no state at {times[row]:g} s')
     found = decisions(only_fuzzy(controller_of(log)), log.states[row].tolist())
-    console.print(f'{path}, tick {int(log.ticks[row])}, {times[row]:g} s', highlight=False)
+    console.print(f'{printable(path)}, tick {int(log.ticks[row])}, {times[row]:g} s')
     _print_decisions(console, found)
     logged, same = log.forces_n[row], tuple(decision.force_n for decision in found)
     if not np.isfinite(logged).all():
@@ -124,7 +123,7 @@ def _compare_decision(
         console.print('The controller said the same in flight, number by number.')
         return True
     for axis, (sentence, _) in zip(found, published, strict=False):
-        console.print(f'In flight the controller said of {axis.axis}: {sentence}', highlight=False)
+        console.print(f'In flight the controller said of {axis.axis}: {printable(sentence)}')
     return False
 
 
@@ -136,15 +135,15 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
         return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
 
     for decision in found:
+        console.print(f'\n{decision.axis}', style='bold', end='')
         console.print(
-            f'\n[bold]{decision.axis}[/bold]: position {decision.position_m:g} m, velocity '
+            f': position {decision.position_m:g} m, velocity '
             f'{decision.velocity_m_s:g} m/s; position error '
             f'{error(decision.position_error, decision.position_saturated)}, velocity error '
             f'{error(decision.velocity_error, decision.velocity_saturated)}',
-            highlight=False,
             soft_wrap=True,
         )
-        console.print(decision.sentence, highlight=False, soft_wrap=True)
+        console.print(decision.sentence, soft_wrap=True)
         position = dict(zip(WORDS, decision.position_grades, strict=True))
         velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
         rows = [
@@ -163,7 +162,6 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
         console.print(
             f'force words: {words or "none"} → centroid {decision.output:.4f} → '
             f'{decision.force_n:.6f} N',
-            highlight=False,
             soft_wrap=True,
         )
 
@@ -173,17 +171,18 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
     from rpo_training.analysis.rule_base import WELL, warnings
 
     position, velocity, force = controller.scales
-    console.print(f'[bold]{controller.name}[/bold]: {controller.description}', highlight=False)
+    console.print(controller.name, style='bold', end='')
+    console.print(f': {printable(controller.description)}')
     console.print(
         f'An error of 1 is {position:g} m of position, {velocity:g} m/s of velocity; '
         f'a force of 1 is {force:g} N. {controller.system.samples} samples.',
-        highlight=False,
     )
     _print_rules(controller)
     _print_functions(controller)
     found = warnings(controller.system)
     for warning in found:
-        console.print(f'[yellow]warning[/yellow]: {warning}', highlight=False, soft_wrap=True)
+        console.print('warning', style='yellow', end='')
+        console.print(f': {warning}', soft_wrap=True)
     if not found:
         console.print(f'No warnings. {WELL}')
     if certify:
@@ -221,13 +220,15 @@ def _print_certificate(
     console: Console, controller: FuzzyController, certificate: Certificate
 ) -> None:
     def say(line: str) -> None:
-        console.print(line, highlight=False, soft_wrap=True)
+        console.print(line, soft_wrap=True)
 
     colors = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
-    say('\n[bold]Certificate[/bold] over all position errors e and velocity errors v in \\[-1, 1]')
+    console.print('\nCertificate', style='bold', end='')
+    say(' over all position errors e and velocity errors v in [-1, 1]')
     for claim in certificate.claims:
         color = colors[claim.verdict]
-        say(f'[{color}]{claim.verdict:9s}[/{color}] {claim.name}: {claim.statement}')
+        console.print(f'{claim.verdict:9s}', style=color, end='')
+        say(f' {claim.name}: {claim.statement}')
         for p in claim.points:
             say(f'            u({p.position_error!r}, {p.velocity_error!r}) = {p.output!r}')
     position, velocity, force = controller.scales

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from rpo_training.commands.shared import echo
+
 EXAMPLES = """
 Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output force.c` |
 `rpo export mine.yaml --to python --output -`
@@ -42,4 +44,4 @@ def export(
     path = output or Path(identifier(loaded.name) + SUFFIXES[to])
     with writing(path):
         path.write_text(text, encoding='utf-8')
-    typer.echo(path)
+    echo(path)

@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from rpo_training.commands.shared import echo
+
 EXAMPLES = """
 Examples: `rpo import handmade.fis --output mine.yaml` |
 `rpo import tuned.fll -o tuned.yaml --position-scale 70 --velocity-scale 0.9 --force-scale 0.5`
@@ -39,5 +41,5 @@ def import_controller(
     with writing(output):
         output.write_text(dumps(loaded), encoding='utf-8')
     for warning in warnings(loaded.system):
-        typer.echo(f'warning: {warning}', err=True)
-    typer.echo(output)
+        echo(f'warning: {warning}', err=True)
+    echo(output)

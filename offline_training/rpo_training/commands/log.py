@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
+from rpo_training.commands.shared import echo
+
 if TYPE_CHECKING:
     from rpo_log.errors import ExitCode
 
@@ -39,7 +41,8 @@ def info(run: RunArgument) -> None:
     from rpo_log.tools.info import inspect
 
     found = inspect(run)
-    typer.echo('\n'.join(found.lines()))
+    for line in found.lines():
+        echo(line)
     _end(found.exit_code)
 
 
@@ -49,7 +52,8 @@ def diff(first: RunArgument, second: RunArgument) -> None:
     from rpo_log.tools.diff import diff as compare
 
     found = compare(first, second)
-    typer.echo('\n'.join(found.lines()))
+    for line in found.lines():
+        echo(line)
     _end(found.exit_code)
 
 
@@ -62,7 +66,7 @@ def export(
     from rpo_log.tools.export import export as write
 
     rows = write(run, output)
-    typer.echo(f'{output}: {rows} ticks')
+    echo(f'{output}: {rows} ticks')
 
 
 def verify(
@@ -76,7 +80,8 @@ def verify(
     from rpo_log.verify import verify as check
 
     found = check(run, trusted)
-    typer.echo('\n'.join(found.lines()))
+    for line in found.lines():
+        echo(line)
     _end(found.exit_code)
 
 
@@ -112,5 +117,5 @@ def repair(
 
     found = rebuild(run, output, in_place=in_place)
     for file in found.files:
-        typer.echo(file.sentence())
+        echo(file.sentence())
     _end(found.exit_code)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_core.validation import within
+from rpo_core.validation import printable, within
+from rpo_training.commands.shared import echo
 
 if TYPE_CHECKING:
     from rpo_training.report.blocks import Report
@@ -38,17 +39,19 @@ def report(
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
 ) -> None:
     """Draw a run, a campaign or a controller: PNGs, and one HTML page that needs nothing else."""
-    from rich.console import Console
+    from rich.text import Text
 
+    from rpo_training.display import plain_console
     from rpo_training.report import recognise
     from rpo_training.report.page import write
 
     subject = recognise.subject_of(target)
-    with Console(stderr=True).status(f'{target}: reporting this {subject}'):
+    doing = Text(printable(f'{target}: reporting this {subject}'))
+    with plain_console(stderr=True).status(doing):
         made, folder, code = _OF[subject](target)
         paths = write(made, output or folder)
     for path in paths:
-        typer.echo(path)
+        echo(path)
     if open_:
         typer.launch(paths[-1].resolve().as_uri())
     raise typer.Exit(int(code))
@@ -67,7 +70,7 @@ def _of_run(target: str) -> Made:
     if shown.whole:
         print_table(shown.flight, made.title)
     else:
-        typer.echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
+        echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
     return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from rpo_training.commands.shared import interruptible
+from rpo_training.commands.shared import echo, interruptible
 
 if TYPE_CHECKING:
     from rpo_training.search.run import Config, Found, SearchRun
@@ -28,10 +28,10 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     with interruptible(sentence), TrainingDisplay(run.folder) as display:
         best = run.run(display.show)
     made = best.provenance
-    typer.echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
+    echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
     typer.echo(
         f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
         f'N^2 s, starts that miss: {made["starts_that_miss"]}'
     )
-    typer.echo(f'{run.folder / best.name}.yaml')
+    echo(f'{run.folder / best.name}.yaml')
     return best

@@ -11,9 +11,18 @@ from typing import Annotated
 
 import typer
 
+from rpo_core.validation import printable
+
+
+def echo(text: object, err: bool = False) -> None:
+    """Print a line that holds names of files or texts of logs, which may be anything."""
+    typer.echo(printable(text), err=err)
+
+
 Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
 Cluster = Annotated[
-    str, typer.Option(help='local, or the address of a dask scheduler like tcp://host:8786')
+    str,
+    typer.Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786'),
 ]
 
 
@@ -24,5 +33,5 @@ def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo(sentence(), err=True)
+        echo(sentence(), err=True)
         raise typer.Exit(130) from None

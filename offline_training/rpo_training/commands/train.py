@@ -11,7 +11,7 @@ import typer
 
 from rpo_core.validation import InputError, choice
 from rpo_training.commands.searching import fly
-from rpo_training.commands.shared import Cluster, Workers
+from rpo_training.commands.shared import Cluster, Workers, echo
 
 if TYPE_CHECKING:
     from rpo_training.search.config import TrainingConfig
@@ -84,4 +84,4 @@ def _fly(training: Training, plots: bool) -> None:
         typer.echo('No pictures: matplotlib is not installed.', err=True)
         return
     for path in draw_run(training.folder, best):
-        typer.echo(path)
+        echo(path)

@@ -39,7 +39,8 @@ from rpo_training.engine.cases import Case, case_of_set
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import plans
 from rpo_training.evaluation.optimal import least_constrained
-from rpo_training.outputs import make_folder, write_text
+from rpo_training.export.parts import identifier
+from rpo_training.outputs import digest_of, make_folder, write_text
 from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
@@ -152,13 +153,18 @@ class Comparison:
         self, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
     ) -> dict[str, Any]:
         """Return the result kept under a name for these texts; make and keep it if missing."""
-        path = self.folder / f'{name}-{key_of(name, *texts)}.json'
+        path = self.folder / f'{identifier(name)}-{key_of(name, *texts)}.json'
         try:
-            found: dict[str, Any] = json.loads(path.read_text())
-        except (OSError, ValueError):  # missing, or damaged
-            make_folder(self.folder)
-            found = make()
-            write_text(path, json.dumps(found, indent=1))
+            kept = json.loads(files.read_text(path))
+            found: dict[str, Any] = kept['result']
+            if kept['sha256'] == digest_of(json.dumps(found)):
+                return found
+        except (ValueError, KeyError, TypeError, RecursionError):
+            pass  # missing, or damaged
+        make_folder(self.folder)
+        found = make()
+        kept = {'sha256': digest_of(json.dumps(found)), 'result': found}
+        write_text(path, json.dumps(kept, indent=1))
         return found
 
     def _row(self, campaign: Campaign, least: float) -> ComparedController:
@@ -207,7 +213,7 @@ class Comparison:
     def _campaign(self, campaign: Campaign) -> statistics.Rate:
         """Return the rate of success; finish the campaign first."""
         name = campaign.controller.name
-        folder = self.folder / f'{name}-campaign-{key_of(*campaign.texts)}'
+        folder = self.folder / f'{identifier(name)}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
         total = campaign.config.runs
         done = store.done_runs

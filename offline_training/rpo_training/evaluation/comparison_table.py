@@ -12,6 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rpo_core import files
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
@@ -151,7 +152,7 @@ def put_into(path: Path, table: str) -> None:
     if not path.exists():
         write_text(path, f'{block}\n')
         return
-    text = path.read_text()
+    text = files.read_text(path)
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end or BEGIN in rest or END in after:

@@ -191,7 +191,7 @@ def _table(rules: Sequence[tuple[int, int, int]], orders: Sequence[list[int]]) -
 
 _SECTION = re.compile(r'\[(\w+)\]')
 _MF = re.compile(r"'(.*)'\s*:\s*'(\w+)'\s*,\s*\[(.*)\]")
-_RULE = re.compile(r'(\d+)\s+(\d+)\s*,\s*(\d+)\s*\((.+)\)\s*:\s*1')
+_RULE = re.compile(r'(\d{1,9})\s+(\d{1,9})\s*,\s*(\d{1,9})\s*\((.+)\)\s*:\s*1')
 
 
 def read_fis(content: str) -> Description:
@@ -320,8 +320,8 @@ def _fll_variable(name: str, settings: list[tuple[str, str]]) -> FileVariable:
     terms = []
     for key, value in settings:
         if key == 'term':
-            label, kind, *numbers = value.split(maxsplit=2)
-            terms.append((label, kind, _numbers(' '.join(numbers), f'{name}.{label}')))
+            label, kind, numbers = (*value.split(maxsplit=2), '', '', '')[:3]
+            terms.append((label, kind, _numbers(numbers, f'{name}.{label}')))
     return FileVariable(
         name, _range(dict(settings).get('range', ''), f'{name}.range'), tuple(terms)
     )

@@ -10,7 +10,7 @@ chromosomes of each generation shows when they differ, as under another version 
 from __future__ import annotations
 
 import hashlib
-import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from rpo_core.validation import InputError
 from rpo_training import __version__
-from rpo_training.outputs import write_aside
+from rpo_training.outputs import digest_of, read_arrays, write_aside
 from rpo_training.search.fitness import Scores
 
 Floats = NDArray[np.float64]
 
-SCHEMA = 'rpo/checkpoint/1'
+SCHEMA = 'rpo/checkpoint/2'
 
 LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
 """The bits of a run depend on these, and on this package."""
@@ -40,11 +40,14 @@ def versions() -> dict[str, str]:
 class Checkpoint:
     """The generations so far.
 
+    config : text of the configuration
+    inputs : texts of the files that it names
     scores : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
     digests : of the chromosomes of each
     """
 
     config: str
+    inputs: Sequence[str] = ()
     scores: list[Floats] = field(default_factory=list)
     digests: list[str] = field(default_factory=list)
 
@@ -65,6 +68,7 @@ class Checkpoint:
         arrays = {
             'schema': np.array(SCHEMA),
             'config': np.array(self.config),
+            'inputs': np.array(digest_of(*self.inputs)),
             'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
             'sizes': np.array([len(s) for s in self.scores]),
             'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 6)),
@@ -73,28 +77,28 @@ class Checkpoint:
         write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
 
     @classmethod
-    def load(cls, path: Path, config: str) -> Checkpoint:
+    def load(cls, path: Path, config: str, inputs: Sequence[str] = ()) -> Checkpoint:
         """Return a checkpoint that was written under the configuration `config`.
 
         Raises
         ------
         InputError
-            If it is missing, damaged, or of another version or configuration.
+            If it is missing, damaged, or of another version, configuration or other inputs.
         """
+        if not path.exists():
+            raise InputError(f'{path}: there is no checkpoint to resume from')
+        data = read_arrays(path)
+        if (found := str(data.get('schema'))) != SCHEMA:
+            raise InputError(f'{path}: its schema must be {SCHEMA}; got {found}')
         try:
-            with np.load(path, allow_pickle=False) as saved:
-                data = {name: saved[name] for name in saved.files}
-            schema, written = str(data['schema']), str(data['config'])
-            bounds = np.cumsum(data['sizes'])[:-1]
-            scores = np.split(data['marks'], bounds) if len(data['sizes']) else []
-            digests = data['digests'].tolist()
-        except FileNotFoundError:
-            raise InputError(f'{path}: there is no checkpoint to resume from') from None
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(f'{path}: not a readable checkpoint: {error}') from None
-        if schema != SCHEMA:
-            raise InputError(f'{path}: its schema must be {SCHEMA}; got {schema}')
-        theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
+            theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
+            written, bound = str(data['config']), str(data['inputs'])
+            sizes, digests = data['sizes'].tolist(), data['digests'].tolist()
+            scores = _split(data['marks'], sizes)
+            if len(sizes) != len(digests):
+                raise ValueError('a generation has no digest')
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            raise InputError(f'{path}: is damaged: {error}') from None
         if theirs != versions():
             changed = [
                 f'{k} {theirs.get(k, "none")} (now {v})'
@@ -107,7 +111,19 @@ class Checkpoint:
             )
         if written != config:
             raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')
-        return cls(config, scores, digests)
+        if bound != digest_of(*inputs):
+            raise InputError(
+                f'{path}: was written with another content of the scenario or of a start that '
+                f'{path.parent}/config.yaml names'
+            )
+        return cls(config, inputs, scores, digests)
+
+
+def _split(rows: Floats, sizes: list[int]) -> list[Floats]:
+    """Return the rows (n, 6) of each generation; raises ValueError if they do not fit."""
+    if rows.shape != (sum(sizes), 6) or rows.dtype != np.float64 or min(sizes, default=1) < 1:
+        raise ValueError(f'{rows.shape} scores of {len(sizes)} generations')
+    return np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
 
 
 def digest(genes: Floats) -> str:

@@ -22,7 +22,7 @@ from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
-from rpo_training.outputs import make_folder, write_text
+from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search
 from rpo_training.search.checkpoint import Checkpoint, digest
 from rpo_training.search.fitness import Fitness, Scores
@@ -76,7 +76,7 @@ class SearchRun(Generic[Config, Found]):
         self.config, self.folder = config, folder
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
-        self.checkpoint = Checkpoint(self.dumps())
+        self.checkpoint = Checkpoint(self.dumps(), self.inputs())
         self.best = np.full(6, np.inf)
         self.best_genes: Floats = np.empty(0)
         self._evaluated, self._began = 0, time.monotonic()
@@ -88,6 +88,10 @@ class SearchRun(Generic[Config, Found]):
 
     def dumps(self) -> str:
         """Return the configuration as the text of its file."""
+        raise NotImplementedError
+
+    def inputs(self) -> list[str]:
+        """Return the texts of the files that the configuration names."""
         raise NotImplementedError
 
     def make_search(self) -> Search:
@@ -143,7 +147,8 @@ class SearchRun(Generic[Config, Found]):
             If folder or checkpoint are unusable, or the search asks for other chromosomes.
         """
         again = cls(cls.load(folder / cls.config_file), folder, workers, address)
-        saved = Checkpoint.load(folder / CHECKPOINT, again.checkpoint.config)
+        own = again.checkpoint
+        saved = Checkpoint.load(folder / CHECKPOINT, own.config, own.inputs)
         for number, (rows, before) in enumerate(zip(saved.scores, saved.digests, strict=True)):
             genes = again.search.ask()
             if digest(genes) != before:
@@ -165,9 +170,16 @@ class SearchRun(Generic[Config, Found]):
         self.search.tell(self.objectives(genes, scores))
 
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
-        """Run the search to its end; save after each generation; return the best."""
+        """Run the search to its end; save after each generation; return the best.
+
+        Raises
+        ------
+        InputError
+            If another process runs it, or a file cannot be written.
+        """
         self._began = time.monotonic()
-        with self.fitness.simulator:
+        doing = f'goes on with this {self.kind}'
+        with alone(self.folder / self.config_file, doing), self.fitness.simulator:
             while not self.search.stopped:
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import files
 from rpo_core.controller import FuzzyController, load_fuzzy
 from rpo_core.scenario import load_set
 from rpo_training.cluster.simulator import ClusterSimulator
@@ -79,6 +80,12 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
     def dumps(self) -> str:
         """Return the configuration as the text of its file."""
         return configs.dumps(self.config)
+
+    def inputs(self) -> list[str]:
+        """Return the texts of the scenario and of the starts."""
+        starts = (files.find('controller', name) for name in self.config.start)
+        paths = files.find('scenario', self.config.scenario), *starts
+        return [files.read_text(path) for path in paths]
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""

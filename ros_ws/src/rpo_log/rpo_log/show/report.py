@@ -13,6 +13,7 @@ from typing import Any
 
 from rpo_core import metrics
 from rpo_core.flight import Flight
+from rpo_core.validation import printable
 from rpo_log.format.run import CONTROLLER
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.show import style
@@ -86,7 +87,7 @@ def print_table(flight: Flight, title: str) -> None:
     """Print the metrics as a table; in plain text where rich is not installed."""
     sections = rows(flight)
     if importlib.util.find_spec('rich') is None:
-        print(title)
+        print(printable(title))
         for section, lines in sections.items():
             print(f' {section}')
             for name, value, limit, verdict in lines:
@@ -94,8 +95,9 @@ def print_table(flight: Flight, title: str) -> None:
         return
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(*COLUMNS, title=title, title_justify='left')
+    table = Table(*COLUMNS, title=Text(printable(title)), title_justify='left')
     for section, lines in sections.items():
         table.add_row(f'[bold]{section}[/]')
         for name, value, limit, verdict in lines:

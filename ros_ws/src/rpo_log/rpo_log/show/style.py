@@ -92,6 +92,7 @@ _SETTINGS: dict[str, Any] = {
     'legend.labelcolor': LIGHT['ink'],
     'lines.linewidth': 1.5,
     'text.color': LIGHT['ink'],
+    'text.parse_math': False,  # a name may hold dollars
     'xtick.color': LIGHT['muted'],
     'ytick.color': LIGHT['muted'],
     'xtick.labelcolor': LIGHT['ink'],
