@@ -26,7 +26,7 @@ from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
 from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
 from rpo_sim.parameters import PLANT as PARAMETERS
-from rpo_sim.plant import ACCEPTED, topics_of
+from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
 from rpo_sim.publications import Publications
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.simulator_control import SimulatorControl
@@ -121,7 +121,11 @@ class PlantNode(Loop):
             topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
             self._end(FINISHED, 'reached the last tick')
             return
-        plant.advance()
+        try:
+            plant.advance()
+        except NotFiniteError as error:
+            self.abort(str(error))
+            return
         self.progress_s = time.monotonic()
         self.send()
         topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
