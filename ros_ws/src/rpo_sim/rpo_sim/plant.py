@@ -99,9 +99,9 @@ class Plant:
         for name in self.inputs:
             signals[name] = answers.get(name, ZERO)
         self._chain.step(self.tick, signals)
+        # With its norms: 1e300 m is finite, but no controller can answer it.
         state = signals[RELATIVE_STATE]
-        # With their norms: 1e300 m is finite, but no controller can answer it.
-        if not (math.isfinite(metrics.norm(*state[:3])) and math.isfinite(metrics.norm(*state[3:]))):
+        if not math.isfinite(metrics.norm(*state[:3]) + metrics.norm(*state[3:])):
             signals[RELATIVE_STATE] = before
             raise NotFiniteError(self._why_not_finite(signals))
         x, y, z = signals[SATURATED_FORCE]
