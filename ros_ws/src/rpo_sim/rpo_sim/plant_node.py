@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -48,6 +49,7 @@ class PlantNode(Loop):
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
+        self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
         self.control = SimulatorControl(self)
@@ -66,12 +68,12 @@ class PlantNode(Loop):
         self.create_subscription(
             DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
         )
-        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'])
+        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'], self.run_id)
 
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         shaping['scenario'] = self.scenario.name
-        self._latched = health.Manifest(self, 'plant')
+        self._latched = health.Manifest(self, 'plant', self.run_id)
         self._latched.publish(shaping, {'scenario.yaml': text})
 
     def _begin_run(self) -> None:
@@ -169,8 +171,10 @@ class PlantNode(Loop):
         if not absent:
             self.send()
             self.topics.before_flight(self.scenario.stamp_ns(-1))
-        awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited
-        if not awaited:
+        awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited()
+        if self.recorder.failure:
+            self.abort(f'the recorder failed: {self.recorder.failure}')
+        elif not awaited:
             self.progress_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')

@@ -22,6 +22,22 @@ CONTROLLER = 'controller.yaml'
 PARAMETERS = 'parameters.yaml'
 """Names of the attachments; the parameters are those of every node, resolved."""
 
+MOST_CONTROLLERS = 16
+"""Controller files of one run that are attached."""
+
+_NUMBERED = re.compile(r'controller(-[1-9][0-9]?)?\.yaml')
+
+
+def controller_name(number: int) -> str:
+    """Return the name of the n-th controller file of a run: controller.yaml, controller-2.yaml."""
+    return CONTROLLER if number == 1 else f'controller-{number}.yaml'
+
+
+def is_controller(name: str) -> bool:
+    """Return whether an attachment is a controller file of the run."""
+    return _NUMBERED.fullmatch(name) is not None
+
+
 METADATA_FILE = 'metadata.yaml'
 HEALTH_FILE = 'health.mcap'
 DECISIONS_FILE = 'decisions.mcap'

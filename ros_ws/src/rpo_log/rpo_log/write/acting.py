@@ -122,12 +122,13 @@ class Acting:
             return None
         of_topic = [self._index.get(name) for name, _ in reads]
         place = of_topic.index(index, 1)  # not the state before: it is settled already
-        tried = product(*[self._plain_first(name, at, candidates) or (b'',) for name, at in reads])
+        heard = [self._plain_first(name, at, candidates) for name, at in reads]
+        tried = product(*heard[:2], *([*found, b''] for found in heard[2:]))  # b'': none acted
         for combination in islice(tried, _MOST_TRIED):
             state, after, *answers = combination
             made = self._next_state(tick, state, answers, candidates)
             if made == self._values(RELATIVE_STATE, after):
-                return combination[place]
+                return combination[place] or None
         return None
 
     def _plain_first(self, signal: str, tick: int, candidates: Candidates) -> Sequence[bytes]:

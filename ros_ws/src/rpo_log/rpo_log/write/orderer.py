@@ -35,6 +35,7 @@ from rpo_log.write.tick_messages import (
     HOLD,
     LINE,
     MOST_CANDIDATES,
+    MOST_EARLY,
     MOST_HELD,
     MOST_HOLES,
     NEVER,
@@ -163,9 +164,8 @@ class TickOrderer:
 
         Or once a whole window of states came: then a message is missing that would show it.
         """
-        while (following := self.candidates(self.leader, self._latest + 1)) and (
-            self.judge(self.leader, self._latest + 1, self.candidates) in following
-            or self.judge is no_judge
+        while self.candidates(self.leader, self._latest + 1) and (
+            self._follows(self._latest + 1)
             or all(
                 self.candidates(self.leader, self._latest + ahead) for ahead in range(WINDOW, 1, -1)
             )
@@ -173,6 +173,15 @@ class TickOrderer:
             self._latest += 1
             self._newest[self.leader] = self._latest
             self._silent[self.leader] = False
+
+    def _follows(self, tick: int) -> bool:
+        """Return whether a state follows from the one before; it becomes the first of its tick."""
+        if self.judge is no_judge:
+            return True
+        state = self.judge(self.leader, tick, self.candidates)
+        if state is not None:
+            self._prefer(self._pending[tick], self.leader, state)
+        return state is not None
 
     def _take(self, index: int, tick: int, data: bytes) -> None:
         entry = self._pending.get(tick)
@@ -188,10 +197,9 @@ class TickOrderer:
     def _keep(self, entry: TickMessages, index: int, tick: int, data: bytes) -> None:
         entry.messages[index] = data
         entry.missing -= 1
-        if tick > self._latest:
-            if index not in self.plain and index != self.leader:
-                entry.early.add(index)
-        elif tick > self._newest[index]:
+        if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
+            entry.early.add(index)
+        elif tick <= self._latest and tick > self._newest[index]:
             self._newest[index] = tick
             self._silent[index] = False
 
@@ -253,7 +261,7 @@ class TickOrderer:
         if data in known:
             counts.duplicates += 1
             entry = self._pending.get(tick)
-            if entry is not None and index in entry.early and tick <= self._latest:
+            if entry is not None and index in entry.early and entry.messages[self.leader]:
                 self._prefer(entry, index, data)
             return False
         if known:
@@ -276,11 +284,12 @@ class TickOrderer:
             self._settle(index, tick, before, self.judge(index, tick, view))
             return
         others = entry.others.setdefault(index, [])
-        if len(others) >= MOST_CANDIDATES - 1:
+        early = index != self.leader and entry.messages[self.leader] is None
+        if len(others) >= (MOST_EARLY if early else MOST_CANDIDATES):
             self.counts[index].ignored += 1
             return
         others.append(data)
-        if index in entry.early and tick <= self._latest:
+        if index in entry.early and not early:
             self._prefer(entry, index, data)
 
     def _prefer(self, entry: TickMessages, index: int, data: bytes) -> None:
@@ -296,7 +305,8 @@ class TickOrderer:
     def _settle(self, index: int, tick: int, kept: bytes | None, acted: bytes | None) -> None:
         """Count a contradiction: ignored if the message that is kept is known to have acted."""
         counts = self.counts[index]
-        if acted is not None and acted == kept:
+        nothing_acts = acted is None and tick == self._last and self.judge is not no_judge
+        if nothing_acts or (acted is not None and acted == kept):
             counts.ignored += 1
             return
         counts.conflicts += 1

@@ -17,8 +17,8 @@ HOLD = 8
 """Ticks after one by which all its messages are there."""
 MOST_HELD = 10_000
 """Ticks after the newest state whose messages are kept."""
-MOST_CANDIDATES = 8
-"""Different messages of one topic and tick that are kept."""
+MOST_CANDIDATES, MOST_EARLY = 32, 4
+"""Further messages of one topic and tick that are kept; those that come before its state."""
 MOST_HOLES = 100_000
 """Ticks without a message that are remembered for each topic."""
 NEVER = 1 << 62

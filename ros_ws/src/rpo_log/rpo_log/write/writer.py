@@ -94,6 +94,11 @@ class RunLogWriter:
         except OSError as error:
             raise cannot_write(self.folder, error) from None
 
+    @property
+    def wary(self) -> bool:
+        """Whether several nodes publish a topic, or messages contradicted each other."""
+        return self._orderer.wary
+
     def be_wary(self) -> None:
         """Know that several nodes publish a topic: let each tick wait for what follows."""
         self._orderer.wary = True
