@@ -14,7 +14,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from rpo_core import cdr, files, interfaces
+from rpo_core import files, interfaces
 from rpo_core.chain import signals_of
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
@@ -26,7 +26,7 @@ from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
-from rpo_log.write.statuses import PHASES, is_of_the_run
+from rpo_log.write.statuses import PHASES, Claims
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status, values_of
@@ -43,7 +43,7 @@ _BY_SCENARIO = frozenset(
 """Signals whose nodes may be there in a run that does not need them."""
 
 _ABORT_GRACE_S = 0.5
-_MOST_EARLY, _MOST_CLAIMS = 100_000, 1000
+_MOST_EARLY = 100_000
 NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
@@ -66,7 +66,7 @@ class RecorderNode(FlightNode):
         self._id = uuid.uuid4().hex
         self._manifests = Manifests()
         self._ignored: Counter[str] = Counter()
-        self._claims: list[tuple[float, cdr.Status, bytes]] = []
+        self._claims = Claims()
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
         self._force_topic, self._status_topic, self._decision_topic = map(
@@ -105,6 +105,7 @@ class RecorderNode(FlightNode):
                 if row.name == interfaces.RUN_STATUS:
                     on_raw = self._on_status
                 else:
+                    on_raw = partial(self._on_stage_status, name)
                     self._events.add(name)
             self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
         self.create_subscription(
@@ -134,38 +135,35 @@ class RecorderNode(FlightNode):
             self.get_logger().warning(f'ignored from now on, and counted: {sentence}')
 
     def _on_status(self, data: bytes) -> None:
-        try:
-            status = cdr.decode_status(data)
-        except cdr.CdrError:
-            self._ignore('run_status', 'a run_status that is no message')
-            return
-        values = dict(status.values)
+        values = events.values_in(data)
         if values.get('phase') == 'waiting' and self._running:
             self._anew = True
-        if values.get('phase') not in PHASES or 'resumed' in values:
-            return
-        if len(self._claims) < _MOST_CLAIMS:
-            self._claims.append((time.monotonic(), status, data))
-        self._weigh()
+        if values.get('phase') in PHASES and 'resumed' not in values:
+            self._claims.take(data)
+            self._weigh()
+
+    def _on_stage_status(self, name: str, data: bytes) -> None:
+        """Take the word of a node that is there."""
+        if events.sender_of(data) in self.get_node_names():
+            self._on_raw(name, data)
+        else:
+            self._ignore('stage_status', 'a stage_status of no node that is here')
 
     def _weigh(self) -> None:
         """Take each run_status that fits the states of this run, once its state is there."""
         if self.log is None:
             return
-        claims, self._claims = self._claims, []
-        for moment, status, data in claims:
-            fits = is_of_the_run(status, self.log, self._manifests.scenario)
-            if fits:
-                self._running = True
-                self.log.record(self._status_topic, data)
-                phase, tick = dict(status.values)['phase'], events.tick_of(status)
-                if phase != 'running' and tick is not None and self._end is None:
-                    self._end = (phase, tick, time.monotonic())
-                    self.log.end(tick)
-            elif fits is None and time.monotonic() - moment < self.values['grace_s']:
-                self._claims.append((moment, status, data))
-            else:
+        scenario, patience_s = self._manifests.scenario, self.values['grace_s']
+        for data, fits in self._claims.weigh(self.log, scenario, patience_s):
+            if not fits:
                 self._ignore('run_status', 'a run_status that does not fit the states of this run')
+                continue
+            self._running = True
+            self.log.record(self._status_topic, data)
+            values = events.values_in(data)
+            if values['phase'] != 'running' and self._end is None:
+                self._end = (values['phase'], int(values['tick']), time.monotonic())
+                self.log.end(int(values['tick']))
 
     def _on_diagnostics(self, data: bytes) -> None:
         if self._health_log is not None:

@@ -111,7 +111,8 @@ class PlantNode(Loop):
     def _on_stage_status(self, status: DiagnosticStatus) -> None:
         """End the run when a node that was started for it takes no part."""
         values = values_of(status)
-        if values.get('state') == REFUSED and self.phase not in ENDED:
+        there = status.name in self.get_node_names()
+        if values.get('state') == REFUSED and there and self.phase not in ENDED:
             self.abort(f'{values.get("stage")} takes no part: {values.get("reason")}')
 
     def advance(self) -> None:

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 
 from rpo_core import cdr, metrics
 from rpo_core.interfaces import RELATIVE_STATE, row_of
@@ -15,6 +16,8 @@ from rpo_log.write.writer import RunLogWriter
 
 PHASES = ('running', 'finished', 'aborted')
 """Phases that a log holds."""
+
+_MOST_CLAIMS = 1000
 
 
 def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | None) -> bool | None:
@@ -51,3 +54,30 @@ def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bo
         return math.isclose(float(values.get(name, '')), metrics.norm(*vector), rel_tol=1e-9)
     except ValueError:
         return False
+
+
+class Claims:
+    """Each run_status that was heard, until its state shows whether it is of the run."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def take(self, data: bytes) -> None:
+        """Take the CDR of a run_status."""
+        if len(self._waiting) < _MOST_CLAIMS:
+            self._waiting.append((time.monotonic(), data))
+
+    def weigh(
+        self, log: RunLogWriter, scenario: Scenario | None, patience_s: float
+    ) -> Iterator[tuple[bytes, bool]]:
+        """Yield those that are decided, and whether they are of the run.
+
+        patience_s : wall time after which the state of a status is waited for no more
+        """
+        waiting, self._waiting = self._waiting, []
+        for moment, data in waiting:
+            fits = is_of_the_run(cdr.decode_status(data), log, scenario)
+            if fits is None and time.monotonic() - moment < patience_s:
+                self._waiting.append((moment, data))
+            else:
+                yield data, bool(fits)
