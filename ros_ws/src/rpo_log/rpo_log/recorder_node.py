@@ -375,8 +375,9 @@ class RecorderNode(FlightNode):
             'decisions': self._decisions.messages if self._decisions else 0,
             'ignored': sum(summary.ignored.values()) + sum(self._ignored.values()),
         }
-        if summary.ignored and not self._ignored['messages']:
-            self._ignore('messages', f'messages that do not act, {dict(summary.ignored)}')
+        if summary.ignored:
+            text = f'ignored and counted: messages that do not act, {dict(summary.ignored)}'
+            self.get_logger().warning(text, once=True)
         level = health.ERROR if failure else health.WARN if not summary.whole else health.OK
         return level, failure or 'recording', values
 

@@ -232,9 +232,9 @@ class TickOrderer:
         for tick, data in self._far.items():
             if self._latest < 0 or tick <= self._last < NEVER:
                 self._take(self.leader, tick, data)
-        self._far.clear()
         if self._latest < 0:
-            self._latest = max(self._pending, default=-1)
+            self._latest = max(self._far, default=-1)
+        self._far.clear()
         newest = self._last if self._last != NEVER else self._latest
         for tick in [tick for tick in self._pending if tick > newest]:
             entry = self._pending[tick]
@@ -254,8 +254,8 @@ class TickOrderer:
         """Return whether a message is the first of its tick, and count it if it is not."""
         counts = self.counts[index]
         if tick < self.next_tick - WINDOW:  # too old to be compared with anything
-            missed = tick in self._holes[index]
-            counts.late, counts.ignored = counts.late + missed, counts.ignored + (not missed)
+            counts.late += tick in self._holes[index]
+            counts.ignored += tick not in self._holes[index]
             return False
         known = self.candidates(index, tick)
         if data in known:
@@ -276,12 +276,11 @@ class TickOrderer:
         """Take a message that differs from the one before."""
         self.wary = True
         entry = self._pending.get(tick)
-        if entry is None:
-            released = self._released[tick]
-            before = released[index]
-            both = [d for d in (before, data) if d is not None]
-            view = lambda i, t: both if (i, t) == (index, tick) else self.candidates(i, t)  # noqa: E731
-            self._settle(index, tick, before, self.judge(index, tick, view))
+        if entry is None:  # one is written already
+            known = self.candidates(index, tick)
+            both = {(index, tick): (*known, data)}
+            acted = self.judge(index, tick, lambda i, k: both.get((i, k)) or self.candidates(i, k))
+            self._settle(index, tick, known[0], acted)
             return
         others = entry.others.setdefault(index, [])
         early = index != self.leader and entry.messages[self.leader] is None
@@ -305,7 +304,8 @@ class TickOrderer:
     def _settle(self, index: int, tick: int, kept: bytes | None, acted: bytes | None) -> None:
         """Count a contradiction: ignored if the message that is kept is known to have acted."""
         counts = self.counts[index]
-        nothing_acts = acted is None and tick == self._last and self.judge is not no_judge
+        after = tick >= self._last - (self.reach - HOLD)  # its force would act after the end
+        nothing_acts = acted is None and after and self.judge is not no_judge
         if nothing_acts or (acted is not None and acted == kept):
             counts.ignored += 1
             return
