@@ -145,6 +145,13 @@ CARDS = (
         ('a run in the folder already', 'refused, unless `overwrite`'),
         ('the disk is full or gone', 'the log ends, the flight continues; an error on '
          '`/diagnostics`, exit code 1'),
+        ('the log cannot begin', 'one sentence, also on `recorder_status`; exit code 1'),
+        ('a message that the plant ignores, or of somebody else', 'ignored and counted '
+         '(`/diagnostics`, `run_info.yaml`), one warning of each kind'),
+        ('several nodes answer a state', 'the log has the answer that acted, by the state that '
+         'follows'),
+        ('another controller file in flight', 'attached as `controller-2.yaml`, and so on'),
+        ('a second plant', 'one warning; the log stays that of the first'),
         ('a message is missing', 'counted and reported at the end, exit code 1'),
         ('the plant dies', 'noticed after `plant_timeout_s`; the log is closed, exit code 1'),
         ('`kill -9`', 'at least 95 % of the run so far is readable; `rpo repair`'),

@@ -34,7 +34,7 @@ def written(folder, messages) -> bytes:
     folder.mkdir()
     writer = DecisionLogWriter(folder, '/decision', BASE, RATE_HZ)
     for message in messages:
-        writer.record(message)
+        writer.record(message, 1_000_000)
     writer.close()
     assert writer.failure is None
     return (folder / DECISIONS_FILE).read_bytes()
@@ -63,7 +63,7 @@ def test_the_decision_at_an_instant_is_the_last_one_before(tmp_path):
 def test_a_log_owes_decisions_up_to_the_last_tick(tmp_path):
     writer = DecisionLogWriter(tmp_path, '/decision', BASE, RATE_HZ)
     assert writer.expects(0)
-    writer.record(said(0))
+    writer.record(said(0), 0)
     assert not writer.expects(4) and writer.expects(5)
     writer.close()
 
@@ -110,10 +110,10 @@ def test_bytes_that_are_no_array_are_a_cdr_error(data):
 
 def test_after_its_end_a_file_takes_no_more(tmp_path):
     writer = DecisionLogWriter(tmp_path, '/decision', BASE, RATE_HZ)
-    writer.record(said(0))
+    writer.record(said(0), 0)
     writer.close()
     content = (tmp_path / DECISIONS_FILE).read_bytes()
-    writer.record(said(5))
+    writer.record(said(5), 5)
     writer.close()
     assert writer.failure is None
     assert (tmp_path / DECISIONS_FILE).read_bytes() == content

@@ -68,12 +68,12 @@ class FreeRun:
             say.append((STATUS, cdr.encode_status(0, 'run', '', 'none', values)))
         self.messages += [(name, tick, data) for name, data in say]
 
-    def write(self, folder, change=None, stale_after=STALE_AFTER):
+    def write(self, folder, change=None, stale_after=STALE_AFTER, **options):
         """Write the log; `change(name, tick, data)` forges it."""
         names = [CLOCK, STATE, FORCE, DISTURBANCE, APPLIED, APPLIED_DISTURBANCE, STATUS]
         parameters = f'plant: {{mode: free_running, stale_after_ticks: {stale_after}}}\n'
         attached = {**self.run.attachments, 'parameters.yaml': parameters.encode()}
-        writer = RunLogWriter(folder, self.run.base, names, attached)
+        writer = RunLogWriter(folder, self.run.base, names, attached, **options)
         for name, tick, data in self.messages:
             writer.write(name, tick, change(name, tick, data) if change else data)
         return writer.close()
@@ -160,3 +160,21 @@ def test_where_the_hold_is_not_known_nothing_is_said_to_be_proved(free, stale_af
     if found.difference is None:
         assert 'applied forces could not be compared with a command' in found.sentence()
         assert 'had been commanded' not in found.sentence()
+
+
+def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
+    """Somebody else answers each state too, half of the time before the controller."""
+    free = FreeRun(loss=0.0)
+    free.write(tmp_path / 'a')
+    chance, messages = random.Random(3), []
+    for name, tick, data in free.messages:
+        messages.append((name, tick, data))
+        if name == FORCE and 0 < tick < free.scenario.ticks and tick not in LAME:
+            other = cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', (0.4, -0.4, 0.4))
+            messages.insert(len(messages) - chance.randrange(2), (name, tick, other))
+    free.messages = messages
+    summary = free.write(tmp_path / 'b', scenario=free.scenario)
+    assert summary.whole, summary.sentence()
+    assert summary.ignored[FORCE] > 250
+    runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in 'ab']
+    assert runs[0] == runs[1]

@@ -5,16 +5,22 @@
 from __future__ import annotations
 
 import hashlib
+import math
+import random
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from log_runs import FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
+from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
 
 from rpo_core import cdr
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.thrusters import Thrusters
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import TimeBase
 from rpo_log.read.run_log import read_run
@@ -261,3 +267,48 @@ def test_status_alone_is_in_a_chunk_of_its_own(chunks, run):
     assert last.message_start_time == run.base.stamp_ns(run.base.last_tick)
     assert len(last.message_index_offsets) == 1
     assert STATUS in run.topics
+
+
+def hostile(run, rng):
+    """Return a message that the plant ignores, or that contradicts one of its own."""
+    base, last = run.base, run.base.last_tick
+    numbers = [rng.choice([rng.uniform(-1.0, 1.0), 1e300, -0.0]) for _ in range(6)]
+    tick = rng.randrange(last - 3)  # what acts after the end is not known
+    stamp = base.stamp_ns(tick)
+    name = rng.choice([FORCE, DISTURBANCE])
+    kind = rng.randrange(7)
+    if kind == 0:
+        return name, cdr.encode_wrench(stamp, 'target_lvlh', [math.nan, *numbers[:2]])
+    if kind == 1:
+        return name, cdr.encode_wrench(stamp, 'chaser', numbers[:3])
+    if kind == 2:
+        return name, cdr.encode_wrench(stamp + 1, 'target_lvlh', numbers[:3])
+    if kind == 3:
+        return STATE, cdr.encode_odometry(stamp, 'target_lvlh', 'chaser', numbers)
+    if kind == 4:
+        return STATUS, cdr.encode_status(0, 'run', '', 'none', {'phase': 'running', 'tick': '²'})
+    if kind == 5:
+        return STATUS, b'\x00\x01\x00\x00 nonsense'
+    return name, cdr.encode_wrench(stamp, 'target_lvlh', numbers[:3])
+
+
+@pytest.mark.parametrize('seed', range(6))
+@pytest.mark.parametrize('delay_ticks', [0, 3])
+def test_hostile_messages_leave_the_same_bytes(tmp_path, seed, delay_ticks):
+    """Forces and states of any tick, early, late or beside the right ones; what cannot be used."""
+    run = make_run(20.0)
+    flown = run.flight.scenario.equipped(Thrusters(delay_ticks=delay_ticks))
+    run = replace(run, flight=fly(flown, load_controller('handmade')))
+    run.write(tmp_path / 'a')
+    rng = random.Random(seed)
+    sent = [(name, data) for name, _, data in run.shuffled(seed, spread=2.0)]
+    sent = [pair for m in sent for pair in [hostile(run, rng)] * (rng.random() < 0.3) + [m]]
+    options = {'scenario': run.flight.scenario}
+    writer = RunLogWriter(tmp_path / 'b', run.base, run.topics, run.attachments, **options)
+    for name, data in sent:
+        writer.record(name, data)
+    writer.end(run.base.last_tick)
+    summary = writer.close()
+    assert summary.whole, summary.sentence()
+    assert sum(summary.ignored.values()) > 100
+    assert digests(tmp_path / 'a') == digests(tmp_path / 'b')

@@ -39,7 +39,8 @@ def wrong(row: Row) -> list[object]:
     least, most = row.least, row.most
     if isinstance(row.default, int):
         return [*texts, int(least) - 1, int(most) + 1, 1.5, math.nan, math.inf]
-    return [*texts, least - 1.0, most * 2.0 + 1.0, math.nan, math.inf, -math.inf]
+    tiny = [1e-300, row.smallest / 2.0] if row.smallest else []
+    return [*texts, *tiny, least - 1.0, most * 2.0 + 1.0, math.nan, math.inf, -math.inf]
 
 
 def right(row: Row) -> object:
@@ -76,6 +77,16 @@ def test_a_whole_number_is_taken_for_a_real_one(ros_env, card):
                 node = bench.start(FlightNode('bare', {row.name: math.ceil(row.least)}))
                 value = declare(node, [row])[row.name]
                 assert isinstance(value, float) and value == math.ceil(row.least)
+
+
+def test_a_factor_of_time_has_a_smallest_value_and_a_timer_a_longest_period(ros_env):
+    for card, name in (('plant', 'real_time_factor'), ('replay', 'rate')):
+        (row,) = (r for c in CARDS if c.executable == card for r in c.parameters if r.name == name)
+        assert row.check(0) == 0.0 and row.check(row.smallest) == row.smallest
+        with pytest.raises(InputError, match=f'`{name}` must be 0, or 1e-06 to 1e.06; got 1e-12'):
+            row.check(1e-12)
+    with inside() as bench:
+        bench.start(FlightNode('bare')).every(1e300, lambda: None)
 
 
 @each_card

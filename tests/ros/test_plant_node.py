@@ -4,6 +4,7 @@
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
@@ -11,7 +12,8 @@ from std_srvs.srv import SetBool, Trigger
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_ros import names, qos
+from rpo_ros import conversions, names, qos
+from rpo_ros.signals import listen
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
 
 
@@ -144,3 +146,23 @@ def test_a_pause_in_free_running_makes_no_force_stale(bench):
     bench.pause(False)
     bench.until(lambda: bench.plant.plant.tick > tick + 5)
     assert bench.plant.plant.stale_ticks == 0
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mode):
+    bench.scenario = lasting(20.0, bench.folder, 'paper_test')
+    out = bench.inner.user.create_publisher(WrenchStamped, names.DISTURBANCE_FORCE, qos.LOCKSTEP)
+
+    def disturb(stamp_ns, state):
+        force = (0.0, 1e308 if bench.plant.tick >= 5 else 0.0, 0.0)
+        out.publish(conversions.to_wrench(conversions.to_stamp(stamp_ns), force))
+
+    listen(bench.inner.user, names.RELATIVE_STATE, disturb, print)
+    bench.start(mode=mode, real_time_factor=10.0)
+    status = bench.says('would not be finite')
+    values = {pair.key: pair.value for pair in status.values}
+    assert values['phase'] == 'aborted' and int(values['tick']) >= 5
+    cause = f'because of disturbance_force (0, 1e+308, 0) at tick {values["tick"]}'
+    assert cause in status.message
+    bench.until(lambda: bench.plant.done)
+    assert bench.plant.exit_code == EXIT_ABORTED

@@ -72,6 +72,8 @@ def main() -> int:
 
     # The first node is the plant, the last the recorder.
     code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
+    if code and nodes and nodes[-1].log is None:
+        code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
     if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
         try:
             _report(nodes[-1].folder, nodes[0], time.monotonic() - begun)

@@ -207,7 +207,7 @@ for _row in (
     Interface(NODE_MANIFEST, STATUS_TYPE,
               'files and parameters that shape the flight, for the log',
               due=EVENT, logged=False, qos=LATCHED),
-    Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready or closed',
+    Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready, closed or failed',
               due=EVENT, logged=False, qos=LATCHED),
     Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
               due=EVENT, logged=False, qos=Qos(depth=10)),

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
 
 from rpo_core import cdr
+
+WRONG_FRAME, NOT_FINITE, MALFORMED = 'wrong_frame', 'not_finite', 'malformed'
+"""Why a message cannot be used."""
 
 _NS = 1_000_000_000
 _THREE = struct.Struct('<3d')
@@ -79,3 +83,19 @@ class Layout:
         for place in self.places:
             values += _THREE.unpack_from(data, place)
         return seconds * _NS + nanoseconds, values, True
+
+    def use(self, data: bytes) -> tuple[str, int, tuple[float, ...]]:
+        """Return why a message cannot be used ('' if it can), its stamp [ns] and its numbers.
+
+        What the plant ignores, the recorder ignores too: both ask here.
+        """
+        try:
+            stamp_ns, values, right_frame = self.decode(data)
+        except cdr.CdrError:
+            return MALFORMED, 0, ()
+        at = cdr.STAMP_AT + 4
+        if int.from_bytes(data[at : at + 4], 'little') >= _NS:  # a second way to write a stamp
+            return MALFORMED, stamp_ns, values
+        if not right_frame:
+            return WRONG_FRAME, stamp_ns, values
+        return '' if all(map(math.isfinite, values)) else NOT_FINITE, stamp_ns, values

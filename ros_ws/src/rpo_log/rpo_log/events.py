@@ -28,3 +28,19 @@ def tick_of(status: cdr.Status) -> int | None:
     """Return the first tick that an event holds for; None if it has none."""
     text = dict(status.values).get('tick', '')
     return int(text) if _TICK.fullmatch(text) else None
+
+
+def values_in(data: bytes) -> dict[str, str]:
+    """Return the values of an event by key; none if the bytes are no event."""
+    try:
+        return dict(cdr.decode_status(data).values)
+    except cdr.CdrError:
+        return {}
+
+
+def sender_of(data: bytes) -> str:
+    """Return the name of the node that an event gives; '' if the bytes are no event."""
+    try:
+        return cdr.decode_status(data).name
+    except cdr.CdrError:
+        return ''

@@ -22,7 +22,8 @@ RECORDER = (
 
 REPLAY = (
     Row('bag', '', 'run folder or .mcap file', example='runs/first'),
-    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as possible', most=1e6),
+    Row('rate', 1.0, 'simulated seconds per second; 0: as fast as possible', most=1e6,
+        smallest=1e-6),
     Row('start_s', 0.0, 'time of the run at which to begin', 's'),
     Row('end_s', 0.0, 'time of the run at which to end; 0: its end', 's'),
     Row('loop', False, 'begin again at the end'),

@@ -6,27 +6,30 @@ from __future__ import annotations
 
 import datetime
 import time
+import uuid
+from collections import Counter
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.serialization import deserialize_message
 
-from rpo_core import files, interfaces, scenario
+from rpo_core import files, interfaces
 from rpo_core.chain import signals_of
+from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_log import signature
+from rpo_log import events, signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
 from rpo_log.format import sums
+from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write import run_info
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
+from rpo_log.write.statuses import PHASES, Claims
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
-from rpo_ros.conversions import to_status
+from rpo_ros.conversions import to_status, values_of
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.signals import message_class
@@ -39,14 +42,14 @@ _BY_SCENARIO = frozenset(
 )
 """Signals whose nodes may be there in a run that does not need them."""
 
-_FILE, _PARAMETER = 'file.', 'parameter.'
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY = 100_000
 NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
 _LOOK_S = 0.02
-_RECORDED = ('running', 'finished', 'aborted')
+_ANEW_S = 2.5
+"""Silence of a plant after which another one is the new one; it publishes once a second."""
 
 
 class RecorderNode(FlightNode):
@@ -60,24 +63,25 @@ class RecorderNode(FlightNode):
         key = self.values['sign_key']
         self._key = signature.private_key(files.expanded('sign_key', key)) if key else None
         self.log: RunLogWriter | None = None
-        self._scenario: scenario.Scenario | None = None
-        self._plant: dict[str, str] = {}
-        self._manifests: dict[str, DiagnosticStatus] = {}
+        self._id = uuid.uuid4().hex
+        self._manifests = Manifests()
+        self._ignored: Counter[str] = Counter()
+        self._claims = Claims()
         self._early: list[tuple[str, bytes]] = []
         self._commanded_s: float | None = None
-        self._force_topic = self.resolve_topic_name(names.CONTROL_FORCE)
-        self._status_topic = self.resolve_topic_name(names.RUN_STATUS)
+        self._force_topic, self._status_topic, self._decision_topic = map(
+            self.resolve_topic_name, (names.CONTROL_FORCE, names.RUN_STATUS, names.DECISION)
+        )
         self._expected: list[str] = []
         self._events: set[str] = set()
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
-        self._ready = self._running = False
+        self._ready, self._running, self._anew, self._newest = False, False, False, -1
         self._timeout = Timeout()
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
         self._decisions: DecisionLogWriter | None = None
-        self._decision_topic = self.resolve_topic_name(names.DECISION)
         self._begun = time.time()
         self._rate = health.Rate()
         try:
@@ -101,6 +105,7 @@ class RecorderNode(FlightNode):
                 if row.name == interfaces.RUN_STATUS:
                     on_raw = self._on_status
                 else:
+                    on_raw = partial(self._on_stage_status, name)
                     self._events.add(name)
             self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
         self.create_subscription(
@@ -111,7 +116,6 @@ class RecorderNode(FlightNode):
         )
 
     def _on_raw(self, name: str, data: bytes) -> None:
-        self._timeout.broken()
         if self._commanded_s is None and name == self._force_topic:
             self._commanded_s = time.monotonic()
         if not self._ready:
@@ -120,43 +124,65 @@ class RecorderNode(FlightNode):
             if name in self._recorded:
                 self.log.record(name, data)
             elif self._decisions is not None and name == self._decision_topic:
-                self._decisions.record(data)
+                self._decisions.record(data, self.log.latest)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
+    def _ignore(self, kind: str, sentence: str) -> None:
+        """Count a message that is not of this run, and warn of the first of its kind."""
+        self._ignored[kind] += 1
+        if self._ignored[kind] == 1:
+            self.get_logger().warning(f'ignored from now on, and counted: {sentence}')
+
     def _on_status(self, data: bytes) -> None:
-        values = _values(deserialize_message(data, DiagnosticStatus))
-        phase = values.get('phase', '')
-        if phase == 'waiting' and self._running:
-            self._lose_plant('the plant was started anew')
-        if phase not in _RECORDED or 'resumed' in values:
+        values = events.values_in(data)
+        if values.get('phase') == 'waiting' and self._running:
+            self._anew = True
+        if values.get('phase') in PHASES and 'resumed' not in values:
+            self._claims.take(data)
+            self._weigh()
+
+    def _on_stage_status(self, name: str, data: bytes) -> None:
+        """Take the word of a node that is there."""
+        if events.sender_of(data) in self.get_node_names():
+            self._on_raw(name, data)
+        else:
+            self._ignore('stage_status', 'a stage_status of no node that is here')
+
+    def _weigh(self) -> None:
+        """Take each run_status that fits the states of this run, once its state is there."""
+        if self.log is None:
             return
-        self._running = True
-        self._on_raw(self._status_topic, data)
-        if phase != 'running':
-            self._end = (phase, int(values['tick']), time.monotonic())
+        scenario, patience_s = self._manifests.scenario, self.values['grace_s']
+        for data, fits in self._claims.weigh(self.log, scenario, patience_s):
+            if not fits:
+                self._ignore('run_status', 'a run_status that does not fit the states of this run')
+                continue
+            self._running = True
+            self.log.record(self._status_topic, data)
+            values = events.values_in(data)
+            if values['phase'] != 'running' and self._end is None:
+                self._end = (values['phase'], int(values['tick']), time.monotonic())
+                self.log.end(int(values['tick']))
 
     def _on_diagnostics(self, data: bytes) -> None:
         if self._health_log is not None:
             self._health_log.write(time.time_ns(), data)
 
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
-        values = _values(manifest)
-        self._manifests[values.get('role', '')] = manifest
-        if values.get('role') == 'plant':
+        values = values_of(manifest)
+        fault = self._manifests.take(manifest.name, values)
+        if fault:
+            self._ignore('node_manifest', fault)
+        elif values.get('role') == PLANT:
             self._timeout.broken()
-        if values.get('role') == 'plant' and self._scenario is None:
-            try:
-                found = files.loads(values[_FILE + run_log.SCENARIO], scenario.parse, 'scenario')
-            except (InputError, KeyError) as error:
-                self.get_logger().error(
-                    f'the manifest of the plant has no usable scenario: {error}'
-                )
-                return
-            if isinstance(found, scenario.Scenario):
-                self._scenario, self._plant = found, values
+        elif values.get('role') == CONTROLLER and self.log is not None:
+            another = self._manifests.another_controller()
+            if another is not None:
+                self.log.attach(*another)
+                self.get_logger().info(f'another controller in flight, attached as {another[0]}')
 
-    def _topics(self, found: scenario.Scenario, plant: Mapping[str, str]) -> list[str]:
+    def _topics(self, found: Scenario) -> list[str]:
         """Return the full names of the topics with a message at every tick.
 
         They are those of the scenario's stages; and any other that a node publishes, unless the
@@ -166,9 +192,9 @@ class RecorderNode(FlightNode):
         for row in interfaces.rows(logged=True):
             if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
                 made |= {row.name} if self.count_publishers(row.topic) else set()
-        if plant.get(f'{_PARAMETER}publish_clock') == 'True':
+        if self._manifests.parameter(PLANT, 'publish_clock') == 'True':
             made.add(interfaces.CLOCK)
-        if plant.get(f'{_PARAMETER}mode') == 'free_running':
+        if self._manifests.parameter(PLANT, 'mode') == 'free_running':
             made.add(interfaces.APPLIED_FORCE)
             if not found.disturbance.is_zero:
                 made.add(interfaces.APPLIED_DISTURBANCE)
@@ -179,8 +205,9 @@ class RecorderNode(FlightNode):
         ]
 
     def _look(self) -> None:
-        if self.log is None and not self._interrupted:
+        if self.log is None and not self._interrupted and not self.done:
             self._begin()
+        self._weigh()
         if not self._ready and self.log is not None and self._heard >= self._awaited:
             self._ready = True
             self._announce('ready')
@@ -189,8 +216,8 @@ class RecorderNode(FlightNode):
             grace = self.values['grace_s'] if phase == 'finished' else _ABORT_GRACE_S
             if self._complete(tick) or time.monotonic() - moment > grace:
                 self._finish()
-        elif self._ready:
-            self._watch_plant()
+        elif self._ready and self.log is not None:
+            self._watch_plant(self.log)
 
     def _complete(self, tick: int) -> bool:
         """Return whether all is there up to the last tick of the flight."""
@@ -198,10 +225,25 @@ class RecorderNode(FlightNode):
             return False
         return self.log is not None and self.log.next_tick > tick
 
-    def _watch_plant(self) -> None:
+    def _watch_plant(self, log: RunLogWriter) -> None:
+        if log.latest != self._newest:
+            self._newest = log.latest
+            self._timeout.broken()
+        silent_s = self._timeout.look()
         gone = not self.count_publishers(names.RELATIVE_STATE)
-        if self._timeout.look() > self.values['plant_timeout_s'] or gone:
+        if self._anew and silent_s > _ANEW_S:
+            self._lose_plant('the plant was started anew')
+        elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
+        elif not log.wary:
+            for name in self._contested():
+                log.be_wary()
+                self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
+
+    def _contested(self) -> list[str]:
+        """Return the topics with a message at every tick that several nodes publish."""
+        numbers = [name for name in self._expected if interfaces.CLOCK not in name]
+        return [name for name in numbers if self.count_publishers(name) > 1]
 
     def _lose_plant(self, reason: str) -> None:
         if self._end is None:
@@ -211,35 +253,41 @@ class RecorderNode(FlightNode):
 
     def _begin(self) -> None:
         """Open the log when the scenario is known, and the manifests are there or will not come."""
-        if self._scenario is None:
+        found = self._manifests.scenario
+        if found is None:
             return
-        roles = (
-            ['controller'] if self._scenario.disturbance.is_zero else ['controller', 'disturbance']
-        )
-        if any(role not in self._manifests for role in roles) and self._patient():
+        roles = [CONTROLLER] if found.disturbance.is_zero else [CONTROLLER, 'disturbance']
+        if not all(map(self._manifests.heard, roles)) and self._patient():
             return
-        base = run_log.TimeBase(self._scenario.epoch_ns, self._scenario.dt_ns, self._scenario.ticks)
-        self._expected = self._topics(self._scenario, self._plant)
-        self._recorded = {*self._expected, *self._events, self._status_topic}
         try:
-            self.log = RunLogWriter(
-                self.folder, base, self._recorded, self._attachments(),
-                split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
-                overwrite=self.values['overwrite'])  # fmt: skip
+            self._open(found)
         except LogError as error:
             self.get_logger().error(str(error))
+            self._announce('failed', str(error))
             self.exit_code, self.done = EXIT_INCOMPLETE, True
             return
-        self._health_log = HealthLogWriter(self.folder)
-        self._awaited = set(self._expected)
-        rate_hz = self._decision_rate_hz()
-        if rate_hz > 0.0:
-            self._awaited.add(self._decision_topic)
-            self._decisions = DecisionLogWriter(self.folder, self._decision_topic, base, rate_hz)
         for name, data in self._early:
             self._on_raw(name, data)
         self._early.clear()
-        self.get_logger().info(f'recording {self._scenario.name} to {self.folder}')
+        self.get_logger().info(f'recording {found.name} to {self.folder}')
+
+    def _open(self, found: Scenario) -> None:
+        """Open the files of the log; raises LogError."""
+        base = run_log.TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+        self._expected = self._topics(found)
+        self._recorded = {*self._expected, *self._events, self._status_topic}
+        own = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
+        log = RunLogWriter(
+            self.folder, base, self._recorded, self._manifests.attachments(own),
+            split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
+            overwrite=self.values['overwrite'], scenario=found)  # fmt: skip
+        self._health_log = HealthLogWriter(self.folder)
+        self._awaited = set(self._expected)
+        rate_hz = self._manifests.decision_rate_hz
+        if rate_hz > 0.0:
+            self._awaited.add(self._decision_topic)
+            self._decisions = DecisionLogWriter(self.folder, self._decision_topic, base, rate_hz)
+        self.log = log
 
     def _patient(self) -> bool:
         """Return whether manifests may still come, by the wall clock and not by the messages.
@@ -247,86 +295,63 @@ class RecorderNode(FlightNode):
         A plant that waits sends the first state again and again, and on a slow machine any number
         of them may be here before the manifest of the node that answers.
         """
-        if self._end is not None and self._end[0] == 'finished':
-            return False
         since = self._commanded_s
         return since is None or time.monotonic() - since < MANIFEST_PATIENCE_S
-
-    def _decision_rate_hz(self) -> float:
-        """Return how often the controller publishes decisions, by its manifest; 0: never."""
-        manifest = self._manifests.get('controller')
-        try:
-            return float(_values(manifest)[f'{_PARAMETER}decision_rate_hz']) if manifest else 0.0
-        except (KeyError, ValueError):
-            return 0.0
-
-    def _attachments(self) -> dict[str, bytes]:
-        """Return what the nodes run with: their files, and a file of all their parameters."""
-        found: dict[str, bytes] = {}
-        parameters: dict[str, dict[str, Any]] = {
-            'recorder': {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
-        }
-        for manifest in self._manifests.values():
-            values = _values(manifest)
-            for key, value in values.items():
-                if key.startswith(_FILE):
-                    found[key.removeprefix(_FILE)] = value.encode()
-            parameters[manifest.name] = {
-                key.removeprefix(_PARAMETER): _parsed(value)
-                for key, value in values.items()
-                if key.startswith(_PARAMETER)
-            }
-        found[run_log.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
-        return found
 
     def _finish(self) -> None:
         if self.log is None or self.done:
             return
         summary = self.log.close()
-        self._write_run_info(summary)
-        self._seal()
+        faults = [self._write_run_info(summary), self._seal()]
+        beside = [file for file in (self._health_log, self._decisions) if file]
+        faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
         sentence = f'{summary.sentence()}: {self.folder}'
-        if summary.whole:
-            self.get_logger().info(sentence)
-        else:
+        log = self.get_logger()
+        log.info(sentence) if summary.whole else log.error(sentence)
+        for fault in filter(None, faults):
+            log.error(fault)
+        if not summary.whole or any(faults):
             self.exit_code = EXIT_INCOMPLETE
-            self.get_logger().error(sentence)
         self._announce('closed')
         self.done = True
 
-    def _write_run_info(self, summary: run_log.RunSummary) -> None:
-        """Write what depends on the wall clock and the machine, apart from the run's log."""
+    def _write_run_info(self, summary: run_log.RunSummary) -> str:
+        """Write what depends on the wall clock and the machine; return why not, '' if done."""
         if self._health_log is not None:
             self._health_log.close()
         if self._decisions is not None:
             self._decisions.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
-            'recorded_from': _utc(self._begun),
-            'recorded_to': _utc(time.time()),
+            'recorded_from': run_info.utc(self._begun),
+            'recorded_to': run_info.utc(time.time()),
             'run': {'end': phase, 'last_tick': None if tick == NEVER else tick},
             'messages': dict(summary.messages),
             'decisions': self._decisions.messages if self._decisions is not None else None,
             'resent_and_dropped': dict(summary.duplicates),
+            'ignored': {**summary.ignored, **dict(self._ignored)},
             'faults': None if summary.whole else summary.sentence(),
         }
         try:
             run_info.write_run_info(self.folder, facts)
         except LogError as error:
-            self.get_logger().error(str(error))
+            return str(error)
+        return ''
 
-    def _seal(self) -> None:
-        """Write the digest of every file of the folder, and sign them."""
+    def _seal(self) -> str:
+        """Write the digest of every file of the folder, sign them; return why not, '' if done."""
         try:
             sums.write_sums(self.folder)
             if self._key is not None:
                 signature.sign(self.folder, self._key)
         except LogError as error:
-            self.exit_code = EXIT_INCOMPLETE
-            self.get_logger().error(str(error))
+            return str(error)
+        return ''
 
-    def _announce(self, message: str) -> None:
-        self._last_status = to_status(health.OK, self.get_name(), message, [])
+    def _announce(self, message: str, reason: str = '') -> None:
+        values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
+        level = health.ERROR if reason else health.OK
+        self._last_status = to_status(level, self.get_name(), message, values.items())
         self._publish_status()
 
     def _publish_status(self) -> None:
@@ -348,7 +373,11 @@ class RecorderNode(FlightNode):
             'lost': summary.lost,
             'missing': sum(count for count, _ in summary.missing.values()),
             'decisions': self._decisions.messages if self._decisions else 0,
+            'ignored': sum(summary.ignored.values()) + sum(self._ignored.values()),
         }
+        if summary.ignored:
+            text = f'ignored and counted: messages that do not act, {dict(summary.ignored)}'
+            self.get_logger().warning(text, once=True)
         level = health.ERROR if failure else health.WARN if not summary.whole else health.OK
         return level, failure or 'recording', values
 
@@ -362,24 +391,7 @@ class RecorderNode(FlightNode):
     def close(self) -> None:
         """Close the log."""
         self._finish()
-        if self._interrupted:
-            self.exit_code = 0
-
-
-def _parsed(text: str) -> Any:
-    """Return the value of a parameter in a manifest; the text itself where it is no YAML."""
-    try:
-        return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError):
-        return text
-
-
-def _values(status: DiagnosticStatus) -> dict[str, str]:
-    return {pair.key: pair.value for pair in status.values}
-
-
-def _utc(moment_s: float) -> str:
-    return datetime.datetime.fromtimestamp(moment_s, datetime.timezone.utc).isoformat()
+        self.exit_code = 0 if self._interrupted else self.exit_code
 
 
 def main() -> int:

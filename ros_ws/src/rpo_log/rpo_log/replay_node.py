@@ -11,8 +11,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
-from rclpy.clock import Clock as SteadyClock
-from rclpy.clock import ClockType
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core import files, interfaces
@@ -58,8 +56,7 @@ class ReplayNode(FlightNode):
         self._connect()
         self._left = self._ticks()
         rate, dt_s = self.values['rate'], self._reader.base.dt_ns / 1e9
-        steady = SteadyClock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(dt_s / rate if rate else _FASTEST_S, self._on_time, clock=steady)
+        self.every(dt_s / rate if rate else _FASTEST_S, self._on_time)
 
     def _ticks_asked(self) -> range:
         base = self._reader.base

@@ -80,9 +80,11 @@ class Manifest:
     the next heartbeat of DDS, seconds later.
 
     role : 'plant', 'controller' or 'disturbance'
+    run : id of the plant, so that a recorder tells two plants apart; it is in no log
     """
 
-    def __init__(self, node: FlightNode, role: str) -> None:
+    def __init__(self, node: FlightNode, role: str, run: str = '') -> None:
+        self._run = [('run', run)] if run else []
         self._role, self._name = role, node.get_name()
         self._publisher = node.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
         self._status: DiagnosticStatus | None = None
@@ -96,6 +98,7 @@ class Manifest:
         """
         values = [
             ('role', self._role),
+            *self._run,
             *((f'parameter.{key}', as_yaml(value)) for key, value in sorted(parameters.items())),
             *((f'file.{name}', text) for name, text in sorted(files.items())),
         ]

@@ -29,6 +29,7 @@ class ParameterRow:
     default : a tuple is an array of that many numbers
     unit : of a number, '' for others
     least, most : range of a number, or of each number of an array, both included
+    smallest : of a real number that is not zero; 0: any
     choices : the allowed texts; empty: any text
     ros_name : the text is the name of a node or of a topic
     wall : concerns only wall time or transport, so it does not change the flight
@@ -42,6 +43,7 @@ class ParameterRow:
     unit: str = ''
     least: float = 0.0
     most: float = _LARGEST
+    smallest: float = 0.0
     choices: tuple[str, ...] = ()
     ros_name: bool = False
     wall: bool = False
@@ -63,6 +65,8 @@ class ParameterRow:
             return ' or '.join(self.choices)
         if isinstance(self.default, (bool, str)):
             return ''
+        if self.smallest:
+            return f'0, or {self.smallest:g} to {self.most:g}'
         return f'{self.least:g} to {self.most:g}'
 
     @property
@@ -90,7 +94,10 @@ class ParameterRow:
         if isinstance(self.default, int):
             return validation.whole(self.name, value, least=int(self.least), most=int(self.most))
         if isinstance(self.default, float):
-            return validation.real(self.name, value, self.unit, least=self.least, most=self.most)
+            number = validation.real(self.name, value, self.unit, least=self.least, most=self.most)
+            if 0.0 < number < self.smallest:
+                raise InputError(f'`{self.name}` must be {self.range}; got {number!r}')
+            return number
         if isinstance(self.default, tuple):
             return self._numbers(value)
         if self.choices:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,10 @@ from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_ros import names, qos
 from rpo_ros.conversions import values_of
+
+ANEW_S = 2.5
+"""Silence of a plant, which publishes its manifest once a second, after which another may take
+over; until then it is a second one, and does not count."""
 
 SCENARIO_FILE = 'file.scenario.yaml'
 
@@ -36,7 +41,8 @@ class PlantScenario:
     ) -> None:
         self._take, self._refuse = take, refuse
         self._asserted = scenario.load_scenario(asserted) if asserted else None
-        self._text = ''
+        self._text = self._run = ''
+        self._heard_s = 0.0
         self.scenario = self._asserted
         node.create_subscription(
             DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
@@ -50,7 +56,14 @@ class PlantScenario:
     def _on_manifest(self, manifest: DiagnosticStatus) -> None:
         values = values_of(manifest)
         text = values.get(SCENARIO_FILE, '')
-        if values.get('role') != 'plant' or text == self._text:
+        if values.get('role') != 'plant':
+            return
+        run, now_s = values.get('run', ''), time.monotonic()
+        second = self._run not in ('', run) and now_s - self._heard_s < ANEW_S
+        if second and text != self._text:
+            return
+        self._run, self._heard_s = run, now_s
+        if text == self._text:
             return
         self._text = text
         try:

@@ -35,6 +35,9 @@ from rclpy.timer import Timer
 from rpo_core.validation import InputError
 from rpo_ros.entry_point import EXIT_BAD_INPUT
 
+LONGEST_S = 1e9
+"""Longest period of a timer: 32 years. rclpy's nanoseconds overflow at 292."""
+
 _POLL_S = 0.02
 """Time between two checks of the stop signal and of whether the work is done."""
 
@@ -75,7 +78,8 @@ class FlightNode(Node):
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call back in steady wall time: the clock of a node stops with the clock of the system."""
-        return self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return self.create_timer(min(period_s, LONGEST_S), callback, clock=steady)
 
     def refuse_change(self, wanted: Mapping[str, Any]) -> None:
         """Raise InputError if these checked parameters may not change now; change nothing."""

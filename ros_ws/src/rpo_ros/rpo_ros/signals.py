@@ -8,7 +8,6 @@ interfaces knows the place of each number in the bytes.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache, partial
 from importlib import import_module
@@ -17,12 +16,8 @@ from typing import Any
 from rclpy.node import Node
 
 from rpo_core import interfaces
-from rpo_core.cdr import CdrError
 from rpo_core.stage import Signal
 from rpo_ros import qos
-
-WRONG_FRAME, NOT_FINITE, MALFORMED = 'wrong_frame', 'not_finite', 'malformed'
-"""Why a message cannot be used."""
 
 Taker = Callable[[int, Signal], None]
 """Takes the stamp [ns] and the numbers of a message."""
@@ -57,25 +52,19 @@ def listen(node: Node, name: str, take: Taker, ignore: Callable[[str], Any]) -> 
     ignore : gets the reason why a message cannot be used
     """
     row = interfaces.row_of(name)
-    on_message = partial(_on_message, row.layout.decode, take, ignore)
+    on_message = partial(_on_message, row.layout.use, take, ignore)
     kind = message_class(row.type)
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)
 
 
 def _on_message(
-    decode: Callable[[bytes], tuple[int, Signal, bool]],
+    use: Callable[[bytes], tuple[str, int, Signal]],
     take: Taker,
     ignore: Callable[[str], Any],
     data: bytes,
 ) -> None:
-    try:
-        stamp_ns, values, right_frame = decode(data)
-    except CdrError:
-        ignore(MALFORMED)
-        return
-    if not right_frame:
-        ignore(WRONG_FRAME)
-    elif not all(map(math.isfinite, values)):
-        ignore(NOT_FINITE)
+    fault, stamp_ns, values = use(data)
+    if fault:
+        ignore(fault)
     else:
         take(stamp_ns, values)

@@ -63,7 +63,7 @@ class StageNode(FlightNode):
         self.chain: Chain | None = None
         self.answered = 0
         self.ignored: Counter[str] = Counter()
-        self.last_tick = -1
+        self.last_tick, self._anew = -1, False
         self.plant_phase = ''
         self._answered_s: float | None = None
         self._heard_s: float | None = None
@@ -234,6 +234,8 @@ class StageNode(FlightNode):
     def _ask(self, stamp_ns: int, signals: Signals) -> None:
         """Answer the inputs of a tick."""
         asked = (stamp_ns, *signals.values())
+        if self._anew:
+            self._begin_anew(stamp_ns)
         if asked == self._asked:
             for outlet, data in self._answer:
                 outlet.publisher.publish(data)
@@ -256,6 +258,13 @@ class StageNode(FlightNode):
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
+
+    def _begin_anew(self, stamp_ns: int) -> None:
+        """Begin a new run with its first state: the word of anybody alone does not end one."""
+        tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else 0
+        if tick == 0 or self.last_tick < 0:
+            self.new_run()
+        self._anew = False
 
     def _say_begun(self, chain: Chain, tick: int) -> None:
         """Say that stages with memory begin without it, in the middle of a run."""
@@ -284,7 +293,7 @@ class StageNode(FlightNode):
     def _on_run_status(self, status: DiagnosticStatus) -> None:
         phase = values_of(status).get('phase', '')
         if phase == 'waiting' and self.plant_phase not in ('', 'waiting'):
-            self.new_run()
+            self._anew = True
         self.plant_phase = phase
 
     @property

@@ -26,7 +26,7 @@ PLANT = (
     Row('stale_after_ticks', 10, 'a force older than so many ticks counts as zero (free running)',
         most=1_000_000),
     Row('real_time_factor', 0.0, 'simulated seconds per second; 0: as fast as it goes in lockstep, '
-        '1 in free running', most=1e6, wall=True, changeable=True),
+        '1 in free running', most=1e6, smallest=1e-6, wall=True, changeable=True),
     Row('step_ticks', 1, 'ticks that pass for a call of ~/step', least=1, most=1_000_000, wall=True,
         changeable=True),
     Row('resend_after_s', 0.25, 'wall time without an answer before a state is sent again', 's',

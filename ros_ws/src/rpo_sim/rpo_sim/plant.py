@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -23,6 +24,10 @@ LATE, EARLY, REPEATED = 'late', 'early', 'repeated'
 FOREIGN, DROPPED = 'foreign_stamp', 'dropped_peer'
 """Why an answer is ignored: it is for a past tick, a future tick, an answered tick; its stamp is of
 no tick; the run goes on without its peer."""
+
+
+class NotFiniteError(ArithmeticError):
+    """A step made a state that is not finite; the message says from which signal."""
 
 
 PLACES = (Place.LINK, Place.THRUSTERS, Place.DYNAMICS)
@@ -85,11 +90,20 @@ class Plant:
         return x, y, z
 
     def fly(self, answers: Mapping[str, Force]) -> None:
-        """Step to the next tick with the answers by topic; a missing answer is zero force."""
+        """Step to the next tick with the answers by topic; a missing answer is zero force.
+
+        Raises NotFiniteError, and stays at its tick, if the next state is not finite.
+        """
         signals = self.signals
+        before = signals[RELATIVE_STATE]
         for name in self.inputs:
             signals[name] = answers.get(name, ZERO)
         self._chain.step(self.tick, signals)
+        # With its norms: 1e300 m is finite, but no controller can answer it.
+        state = signals[RELATIVE_STATE]
+        if not math.isfinite(metrics.norm(*state[:3]) + metrics.norm(*state[3:])):
+            signals[RELATIVE_STATE] = before
+            raise NotFiniteError(self._why_not_finite(signals))
         x, y, z = signals[SATURATED_FORCE]
         self.saturated_ticks += signals[SATURATED_FORCE] != signals[DUE_FORCE]
         self._squares = [
@@ -98,6 +112,16 @@ class Plant:
         ]
         self.tick += 1
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
+
+    def _why_not_finite(self, signals: Signals) -> str:
+        """Return in one sentence which signal is largest in the step to the next tick."""
+        names = (RELATIVE_STATE, *self.inputs)
+        cause = max(names, key=lambda name: max(map(abs, signals[name])))
+        numbers = ', '.join(f'{value:g}' for value in signals[cause])
+        return (
+            f'the state of tick {self.tick + 1} would not be finite, because of {cause} '
+            f'({numbers}) at tick {self.tick}'
+        )
 
     def last_signals(self, answers: Mapping[str, Force]) -> Signals:
         """Return the signals of the last tick, whose answers change no state."""

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+import uuid
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
@@ -26,7 +27,7 @@ from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
 from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
 from rpo_sim.parameters import PLANT as PARAMETERS
-from rpo_sim.plant import ACCEPTED, topics_of
+from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
 from rpo_sim.publications import Publications
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.simulator_control import SimulatorControl
@@ -48,6 +49,7 @@ class PlantNode(Loop):
         self.values = declare(self, PARAMETERS)
         path = files.find('scenario', self.values['scenario'])
         self.scenario = scenario.load_scenario(path)
+        self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
         self.control = SimulatorControl(self)
@@ -66,12 +68,12 @@ class PlantNode(Loop):
         self.create_subscription(
             DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
         )
-        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'])
+        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'], self.run_id)
 
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         shaping['scenario'] = self.scenario.name
-        self._latched = health.Manifest(self, 'plant')
+        self._latched = health.Manifest(self, 'plant', self.run_id)
         self._latched.publish(shaping, {'scenario.yaml': text})
 
     def _begin_run(self) -> None:
@@ -109,7 +111,8 @@ class PlantNode(Loop):
     def _on_stage_status(self, status: DiagnosticStatus) -> None:
         """End the run when a node that was started for it takes no part."""
         values = values_of(status)
-        if values.get('state') == REFUSED and self.phase not in ENDED:
+        there = status.name in self.get_node_names()
+        if values.get('state') == REFUSED and there and self.phase not in ENDED:
             self.abort(f'{values.get("stage")} takes no part: {values.get("reason")}')
 
     def advance(self) -> None:
@@ -121,7 +124,11 @@ class PlantNode(Loop):
             topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
             self._end(FINISHED, 'reached the last tick')
             return
-        plant.advance()
+        try:
+            plant.advance()
+        except NotFiniteError as error:
+            self.abort(str(error))
+            return
         self.progress_s = time.monotonic()
         self.send()
         topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
@@ -165,8 +172,10 @@ class PlantNode(Loop):
         if not absent:
             self.send()
             self.topics.before_flight(self.scenario.stamp_ns(-1))
-        awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited
-        if not awaited:
+        awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited()
+        if self.recorder.failure:
+            self.abort(f'the recorder failed: {self.recorder.failure}')
+        elif not awaited:
             self.progress_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')

@@ -1,53 +1,113 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The recorder as the plant sees it: present, ready, closed or gone."""
+"""The recorders as the plant sees them: present, ready, closed, failed or gone."""
 
 from __future__ import annotations
+
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_ros import names, qos
+from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
 from rpo_ros.timeout import Timeout
 
 LEASE_S = 5.0
 """Longest silence of a live recorder: it publishes its status once a second."""
 
+WAITING, READY, CLOSED, FAILED = 'waiting', 'ready', 'closed', 'failed'
+_BUSY = 'busy'
+_MOST = 32
+
+
+class _Recorder:
+    """One recorder: the last thing it said, and how long ago."""
+
+    def __init__(self) -> None:
+        self.says = ''
+        self.timeout = Timeout()
+        self.silent_s = 0.0
+
+    @property
+    def alive(self) -> bool:
+        """Whether it published not long ago."""
+        return self.silent_s <= LEASE_S
+
 
 class RecorderWatch:
-    """Listens to `recorder_status`.
+    """Listens to `recorder_status`; each recorder gives its id, and that of the plant it records.
 
-    lost : it was ready and publishes no more
+    insist : a run needs one
+    run : id of the plant
+    lost : all that were ready publish no more
     """
 
-    def __init__(self, node: FlightNode, insist: bool) -> None:
-        self._node, self._insist = node, insist
-        self._status, self._timeout = '', Timeout()
+    def __init__(self, node: FlightNode, insist: bool, run: str) -> None:
+        self._node, self._insist, self._run = node, insist, run
+        self._known: dict[str, _Recorder] = {}
+        self._in_sight, self._seen_s = 0, 0.0
+        self._why = ''
         self.lost = False
         node.create_subscription(
-            DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED
+            DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED_QUEUE
         )
 
     def _on_status(self, message: DiagnosticStatus) -> None:
-        self._status = message.message
-        self._timeout.broken()
+        values = values_of(message)
+        key = values.get('recorder', message.name)
+        if key not in self._known and len(self._known) >= _MOST:
+            return
+        known = self._known.setdefault(key, _Recorder())
+        of_another = values.get('run', '') not in ('', self._run)
+        known.says = _BUSY if of_another else message.message
+        known.timeout.broken()
+        if known.says == FAILED:
+            self._why = values.get('reason', FAILED)
 
     def forget(self) -> None:
         """Expect another recorder: a new run begins."""
-        self._status, self.lost = '', False
+        self._known.clear()
+        self._why, self.lost = '', False
+
+    def _that_say(self, *words: str) -> list[_Recorder]:
+        for known in self._known.values():
+            known.silent_s = known.timeout.look()
+        return [known for known in self._known.values() if known.alive and known.says in words]
 
     @property
+    def failure(self) -> str:
+        """Why the run cannot be recorded although it must be; '' if it can."""
+        return self._why if self._insist and not self._that_say(READY, WAITING) else ''
+
     def awaited(self) -> bool:
-        """Whether a run must wait until it is ready."""
-        there = self._insist or self._node.count_publishers(names.RECORDER_STATUS) > 0
-        return there and self._status != 'ready'
+        """Return whether a run must wait until each in sight is ready; call it often.
+
+        Also for one that still records another plant: that may be the plant before this one.
+        """
+        if self._that_say(WAITING, _BUSY) or self._unheard():
+            return True
+        return self._insist and not self._that_say(READY)
+
+    def _unheard(self) -> bool:
+        """Return whether a recorder is in sight that has said nothing yet.
+
+        One that was killed stays in sight for a while, but says nothing.
+        """
+        in_sight, now_s = self._node.count_publishers(names.RECORDER_STATUS), time.monotonic()
+        if in_sight > self._in_sight:
+            self._seen_s = now_s
+        self._in_sight = in_sight
+        heard = len(self._that_say(WAITING, READY, CLOSED, FAILED, _BUSY))
+        return in_sight > heard and now_s - self._seen_s < LEASE_S
 
     @property
     def done(self) -> bool:
-        """Whether it needs nothing more from the plant."""
-        return self._status in ('', 'closed') or self.lost
+        """Whether none needs anything more from the plant."""
+        return not self._that_say(WAITING, READY)
 
     def look(self) -> bool:
-        """Return whether it was ready and publishes no more; call it often."""
-        self.lost = self._timeout.look() > LEASE_S and self._status == 'ready'
+        """Return whether those that were ready publish no more; call it often."""
+        alive = self._that_say(READY)
+        self.lost = not alive and any(known.says == READY for known in self._known.values())
         return self.lost

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rpo_log.errors import Fault, LogError
@@ -21,6 +21,22 @@ SCENARIO = 'scenario.yaml'
 CONTROLLER = 'controller.yaml'
 PARAMETERS = 'parameters.yaml'
 """Names of the attachments; the parameters are those of every node, resolved."""
+
+MOST_CONTROLLERS = 16
+"""Controller files of one run that are attached."""
+
+_NUMBERED = re.compile(r'controller(-[1-9][0-9]?)?\.yaml')
+
+
+def controller_name(number: int) -> str:
+    """Return the name of the n-th controller file of a run: controller.yaml, controller-2.yaml."""
+    return CONTROLLER if number == 1 else f'controller-{number}.yaml'
+
+
+def is_controller(name: str) -> bool:
+    """Return whether an attachment is a controller file of the run."""
+    return _NUMBERED.fullmatch(name) is not None
+
 
 METADATA_FILE = 'metadata.yaml'
 HEALTH_FILE = 'health.mcap'
@@ -94,6 +110,7 @@ class RunSummary:
     duplicates, conflicts, late : per topic, messages that came again with the same bytes (dropped,
         as it should be), with other bytes (the first was kept), or too late to be put in order
     foreign : messages that are of no tick of this run, or not of their type
+    ignored : messages that did not act, as the plant ignores them: by reason, or per topic
     lost : messages that could not be written
     failure : why the log ended early; None if it did not
     """
@@ -107,6 +124,7 @@ class RunSummary:
     foreign: int
     lost: int
     failure: str | None
+    ignored: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def whole(self) -> bool:
@@ -123,9 +141,12 @@ class RunSummary:
         faults += [f'{count} too late on {name}' for name, count in self.late.items()]
         if self.failure:
             faults.append(f'the log failed ({self.failure}), {self.lost} lost')
-        return f'{sum(self.messages.values())} messages logged; ' + (
+        sentence = f'{sum(self.messages.values())} messages logged; ' + (
             '; '.join(faults) if faults else 'none missing'
         )
+        if self.ignored:
+            sentence += f'; {sum(self.ignored.values())} ignored, as the plant ignored them'
+        return sentence
 
 
 def log_files(folder: Path) -> list[Path]:

@@ -143,9 +143,9 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
     return found
 
 
-def controller_of(log: RunLog | RunReader) -> AnyController:
-    """Return the controller that a log carries; raises LogError."""
-    return _parsed(log, CONTROLLER, controller.parse)
+def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyController:
+    """Return the controller that a log carries, or a later one of its run; raises LogError."""
+    return _parsed(log, name, controller.parse)
 
 
 def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed]) -> _Parsed:

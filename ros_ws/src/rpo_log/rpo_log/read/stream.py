@@ -109,6 +109,10 @@ class RunReader:
         stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
         return found.counts, *(stamps if found.last >= 0 else (0, 0))
 
+    def carries(self, path: Path, name: str) -> bool:
+        """Return whether a file of the log carries an attachment, by what was read of it."""
+        return (path, name) in self._attached
+
     def messages(self) -> Iterator[Message]:
         """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
         for messages in self._read():

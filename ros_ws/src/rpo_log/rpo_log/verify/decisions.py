@@ -51,14 +51,20 @@ class Decisions:
     def __init__(
         self, folder: Path, base: TimeBase, topic: str, controller: AnyController, content: bytes
     ) -> None:
-        self._base, self._topic, self._controller = base, topic, controller
-        self._label = explain.label(controller, hashlib.sha256(content).hexdigest())
+        self._base, self._topic = base, topic
+        self._controllers: list[tuple[AnyController, str]] = []
+        self.add(controller, content)
         self._records = FileRecords(folder / DECISIONS_FILE)
         self._form = Form(self._records.path, _MOST_RECORDS)
         self._ticks: list[int] = []
         self._unknown = 0
         self._messages = self._read()
         self._waiting = next(self._messages, None)
+
+    def add(self, controller: AnyController, content: bytes) -> None:
+        """Take a controller of the run, and the bytes of its file."""
+        label = explain.label(controller, hashlib.sha256(content).hexdigest())
+        self._controllers.append((controller, label))
 
     def difference(
         self, ticks: NDArray[np.int64], states: Floats, forces_n: Floats, active: NDArray[np.bool_]
@@ -139,11 +145,13 @@ class Decisions:
         self, tick: int, data: bytes, inputs: list[float], active: bool
     ) -> Difference | None:
         """Return where a decision is not the one of a state and a force."""
-        reasons = explain.INACTIVE
-        if active:
-            reasons = explain.reasons(self._controller, inputs[:6], inputs[6:])
-        label, level = self._label, _OK if active else _WARN
-        for said in (label, *(() if active else ('none',))):  # without a file when unconfigured
+        level = _OK if active else _WARN
+        # Without a file when unconfigured; of several controllers the last is the one named.
+        labels = [*([] if active else [(None, 'none')]), *reversed(self._controllers)]
+        for controller, said in labels:
+            reasons = explain.INACTIVE
+            if active and controller is not None:
+                reasons = explain.reasons(controller, inputs[:6], inputs[6:])
             statuses = [
                 cdr.Status(level, f'decision: {axis}', sentence, said,
                            tuple((name, repr(number)) for name, number in pairs))

@@ -23,6 +23,7 @@ from rpo_log.format.rosbag2 import BagFile
 from rpo_log.format.run import (
     DECISIONS_FILE,
     METADATA_FILE,
+    MOST_CONTROLLERS,
     PARAMETERS,
     SIGNATURE_FILE,
     SUMS_FILE,
@@ -117,7 +118,7 @@ class Evidence:
 
     def __init__(self, reader: RunReader) -> None:
         self._reader = reader
-        most = 2 * len(reader.topics) + len(reader.attachments) + 8
+        most = 2 * len(reader.topics) + len(reader.attachments) + MOST_CONTROLLERS + 8
         self._forms = {path: Form(path, most) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
         self._gaps: list[str] = []
@@ -185,13 +186,18 @@ class Evidence:
             self._recomputed.append(what)
 
     def verification(
-        self, ticks: int, gaps: Sequence[str], free: bool, stages: tuple[str, ...]
+        self,
+        ticks: int,
+        gaps: Sequence[str],
+        free: bool,
+        stages: tuple[str, ...],
+        controllers: tuple[str, ...],
     ) -> Verification:
         """Return all of it as the outcome of a flight without difference."""
         return Verification(
             self._reader.path, ticks, None, (*gaps, *self._gaps), free, stages, self._faults,
             tuple(self._recomputed), self._digested, tuple(self._unknown), self._premises,
-            self._signed_by,
+            self._signed_by, controllers,
         )  # fmt: skip
 
 

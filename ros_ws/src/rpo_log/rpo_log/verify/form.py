@@ -18,7 +18,7 @@ from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metad
 from rpo_core.validation import shown
 from rpo_log.format import rosbag2, schemas
 from rpo_log.format.rosbag2 import BagFile, BagTopic
-from rpo_log.format.run import CONTROLLER, PARAMETERS, RUN_RECORD, SCENARIO
+from rpo_log.format.run import CONTROLLER, PARAMETERS, RUN_RECORD, SCENARIO, is_controller
 from rpo_log.read.stream import RunReader
 from rpo_log.write.bag_file import MEDIA_TYPE, bag_topics
 from rpo_log.write.mcap_file import LIBRARY, PROFILE
@@ -74,8 +74,8 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
     open_topics = bag_topics(reader.topics, [0] * len(reader.topics))
     attached = [
         Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
-        for name, data in sorted(reader.attachments.items())
-        if name in _CARRIED
+        for name, data in sorted(reader.attachments.items(), key=_order)
+        if (name in _CARRIED or is_controller(name)) and reader.carries(path, name)
     ]
     file = BagFile(path.name, first_ns, last_ns, sum(counts))
     return [
@@ -86,6 +86,13 @@ def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
         *declarations(open_topics),
         Metadata(rosbag2.RECORD, rosbag2.record_values(bag_topics(reader.topics, counts), file)),
     ]
+
+
+def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
+    """Return the place of an attachment: later controllers come after all others, by number."""
+    name = attachment[0]
+    later = name not in _CARRIED
+    return later, len(name) if later else 0, name
 
 
 def declarations(topics: Sequence[BagTopic]) -> Iterator[McapRecord]:

@@ -29,6 +29,7 @@ class Verification:
     unknown : what nothing here proves
     premises : what the proof rests on, by name; SHA-256 each
     signed_by : file name of the trusted key that signed the folder; None if none was asked for
+    controllers : per controller its commands, if there was more than one
     """
 
     path: Path
@@ -43,6 +44,7 @@ class Verification:
     unknown: tuple[str, ...] = ()
     premises: Mapping[str, str] = field(default_factory=dict)
     signed_by: str | None = None
+    controllers: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
@@ -58,6 +60,8 @@ class Verification:
         if self.faults:
             return f'{self.path}: NOT as recorded: {"; ".join(self.faults)}'
         stages = f'recomputed: {", ".join(self.stages)}'
+        if self.controllers:
+            stages += f'; {len(self.controllers)} controllers: {", ".join(self.controllers)}'
         if self.gaps:
             gaps = '; '.join(self.gaps)
             return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'

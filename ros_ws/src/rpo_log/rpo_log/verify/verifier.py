@@ -40,6 +40,7 @@ from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import TickBlock
 from rpo_log.read.run_log import controller_of, scenario_of
 from rpo_log.read.stream import RunReader
+from rpo_log.verify.controllers import Controllers
 from rpo_log.verify.decisions import Decisions
 from rpo_log.verify.difference import (
     APPLIED,
@@ -91,6 +92,7 @@ class _Verifier:
         status = self.topics.get(interfaces.RUN_STATUS)
         self.statuses = Statuses(self.scenario, status, self.free)
         self.decisions = self._decisions(reader, controller)
+        self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
 
     def _decisions(self, reader: RunReader, controller: AnyController) -> Decisions | None:
         """Return the decisions beside the log; None if there are none."""
@@ -162,6 +164,12 @@ class _Verifier:
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
             made, known = stage.run(block.ticks, reads, active, began)
+            if link.place is Place.CONTROLLER:
+                made, known = self.controllers.any_of(
+                    block, link.stage.outputs[0], (made, known),
+                    lambda other, names: other.run(
+                        block.ticks, [signals[name] for name in names], active, began),  # noqa: B023
+                    active)  # fmt: skip
             if link.place is Place.DYNAMICS:
                 yield self._next_states(block, made[0], known)
                 continue
@@ -287,7 +295,9 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
     evidence.of_log(verifier.statuses, free=verifier.free)
     evidence.of_decisions(verifier.decisions, completeness.last)
     evidence.of_folder(trusted)
-    return evidence.verification(completeness.last + 1, gaps, verifier.free, verifier.names)
+    return evidence.verification(
+        completeness.last + 1, gaps, verifier.free, verifier.names, verifier.controllers.shares
+    )
 
 
 def _events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:

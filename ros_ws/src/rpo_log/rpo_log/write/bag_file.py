@@ -85,6 +85,12 @@ class BagFileWriter:
         elif self._chunk_ticks >= min(self.ticks // CHUNK_SHARE, self.base.chunk_ticks):
             self._close_chunk()
 
+    def attach(self, name: str, data: bytes) -> None:
+        """Write an attachment between two chunks."""
+        self._file.add_attachment(name, MEDIA_TYPE, data, self.base.epoch_ns)
+        self._file.close_chunk()
+        self._count_chunk()
+
     def sync(self) -> None:
         """Ask for the bytes to reach the disk, without waiting."""
         self._file.sync()
@@ -113,6 +119,10 @@ class BagFileWriter:
         if not any(self._chunk_counts):
             return
         self._file.close_chunk()
+        self._count_chunk()
+
+    def _count_chunk(self) -> None:
+        """Count the messages of a chunk that was closed."""
         self.counts = [sum(pair) for pair in zip(self.counts, self._chunk_counts, strict=True)]
         self._chunk_counts = [0] * len(self.topics)
         self._chunk_ticks = 0

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import datetime
 import platform
 from collections.abc import Mapping
 from importlib import metadata
@@ -42,6 +43,11 @@ def _processor() -> str:
         return platform.processor()
     models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     return f'{len(models)} x {models[0]}' if models else platform.processor()
+
+
+def utc(moment_s: float) -> str:
+    """Return a time of the wall clock as text."""
+    return datetime.datetime.fromtimestamp(moment_s, datetime.timezone.utc).isoformat()
 
 
 def write_run_info(folder: str | Path, facts: Mapping[str, Any]) -> None:

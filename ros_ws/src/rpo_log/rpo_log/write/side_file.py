@@ -19,6 +19,7 @@ from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
 from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase, cannot_write
 from rpo_log.write.bag_file import CHUNK_SHARE
 from rpo_log.write.mcap_file import McapFile
+from rpo_log.write.tick_messages import REORDER
 
 CHUNK_S = 2.0
 """Wall time after which a chunk of the health is closed: a crash loses no more."""
@@ -42,12 +43,14 @@ class SideFile:
         self._closed = False
         self._stamps = (0, 0)
         self._path, self._name = path, name
+        self.name = path.name
         self._file = McapFile(path)
         try:
             self._add_rosbag2_record()
             self._channel = self._file.add_topic(BagTopic.of(name, ARRAY_TYPE, LOCKSTEP))
             self._file.close_chunk()
         except OSError as error:
+            self._file.close()
             raise cannot_write(path, error) from None
 
     def write(self, stamp_ns: int, data: bytes) -> None:
@@ -78,7 +81,10 @@ class SideFile:
                 self._file.finish()
         except (OSError, LogError) as error:
             self.failure = getattr(error, 'strerror', None) or str(error)
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as error:
+            self.failure = error.strerror or str(error)
 
     def _add_rosbag2_record(self) -> None:
         topic = BagTopic.of(self._name, ARRAY_TYPE, LOCKSTEP, self.messages)
@@ -113,11 +119,11 @@ class DecisionLogWriter(SideFile):
         self._last = -1
         self._chunked = 0
 
-    def record(self, data: bytes) -> None:
-        """Take the CDR of a decision as it came."""
+    def record(self, data: bytes, newest: int) -> None:
+        """Take the CDR of a decision as it came; not one far ahead of the newest tick."""
         try:
             tick = self._base.tick_of(cdr.stamp_ns(data))
-            if tick is None or tick <= self._last or not self.due(tick):
+            if tick is None or not self._last < tick <= newest + REORDER or not self.due(tick):
                 return
             data = cdr.canonical(ARRAY_TYPE, data)
         except cdr.CdrError:

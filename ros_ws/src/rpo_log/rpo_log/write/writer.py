@@ -10,18 +10,20 @@ wall clock; the wall clock only paces `fsync`, about once a second, in case the 
 
 from __future__ import annotations
 
-import struct
 import time
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rpo_core import cdr
-from rpo_core.interfaces import RUN_STATUS
+from rpo_core.interfaces import RELATIVE_STATE, RUN_STATUS
+from rpo_core.scenario import Scenario
 from rpo_log import events, topics
 from rpo_log.errors import LogError
 from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile
 from rpo_log.format.run import RunSummary, TimeBase, cannot_write, prepare_folder
+from rpo_log.write.acting import Acting
 from rpo_log.write.bag_file import BagFileWriter, bag_topics
 from rpo_log.write.orderer import TickOrderer
 
@@ -40,6 +42,8 @@ class RunLogWriter:
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap
     overwrite : clear a log that is there; otherwise that is a LogError
+    scenario : of the run, to find which of several different messages acted; None: the first stays
+    ignored : messages that the plant ignores too, by reason
 
     Raises LogError if the log cannot be begun. After that a fault of the disk ends the log, not the
     flight: `failure` says why, `summary` counts what is lost.
@@ -55,6 +59,7 @@ class RunLogWriter:
         split_s: float = 0.0,
         split_bytes: int = 0,
         overwrite: bool = False,
+        scenario: Scenario | None = None,
     ) -> None:
         self.folder = Path(folder)
         self.base = base
@@ -69,34 +74,67 @@ class RunLogWriter:
         self._split_bytes = split_bytes
         self._finished: list[tuple[BagFile, list[int]]] = []
         self._foreign = self._unwanted = 0
+        self.ignored: Counter[str] = Counter()
         self._closed = False
         self._synced_s = time.monotonic()
         signals = [topic.signal for topic in self.topics]
         self._status = signals.index(RUN_STATUS) if RUN_STATUS in signals else None
         events = frozenset(i for i, topic in enumerate(self.topics) if topic.is_event)
-        self._orderer = TickOrderer(len(self.topics), events, self._status, self._write_tick)
+        leader = signals.index(RELATIVE_STATE) if RELATIVE_STATE in signals else 0
+        plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
+        self._orderer = TickOrderer(
+            len(self.topics), events, self._status, self._write_tick, leader, plain
+        )
+        if scenario is not None:
+            acting = Acting(scenario, self.topics)
+            self._orderer.judge, self._orderer.reach = acting.acted, acting.reach
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)
         except OSError as error:
             raise cannot_write(self.folder, error) from None
 
+    @property
+    def wary(self) -> bool:
+        """Whether several nodes publish a topic, or messages contradicted each other."""
+        return self._orderer.wary
+
+    def be_wary(self) -> None:
+        """Know that several nodes publish a topic: let each tick wait for what follows."""
+        self._orderer.wary = True
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Attach one more file in flight; never raises."""
+        self._attachments[name] = data
+        try:
+            if self.failure is None and not self._closed:
+                self._file.attach(name, data)
+        except OSError as error:
+            self._fail(error)
+
+    def end(self, tick: int) -> None:
+        """Take the last tick of the flight; never raises."""
+        try:
+            if self.failure is None and not self._closed:
+                self._orderer.end(tick)
+        except (OSError, LogError) as error:
+            self._fail(error)
+
     def record(self, name: str, data: bytes) -> None:
         """Take the CDR of a message as it came; never raises.
 
         Its tick is that of its stamp; of an event, its value `tick`.
         """
-        try:
-            layout = self._intake[name][1] if name in self._intake else None
-            if layout is not None:
-                seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
-                found = self.base.tick_of(seconds * _NS + nanoseconds)
-                tick = -1 if found is None else found
-            else:
-                tick = int(dict(cdr.decode_status(data).values)['tick'])
-        except (ValueError, KeyError, struct.error):  # not CDR, or an event that is of no tick
-            tick = -1
-        self.write(name, tick, data)
+        layout = self._intake[name][1] if name in self._intake else None
+        if layout is None:
+            self.write(name, _tick_of_event(data), data)
+            return
+        fault, stamp_ns, _ = layout.use(data)
+        if fault:
+            self.ignored[fault] += 1
+            return
+        tick = self.base.tick_of(stamp_ns)
+        self.write(name, -1 if tick is None else tick, data)
 
     def write(self, name: str, tick: int, data: bytes) -> None:
         """Take one message of a tick, in any order; never raises.
@@ -144,13 +182,27 @@ class RunLogWriter:
                     )
             except (OSError, LogError) as error:
                 self._fail(error)
-            self._file.close()
+            try:
+                self._file.close()
+            except OSError as error:
+                self._fail(error)
         return self.summary
 
     @property
     def waiting(self) -> int:
         """Messages that wait for others of their tick."""
         return self._orderer.waiting
+
+    @property
+    def latest(self) -> int:
+        """Tick of the newest state."""
+        return self._orderer.latest
+
+    def message(self, signal: str, tick: int) -> bytes | None:
+        """Return the message of a signal at a tick, if it came not long ago."""
+        signals = [topic.signal for topic in self.topics]
+        found = self._orderer.candidates(signals.index(signal), tick) if signal in signals else ()
+        return found[0] if found else None
 
     @property
     def next_tick(self) -> int:
@@ -176,6 +228,10 @@ class RunLogWriter:
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
             late={name: c.late for name, c in counts.items() if c.late and name in due},
             foreign=self._foreign,
+            ignored={
+                **self.ignored,
+                **{name: c.ignored for name, c in counts.items() if c.ignored},
+            },
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
             failure=self.failure,
         )
@@ -214,3 +270,12 @@ class RunLogWriter:
 
     def _fail(self, error: OSError | LogError) -> None:
         self.failure = getattr(error, 'strerror', None) or str(error)
+
+
+def _tick_of_event(data: bytes) -> int:
+    """Return the tick that an event names; -1 if it names none, or is no event."""
+    try:
+        tick = events.tick_of(cdr.decode_status(data))
+    except cdr.CdrError:
+        return -1
+    return -1 if tick is None else tick

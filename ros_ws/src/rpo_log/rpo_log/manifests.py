@@ -1,0 +1,145 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The manifests of a run's nodes, as the recorder attaches them: their files and parameters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from rpo_core import files, scenario
+from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
+from rpo_log.format import run
+
+PLANT, CONTROLLER = 'plant', 'controller'
+
+_FILE, _PARAMETER, _RUN = 'file.', 'parameter.', 'run'
+_OWNERS = {run.SCENARIO: PLANT, run.CONTROLLER: CONTROLLER}
+"""Files that one role alone may bring."""
+_FILE_NAME = re.compile(r'[A-Za-z0-9_.-]{1,80}')
+_MOST_ROLES = 32
+_MOST_TEXT = 1000
+_MOST_RATE_HZ = 1e4
+_NO_YAML = (
+    yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError,
+    RecursionError,
+)  # fmt: skip
+"""What PyYAML raises: it converts tagged scalars unchecked."""
+
+Values = Mapping[str, str]
+
+
+class Manifests:
+    """The manifests heard so far; the first usable one of a plant is that of the run.
+
+    scenario : of the run; None until its plant is known
+    plant : values of the plant's manifest
+    """
+
+    def __init__(self) -> None:
+        self.scenario: Scenario | None = None
+        self.plant: Values = {}
+        self._by_role: dict[str, tuple[str, Values]] = {}
+        self._attached: list[str] = []
+
+    @property
+    def run_id(self) -> str:
+        """Id of the plant; '' if it gives none."""
+        return self.plant.get(_RUN, '')
+
+    def heard(self, role: str) -> bool:
+        """Return whether a node of a role was heard."""
+        return role in self._by_role
+
+    def take(self, name: str, values: Values) -> str:
+        """Take the manifest of a node; return why it is not one of this run, '' if it is."""
+        role = values.get('role', '')
+        if role == PLANT:
+            return self._take_plant(name, values)
+        if role not in self._by_role and len(self._by_role) >= _MOST_ROLES:
+            return f'{name} has a role too many'
+        self._by_role[role] = (name, values)
+        return ''
+
+    def _take_plant(self, name: str, values: Values) -> str:
+        if self.scenario is not None:
+            ours = values.get(_RUN, '') == self.run_id
+            return '' if ours else f'{name} is a second plant: the log is that of the first'
+        try:
+            found = files.loads(values[_FILE + run.SCENARIO], scenario.parse, 'scenario')
+        except (InputError, KeyError) as error:
+            return f'the manifest of {name} has no usable scenario: {error}'
+        if not isinstance(found, Scenario):
+            return f'the manifest of {name} has a set of scenarios'
+        self.scenario, self.plant = found, values
+        self._by_role[PLANT] = (name, values)
+        return ''
+
+    def another_controller(self) -> tuple[str, bytes] | None:
+        """Return name and text of a controller file that is not attached yet; None: there is none.
+
+        It is then attached: whoever asks writes it to the log.
+        """
+        text = self._by_role.get(CONTROLLER, ('', {}))[1].get(_FILE + run.CONTROLLER)
+        if text is None or text in self._attached or len(self._attached) >= run.MOST_CONTROLLERS:
+            return None
+        self._attached.append(text)
+        return run.controller_name(len(self._attached)), text.encode()
+
+    def parameter(self, role: str, name: str) -> str:
+        """Return a parameter of a node as text; '' if it is not known."""
+        return self._by_role.get(role, ('', {}))[1].get(_PARAMETER + name, '')
+
+    @property
+    def decision_rate_hz(self) -> float:
+        """How often the controller publishes decisions; 0: never."""
+        try:
+            rate_hz = float(self.parameter(CONTROLLER, 'decision_rate_hz'))
+        except ValueError:
+            return 0.0
+        return rate_hz if 0.0 < rate_hz <= _MOST_RATE_HZ else 0.0
+
+    def attachments(self, recorder: Mapping[str, Any]) -> dict[str, bytes]:
+        """Return what the nodes run with: their files, and a file of all their parameters.
+
+        recorder : parameters of the recorder
+        """
+        found: dict[str, bytes] = {}
+        parameters: dict[str, dict[str, Any]] = {'recorder': dict(recorder)}
+        for role, (name, values) in self._by_role.items():
+            for key, text in values.items():
+                file = key.removeprefix(_FILE)
+                if key.startswith(_FILE) and _may_bring(role, file):
+                    found[file] = text.encode()
+            parameters.setdefault(
+                name,
+                {
+                    key.removeprefix(_PARAMETER): _parsed(text)
+                    for key, text in values.items()
+                    if key.startswith(_PARAMETER)
+                },
+            )
+        if run.CONTROLLER in found:
+            self._attached.append(found[run.CONTROLLER].decode())
+        found[run.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
+        return found
+
+
+def _may_bring(role: str, file: str) -> bool:
+    reserved = file == run.PARAMETERS or (run.is_controller(file) and file != run.CONTROLLER)
+    allowed = _OWNERS.get(file, role) == role and not reserved
+    return allowed and _FILE_NAME.fullmatch(file) is not None
+
+
+def _parsed(text: str) -> Any:
+    """Return the value of a parameter in a manifest; the text itself where it is no YAML."""
+    if len(text) > _MOST_TEXT:
+        return text
+    try:
+        return yaml.safe_load(text)
+    except _NO_YAML:
+        return text

@@ -1,0 +1,83 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Which run_status is that of the plant whose states are recorded."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+
+from rpo_core import cdr, metrics
+from rpo_core.interfaces import RELATIVE_STATE, row_of
+from rpo_core.scenario import Scenario
+from rpo_log import events
+from rpo_log.write.writer import RunLogWriter
+
+PHASES = ('running', 'finished', 'aborted')
+"""Phases that a log holds."""
+
+_MOST_CLAIMS = 1000
+
+
+def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | None) -> bool | None:
+    """Return whether a run_status fits the states of a log; None as long as its state is ahead.
+
+    Its distance and speed must be those of the state of its tick; a run ends in its newest state.
+    """
+    values, tick = dict(status.values), events.tick_of(status)
+    if tick is None or tick > log.base.last_tick:
+        return False
+    if values.get('phase') == 'finished' and tick < log.base.last_tick:
+        return False
+    if tick > max(log.latest, 0):
+        return None
+    # One later: somebody else may have published a state that nothing contradicts any more.
+    if values.get('phase') != 'running' and tick < log.latest - 1:
+        return False
+    numbers = _state(tick, log, scenario)
+    if numbers is None:
+        return tick >= log.latest
+    return _same(values, 'distance_m', numbers[:3]) and _same(values, 'speed_m_s', numbers[3:])
+
+
+def _state(tick: int, log: RunLogWriter, scenario: Scenario | None) -> tuple[float, ...] | None:
+    """Return the state of a tick; None if it is not known any more."""
+    if tick == 0 and scenario is not None:
+        return tuple(map(float, scenario.start))
+    data = log.message(RELATIVE_STATE, tick)
+    return row_of(RELATIVE_STATE).layout.decode(data)[1] if data is not None else None
+
+
+def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bool:
+    try:
+        return math.isclose(float(values.get(name, '')), metrics.norm(*vector), rel_tol=1e-9)
+    except ValueError:
+        return False
+
+
+class Claims:
+    """Each run_status that was heard, until its state shows whether it is of the run."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def take(self, data: bytes) -> None:
+        """Take the CDR of a run_status."""
+        if len(self._waiting) < _MOST_CLAIMS:
+            self._waiting.append((time.monotonic(), data))
+
+    def weigh(
+        self, log: RunLogWriter, scenario: Scenario | None, patience_s: float
+    ) -> Iterator[tuple[bytes, bool]]:
+        """Yield those that are decided, and whether they are of the run.
+
+        patience_s : wall time after which the state of a status is waited for no more
+        """
+        waiting, self._waiting = self._waiting, []
+        for moment, data in waiting:
+            fits = is_of_the_run(cdr.decode_status(data), log, scenario)
+            if fits is None and time.monotonic() - moment < patience_s:
+                self._waiting.append((moment, data))
+            else:
+                yield data, bool(fits)

@@ -1,0 +1,251 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What somebody else publishes in the middle of a flight: it changes no byte, and ends no node."""
+
+import errno
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
+from inside import inside
+from nav_msgs.msg import Odometry
+from scenarios import lasting
+
+from rpo_core import files
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_log.errors import Fault, LogError
+from rpo_log.read.run_log import read_run
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.verify import verify
+from rpo_log.write import mcap_file, run_info
+from rpo_ros import conversions, names, qos
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.plant_node import PlantNode
+
+LASTING_S = 20.0
+
+
+class Flight:
+    """Plant, controller, injector and recorder in flight, and somebody who talks into it."""
+
+    def __init__(self, inner, folder, output='run', **options):
+        self.inner, self.folder = inner, folder / output
+        self.controller = inner.start(ControllerNode({'controller': 'handmade'}))
+        inner.start(DisturbanceInjectorNode({}))
+        self.recorder = inner.start(RecorderNode({'output': str(self.folder)}))
+        scenario = lasting(LASTING_S, folder, 'paper_test')
+        options = {'scenario': scenario, 'wait_for_recorder': True, **options}
+        self.plant = inner.start(PlantNode(options))
+
+    def reaches(self, tick):
+        self.inner.until(lambda: self.plant.tick > tick)
+
+    def ends(self):
+        self.inner.until(lambda: self.plant.done and self.recorder.done, 40.0)
+        return self.recorder.exit_code
+
+    def says(self, kind, topic, profile=qos.LOCKSTEP):
+        """Return a function that publishes one message, all listeners being connected."""
+        out = self.inner.user.create_publisher(kind, topic, profile)
+        self.inner.until(lambda: out.get_subscription_count() > 0)
+        return out.publish
+
+
+def wrench(plant, tick, force, frame=''):
+    stamp = conversions.to_stamp(plant.scenario.stamp_ns(tick))
+    message = conversions.to_wrench(stamp, force)
+    message.header.frame_id = frame or message.header.frame_id
+    return message
+
+
+def status(**values):
+    return conversions.to_status(b'\x00', 'run', 'of somebody else', values.items())
+
+
+FALSE_STATUSES = (
+    {'phase': 'running'},
+    {'phase': 'finished', 'tick': 'many'},
+    {'phase': 'finished', 'tick': '²'},
+    {'phase': 'aborted', 'tick': '-1'},
+    {'phase': 'finished', 'tick': '9' * 5000},
+    {'phase': 'finished', 'tick': '200', 'distance_m': '1.0', 'speed_m_s': 'nan'},
+    {'phase': 'aborted', 'tick': '30', 'distance_m': '1.0', 'speed_m_s': '0.0'},
+    {'phase': 'waiting'},
+)
+
+
+def talk(flight):
+    """Publish what a flight must not care about."""
+    force = flight.says(WrenchStamped, names.CONTROL_FORCE)
+    state = flight.says(Odometry, names.RELATIVE_STATE)
+    said = flight.says(DiagnosticStatus, names.RUN_STATUS, qos.LATCHED)
+    manifest = flight.says(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
+    refusal = flight.says(DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED)
+    plant = flight.plant
+    for turn in range(8):
+        tick = plant.tick
+        flight.reaches(tick + 2)
+        for ahead in (30, 31, 170 - plant.tick):
+            force(wrench(plant, plant.tick + ahead, (0.1, 0.2, 0.3)))
+            force(wrench(plant, plant.tick + ahead, (0.3, turn * 0.1, 0.3)))
+            state(conversions.to_odometry(plant.scenario.stamp_ns(plant.tick + ahead), [1.0] * 6))
+        force(wrench(plant, plant.tick, (math.nan, 0.0, 0.0)))
+        force(wrench(plant, plant.tick, (9.0, 9.0, 9.0), 'chaser'))
+        force(wrench(plant, plant.tick - 10, (9.0, 9.0, 9.0)))
+        said(status(**FALSE_STATUSES[turn]))
+        refusal(status(stage='fuzzy_controller', state='refused', tick='0', reason='no'))
+        text = files.read_text(files.find('scenario', 'quick'))
+        manifest(status(role='plant', run='another', **{'file.scenario.yaml': text}))
+        manifest(status(role='odd', **{'file.controller.yaml': 'x', 'parameter.a': '!!int ""'}))
+
+
+def test_what_others_say_in_flight_changes_no_byte(ros_env, tmp_path):
+    with inside() as inner:
+        assert Flight(inner, tmp_path, 'clean').ends() == 0
+    with inside() as inner:
+        flight = Flight(inner, tmp_path, real_time_factor=20.0)
+        flight.reaches(10)
+        talk(flight)
+        inner.set('plant', real_time_factor=0.0)
+        assert flight.ends() == 0
+        ignored = flight.recorder._health()[2]['ignored']
+    clean = (tmp_path / 'clean/run.mcap').read_bytes()
+    assert (tmp_path / 'run/run.mcap').read_bytes() == clean
+    info = yaml.safe_load((tmp_path / 'run/run_info.yaml').read_text())
+    assert info['run']['end'] == 'finished' and info['faults'] is None
+    counted = info['ignored']
+    assert {'not_finite', 'wrong_frame', 'run_status', 'node_manifest'} <= set(counted)
+    assert sum(counted.values()) == ignored > 60
+
+
+def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path, capfd):
+    with inside(['-r', 'fuzzy_controller:__ns:=/']) as inner:
+        flight = Flight(inner, tmp_path, real_time_factor=40.0)
+        flight.reaches(20)
+        second = inner.start(ControllerNode({'controller': 'trained'}))
+        assert flight.ends() == 0 and second.answered
+    assert 'has several publishers' in capfd.readouterr().err
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0, found.sentence()
+    log = read_run(tmp_path / 'run')
+    assert {'controller.yaml', 'controller-2.yaml'} <= set(log.attachments)
+    assert 'handmade' in found.sentence() and 'trained' in found.sentence()
+
+
+def test_a_second_plant_does_not_end_the_recording(ros_env, tmp_path, capfd):
+    with inside() as inner:
+        flight = Flight(inner, tmp_path, real_time_factor=20.0)
+        flight.reaches(20)
+        second = inner.start(PlantNode({'scenario': 'quick'}))
+        flight.reaches(60)
+        assert second.phase == 'waiting', 'the recorder is not for it'
+        inner.set('plant', real_time_factor=0.0)
+        assert flight.ends() == 0
+    assert capfd.readouterr().err.count('is a second plant') == 1
+    assert len(read_run(tmp_path / 'run').ticks) == 201
+    assert verify(tmp_path / 'run').exit_code == 0
+
+
+def test_each_recorder_in_sight_is_awaited(ros_env, tmp_path):
+    with inside() as inner:
+        flight = Flight(inner, tmp_path)
+        other = inner.start(RecorderNode({'output': str(tmp_path / 'other')}))
+        assert flight.ends() == 0
+        inner.until(lambda: other.done)
+    runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in ('run', 'other')]
+    assert runs[0] == runs[1]
+
+
+@pytest.fixture
+def full(monkeypatch):
+    """Return a function that makes the disk full for files of a name."""
+
+    def fill(name):
+        flush = mcap_file._Sink.flush
+
+        def fails(sink):
+            if sink._file.name.endswith(name):
+                raise OSError(errno.ENOSPC, 'No space left on device')
+            flush(sink)
+
+        monkeypatch.setattr(mcap_file._Sink, 'flush', fails)
+
+    return fill
+
+
+@pytest.mark.parametrize('name', ['run.mcap', 'health.mcap', 'decisions.mcap'])
+def test_a_disk_that_is_full_as_the_log_begins(ros_env, tmp_path, full, capfd, name):
+    full(name)
+    with inside() as inner:
+        flight = Flight(inner, tmp_path)
+        assert flight.ends() == 1
+        assert flight.plant.exit_code == 3
+    said = capfd.readouterr().err
+    assert 'the recorder failed: ' in said and 'No space left on device' in said
+    assert 'Traceback' not in said
+
+
+def test_without_a_need_for_a_log_the_plant_flies_on(ros_env, tmp_path, full):
+    full('run.mcap')
+    with inside() as inner:
+        flight = Flight(inner, tmp_path, wait_for_recorder=False)
+        assert flight.ends() == 1
+        assert flight.plant.exit_code == 0 and flight.plant.phase == 'finished'
+
+
+def test_a_run_info_that_cannot_be_written_is_no_success(ros_env, tmp_path, monkeypatch, capfd):
+    def fails(folder, facts):
+        raise LogError(Fault.CANNOT_WRITE, folder, 'cannot hold a log: No space left on device')
+
+    monkeypatch.setattr(run_info, 'write_run_info', fails)
+    with inside() as inner:
+        assert Flight(inner, tmp_path).ends() == 1
+    assert 'cannot hold a log: No space left on device' in capfd.readouterr().err
+
+
+FULL = """
+import errno, sys
+from rpo_log.write import mcap_file
+def fails(sink):
+    raise OSError(errno.ENOSPC, 'No space left on device')
+mcap_file._Sink.flush = fails
+sys.argv = ['final_approach', '--scenario', 'quick', '--output', {output!r}]
+from rpo_bringup.final_approach import main
+sys.exit(main())
+"""
+
+
+def test_final_approach_without_a_place_for_its_log(ros_env, tmp_path):
+    script = FULL.format(output=str(tmp_path / 'run'))
+    env = {**os.environ, **ros_env}
+    done = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, timeout=50, env=env
+    )
+    said = done.stdout + done.stderr
+    assert done.returncode == 1, said
+    assert 'No space left on device' in said and 'simulated' not in said
+    assert 'Traceback' not in said
+
+
+def test_another_controller_in_flight_is_recorded_and_verified(ros_env, tmp_path):
+    with inside() as inner:
+        flight = Flight(inner, tmp_path, real_time_factor=20.0)
+        flight.reaches(20)
+        assert inner.transition('/fuzzy_controller', 'deactivate')
+        assert inner.set('/fuzzy_controller', controller='trained')[0]
+        flight.reaches(40)
+        assert inner.transition('/fuzzy_controller', 'activate')
+        inner.set('plant', real_time_factor=0.0)
+        assert flight.ends() == 0
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0, found.sentence()
+    first, second = found.controllers
+    assert first.startswith('handmade (controller.yaml) at ')
+    assert second.startswith('trained (controller-2.yaml) at ')
+    parameters = {'controller.yaml', 'controller-2.yaml', 'parameters.yaml', 'scenario.yaml'}
+    assert set(read_run(tmp_path / 'run').attachments) == parameters
