@@ -49,7 +49,7 @@ def record(folder: Path) -> Path:
     run.write(folder)
     decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
     for tick in range(0, 31, 10):
-        decisions.record(decision(run, tick))
+        decisions.record(decision(run, tick), tick)
     decisions.close()
     health = HealthLogWriter(folder)
     status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))

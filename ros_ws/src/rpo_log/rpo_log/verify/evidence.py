@@ -145,9 +145,12 @@ class Evidence:
         self._take(next(filter(None, found), ''), 'records beside the messages')
         self._unknown.append('indexes and chunks of the files, which only speed up other readers')
 
-    def of_decisions(self, decisions: Decisions | None, last_tick: int) -> None:
-        """Judge the decisions beside the log."""
-        rate_hz = decision_rate_hz(self._reader)
+    def of_decisions(self, decisions: Decisions | None, last_tick: int, free: bool) -> None:
+        """Judge the decisions beside the log; free running may be without some.
+
+        last_tick : at which the controller still answered
+        """
+        rate_hz = None if free else decision_rate_hz(self._reader)
         if decisions is None:
             if rate_hz and self._reader.path.is_dir():
                 self._gaps.append(f'{DECISIONS_FILE} is missing')
