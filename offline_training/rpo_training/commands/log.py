@@ -102,7 +102,7 @@ def sign(
     """Sign a run folder: its files, each with its digest. Nothing that was recorded may differ."""
     from rpo_log.tools.sign import sign_run
 
-    typer.echo(sign_run(run, key))
+    echo(sign_run(run, key))
 
 
 def repair(
