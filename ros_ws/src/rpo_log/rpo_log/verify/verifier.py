@@ -293,7 +293,8 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
     gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
     gaps += verifier.statuses.gaps if not gaps else []
     evidence.of_log(verifier.statuses, free=verifier.free)
-    evidence.of_decisions(verifier.decisions, completeness.last)
+    without = verifier.states.dropped.get(interfaces.CONTROL_FORCE, completeness.last + 1)
+    evidence.of_decisions(verifier.decisions, min(completeness.last, without - 1))
     evidence.of_folder(trusted)
     return evidence.verification(
         completeness.last + 1, gaps, verifier.free, verifier.names, verifier.controllers.shares
