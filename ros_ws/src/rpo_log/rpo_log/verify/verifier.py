@@ -294,7 +294,8 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
     gaps += verifier.statuses.gaps if not gaps else []
     evidence.of_log(verifier.statuses, free=verifier.free)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, completeness.last + 1)
-    evidence.of_decisions(verifier.decisions, answered - 1, verifier.free)
+    last = min(completeness.last, answered - 1)
+    evidence.of_decisions(verifier.decisions, last, verifier.free)
     evidence.of_folder(trusted)
     return evidence.verification(
         completeness.last + 1, gaps, verifier.free, verifier.names, verifier.controllers.shares

@@ -19,7 +19,7 @@ from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
 from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase, cannot_write
 from rpo_log.write.bag_file import CHUNK_SHARE
 from rpo_log.write.mcap_file import McapFile
-from rpo_log.write.tick_messages import REORDER
+from rpo_log.write.tick_messages import NEVER, REORDER
 
 CHUNK_S = 2.0
 """Wall time after which a chunk of the health is closed: a crash loses no more."""
@@ -119,7 +119,7 @@ class DecisionLogWriter(SideFile):
         self._last = -1
         self._chunked = 0
 
-    def record(self, data: bytes, newest: int) -> None:
+    def record(self, data: bytes, newest: int = NEVER) -> None:
         """Take the CDR of a decision as it came; not one far ahead of the newest tick."""
         try:
             tick = self._base.tick_of(cdr.stamp_ns(data))
