@@ -7,6 +7,7 @@ Each is refused in one sentence that names the file and the field; nothing else 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import random
 
@@ -17,6 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import files, limit_checker
+from rpo_core.requirements import Requirements
 from rpo_core.validation import InputError
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}
@@ -42,7 +44,16 @@ def with_hardware():
     return data
 
 
+def with_requirements():
+    """Return a scenario that requires all that can be required."""
+    data = document('scenario', 'quick')
+    data['requirements'] = {f.name: 1.0 for f in dataclasses.fields(Requirements)}
+    del data['requirements']['arrival_error_norm_m']  # per axis or norm, not both
+    return data
+
+
 DOCUMENTS = {
+    ('scenario', 'requirements'): with_requirements(),
     ('scenario', 'paper_test'): document('scenario', 'paper_test'),
     ('scenario', 'paper_training'): document('scenario', 'paper_training'),
     ('scenario', 'harmonics'): one_harmonic(),
@@ -61,7 +72,10 @@ def fields(data):
 
 def optional(path):
     """Whether a field may be missing."""
-    return path[0] in ('thrusters', 'navigation') or path[-1] in ('phase_rad', 'kind')
+    return path[0] in ('thrusters', 'navigation', 'requirements') or path[-1] in (
+        'phase_rad',
+        'kind',
+    )
 
 
 def value_at(data, path):

@@ -19,6 +19,7 @@ from rpo_core.controller import FuzzyController
 from rpo_core.disturbance import Disturbance
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
+from rpo_core.verdicts import verdicts
 
 
 @pytest.mark.parametrize('name', ['paper_test', 'paper_test_phase'])
@@ -27,7 +28,7 @@ def test_handmade_meets_the_papers_claims(name, handmade):
     last = slice(2001, None)
     assert np.abs(flight.positions_m[last]).max() <= 0.5
     assert np.abs(flight.velocities_m_s[last]).max() < 0.01
-    assert all(claim.holds for claim in metrics.claims(flight))
+    assert all(verdict.holds for verdict in verdicts(flight))
     assert all(metrics.of_flight(flight).conditions)
 
 

@@ -15,6 +15,7 @@ from rpo_core import metrics
 from rpo_core.disturbance import Disturbance
 from rpo_core.flight import Flight
 from rpo_core.metrics import Metrics
+from rpo_core.thrusters import Thrusters
 
 
 def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):
@@ -115,32 +116,38 @@ def test_figures_of_a_real_flight_by_plain_loops(paper_flight):
     assert last.force_n == max(abs(f) for row in forces[2000:] for f in row)
 
 
-def test_claims_of_the_papers_test(paper_flight):
-    position, velocity, force = metrics.claims(paper_flight)
-    last = metrics.window(paper_flight, 200.0)
-    assert position[1:] == ('m', 0.5, last.position_m)
-    assert velocity[1:] == ('m/s', 0.01, last.velocity_m_s)
-    assert force[1:] == ('N', 0.014, last.force_n)  # the largest: 1.4e-2 cos 0, in z
-    assert all(claim.statement.endswith('last 200 s') for claim in (position, velocity, force))
-
-
-def test_claims_of_the_papers_training(paper_test):
+def test_the_papers_training_example_can_be_computed(paper_test):
     states = np.zeros((101, 6))
     states[51:, 3:] = [0.003, 0.004, 0.012]
     states[:51, 3:] = 9.0
     forces = np.zeros((101, 3))
     forces[50:, 1] = 0.02
-    speed, slew = metrics.claims(flight(paper_test, states, forces))
-    assert speed == ('mean speed, last 50 s', 'm/s', 0.015, pytest.approx(0.013, abs=1e-15))
-    assert slew == ('largest |df/dt|', 'N/s', 0.0261, 0.02)
-    assert speed.holds and slew.holds
-    assert not speed._replace(value=0.0151).holds and speed._replace(value=0.015).holds
-    assert not speed._replace(value=math.nan).holds
+    made = flight(paper_test, states, forces)
+    row = metrics.row_of(made, metrics.windows_of(made.scenario, tail_s=50.0))
+    assert row[metrics.ARRIVAL_SPEED] == pytest.approx(0.013, abs=1e-15)
+    assert row[metrics.SLEW] == 0.02
 
 
-def test_claims_of_a_short_flight_say_how_short(paper_test):
-    push = Disturbance((0.0, 0.0, -0.02))
-    short = flight(paper_test, np.zeros((6, 6)), np.zeros((6, 3)), dt_s=0.5, disturbance=push)
-    claims = metrics.claims(short)
-    assert all(claim.statement.endswith('last 2.5 s') for claim in claims)
-    assert claims[2].paper == metrics.disturbance_level_n(short) == 0.02
+def test_a_delay_of_the_thrusters_moves_the_first_command_and_is_no_slew(paper_test):
+    forces = [(0.3, 0, 0), (0.1, 0, 0), (0.1, 0, 0), (0, 0, 0), (0, 0, 0)]
+    prompt = flight(paper_test, np.zeros((5, 6)), forces)
+    late = replace(prompt, scenario=prompt.scenario.equipped(Thrusters(delay_ticks=1)))
+    assert late.saturated_forces_n[:, 0].tolist() == [0.0, 0.3, 0.1, 0.1]
+    for made in (prompt, late):
+        assert metrics.of_flight(made).slew_n_s == pytest.approx(0.2, abs=1e-15)
+
+
+def test_closing_speed_duty_and_time_to_goal(tiny):
+    # -r.v / |r|: 0, then 4 / 2, -2 / 3, -36 / 10
+    closing = metrics.closing_speeds_m_s(tiny)
+    assert closing.tolist() == pytest.approx([0.0, 2.0, -2 / 3, -3.6], abs=1e-15)
+    assert metrics.thruster_duty(tiny) == pytest.approx((0.1 + 0.7 + 0.5 + 0.2) / 9 / 0.5)
+    assert metrics.arrival_time_s(tiny) is None
+    still = replace(tiny, states=np.zeros((4, 6)))
+    assert metrics.closing_speeds_m_s(still).tolist() == [0.0] * 4
+    assert metrics.arrival_time_s(still) == 0.0
+    shown = {figure.statement: figure for figure in metrics.others_of(tiny)}
+    assert shown['time to goal, within 0.5 m per axis'].value == math.inf
+    assert shown['range rate, at the end'].value == pytest.approx(3.6, abs=1e-15)
+    assert shown['position error per axis, at the end'].value == 8.0
+    assert shown['position error (norm), at the end'].value == 10.0

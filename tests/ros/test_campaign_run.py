@@ -10,7 +10,8 @@ import pytest
 from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
-from rpo_log.read.run_log import read_run
+from rpo_core import metrics
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import FINAL, fly_runs
@@ -62,6 +63,10 @@ def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_
     np.testing.assert_array_equal(flown.forces_n, expected[:, 7:10])
     np.testing.assert_array_equal(flown.disturbances_n, expected[:, 10:])
     columns = fly_runs(config.load(path), RUN, 1)
+    row = metrics.row_of(flight_of(flown))
+    assert columns['slew_n_s'] == row[metrics.SLEW], (
+        'one flight has one slew, however late it begins'
+    )
     assert [columns[name][0] for name in FINAL] == flown.states[-1].tolist()
     assert columns['delay_ticks'] > 0  # so that all of it takes part
     difference = flown.values['navigation_state'] - flown.states

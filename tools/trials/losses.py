@@ -9,6 +9,7 @@ from typing import Any
 
 from rpo_core import metrics
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.verdicts import verdicts
 from tools.trials import common
 
 KINDS = ('drop', 'repeat', 'delay', 'reorder')
@@ -32,7 +33,8 @@ def _row(rate: float, kinds: Sequence[str], factor: float, seed: int, stale: int
         plant = common.free_running_plant(nodes, path, **pace)
         common.ended(plant, recorder)
         flight, values = common.flight_and_status(nodes.folder / 'run')
-    position, velocity, _ = metrics.claims(flight)
+    found = {verdict.key: verdict for verdict in verdicts(flight)}
+    position, velocity = found['hold_error_per_axis_m'], found['hold_speed_per_axis_m_s']
     ticks = flight.scenario.ticks
     cells = (
         f'{rate:.0%}', f'{int(values["held_ticks"]) / ticks:.0%}',

@@ -70,7 +70,7 @@ def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Float
     """Fly run after run through `rpo_core.flight.fly`."""
     for i, number in enumerate(drawn.numbers.tolist()):
         flight = fly_run(campaign, number)
-        rows[i] = row_of(flight, quiet=int(drawn.delays[i]))
+        rows[i] = row_of(flight)
         final[i] = flight.states[-1]
 
 

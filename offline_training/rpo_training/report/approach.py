@@ -21,8 +21,6 @@ Floats = NDArray[np.float64]
 
 CORRIDOR_HALF_ANGLE_DEG = 15.0
 KEEP_OUT_RADIUS_M = 5.0
-ARRIVED_M = 0.5
-"""A flight has arrived once every axis stays within this, the paper's bound of its test."""
 
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
 
@@ -115,12 +113,3 @@ def passage(flight: Flight, aids: Aids) -> list[tuple[str, str]]:
             f'{aids.off_axis_deg(flight.positions_m[where])[0]:.1f}°',
         ),
     ]
-
-
-def arrival_s(flight: Flight) -> float | None:
-    """Return the time after which every axis stays within `ARRIVED_M`; None if it never does."""
-    away = np.flatnonzero(np.abs(flight.positions_m).max(axis=1) > ARRIVED_M)
-    if not away.size:
-        return 0.0
-    last = int(away[-1]) + 1
-    return None if last > flight.scenario.ticks else float(flight.scenario.times_s[last])

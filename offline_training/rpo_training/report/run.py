@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of a run: what its log shows, beside the paper's claims and the best possible."""
+"""The report of a run: what its log shows, beside what is required and the best possible."""
 
 from __future__ import annotations
 
@@ -23,11 +23,9 @@ from rpo_log.show import style
 from rpo_training.evaluation import optimal
 from rpo_training.report import run_plots
 from rpo_training.report.approach import (
-    ARRIVED_M,
     CORRIDOR_HALF_ANGLE_DEG,
     KEEP_OUT_RADIUS_M,
     Aids,
-    arrival_s,
     passage,
 )
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
@@ -77,7 +75,7 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
 
 def _optima(shown: LoggedFlight) -> _Optima:
     scenario = shown.planned
-    arrived = arrival_s(shown.flight) if shown.whole else None
+    arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
     if scenario.ticks > MOST_TICKS:
         return _Optima({}, (f'Optima are computed for at most {MOST_TICKS} ticks.',))
     durations = [scenario.duration_s]
@@ -98,9 +96,9 @@ def _optima(shown: LoggedFlight) -> _Optima:
 
 def _summary(shown: LoggedFlight, log: RunLog) -> str:
     flight = shown.flight
-    figures, arrived = metrics.of_flight(flight), arrival_s(flight)
-    when = f'every axis within {ARRIVED_M:g} m ' + (
-        'never for good' if arrived is None else f'from {arrived:.1f} s on'
+    figures, arrived = metrics.of_flight(flight), metrics.arrival_time_s(flight)
+    when = f'every axis within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m ' + (
+        'never for good' if arrived is None else f'after {arrived:.1f} s'
     )
     if not shown.whole:
         when = f'the log does not reach the end at {shown.planned.duration_s:g} s'
@@ -141,7 +139,8 @@ def _vector(values: tuple[float, ...]) -> str:
 
 
 def _histories(flight: Flight) -> Picture:
-    last = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+    begin_s = log_report.close_up_s(flight.scenario)
+    last = metrics.window(flight, flight.scenario.duration_s - begin_s)
     return Picture(
         Path(log_report.PICTURE).stem,
         log_report.time_histories(flight),
@@ -163,6 +162,14 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
             'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
         ),
         Table('Passage of the drawn aids', ('what', 'value'), tuple(found)),
+        Picture(
+            'closing',
+            run_plots.closing(flight),
+            'Closing speed, the range rate with the opposite sign, over the range; the chaser '
+            'comes in from the left.',
+            f'Closing speed over range: at most '
+            f'{metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
+        ),
     ]
 
 
@@ -174,10 +181,10 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
         'flight',
         'J [N²s]',
         'flight / this',
-        'largest |f| [N]',
-        'slew [N/s]',
-        'mean speed, last 30 s [m/s]',
-        'mean distance, last 30 s [m]',
+        'force per axis [N]',
+        'slew per axis [N/s]',
+        'mean speed (norm), last 30 s [m/s]',
+        'mean distance (norm), last 30 s [m]',
     )
     return [
         Picture(
@@ -208,9 +215,10 @@ def _limits(flight: Flight) -> Picture:
     return Picture(
         'limits',
         run_plots.limits(flight),
-        'Force against the limit of the thrusters, and its rate against the condition of training.',
-        f'Force and slew over time: at most {peak:.3g} N of {flight.scenario.max_force_n:g} N, and '
-        f'{slew:.3g} N/s of {metrics.MAX_SLEW_N_S:g} N/s.',
+        'Force against the limit of the thrusters, and its rate against the requirement, if there '
+        'is one. The step from rest to the first command that acts is no slew.',
+        f'Force and slew over time, per axis: at most {peak:.3g} N of '
+        f'{flight.scenario.max_force_n:g} N, and {slew:.3g} N/s.',
     )
 
 
@@ -268,7 +276,7 @@ def _seen(flight: Flight, tick: int) -> Sequence[float]:
 
 def _instants(flight: Flight) -> list[int]:
     """Return ticks from the start to the arrival, equally spaced, and the last."""
-    arrived = arrival_s(flight)
+    arrived = metrics.arrival_time_s(flight)
     until = flight.scenario.duration_s if arrived is None else arrived
     ticks = np.linspace(0.0, until / flight.scenario.dt_s, 5).round().astype(int)
     return sorted({*ticks.tolist(), flight.scenario.ticks})

@@ -143,14 +143,17 @@ def _energy(flight: Flight) -> tuple[Floats, Floats]:
 
 
 def limits(flight: Flight) -> Any:
-    """Return force and slew against what the thrusters and the conditions allow."""
+    """Return force and slew against what the thrusters and the requirements allow."""
     scenario, forces = flight.scenario, flight.saturated_forces_n
-    slew = np.diff(forces, axis=0) / scenario.dt_s
+    first, always = metrics.first_slew_tick(scenario), (0.0, scenario.duration_s)
+    slew = np.diff(forces[first - 1 :], axis=0) / scenario.dt_s
     figure, (upper, lower) = style.new_panels(4.6, 2, sharex=True)
     by_axis(upper, scenario.times_s[:-1], forces, 'force [N]')
-    limit_lines(upper, scenario.max_force_n, 'limit')
-    by_axis(lower, scenario.times_s[1:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
-    limit_lines(lower, metrics.MAX_SLEW_N_S, 'limit')
+    limit_lines(upper, scenario.max_force_n, 'limit', always)
+    by_axis(lower, scenario.times_s[first:-1], slew, 'slew df/dt [N/s]', linewidth=0.8)
+    required = scenario.requirements
+    if required is not None and required.slew_per_axis_n_s is not None:
+        limit_lines(lower, required.slew_per_axis_n_s, 'limit', always)
     lower.set_xlabel('time [s]')
     style.legend_below(figure, upper)
     return figure
@@ -163,9 +166,25 @@ def disturbance(flight: Flight) -> Any:
     figure, (upper, lower) = style.new_panels(4.6, 2, sharex=True)
     by_axis(upper, scenario.times_s[:-1], disturbances, 'disturbance [N]')
     by_axis(lower, scenario.times_s[:-1], flight.saturated_forces_n + disturbances, 'net force [N]')
-    limit_lines(lower, level, 'level of the disturbance')
+    limit_lines(lower, level, 'level of the disturbance', (0.0, scenario.duration_s))
     lower.set(xlabel='time [s]', ylim=(-3.0 * level, 3.0 * level))
     style.legend_below(figure, lower)
+    return figure
+
+
+def closing(flight: Flight) -> Any:
+    """Return the closing speed over the range, from right to left as the chaser comes in."""
+    ranges = np.linalg.norm(flight.positions_m, axis=1)
+    speeds = metrics.closing_speeds_m_s(flight)
+    figure, axes = style.new_panels(3.4)
+    axes.plot(ranges, speeds, color=_INK, label='this flight')
+    axes.plot(ranges[0], speeds[0], 'o', color=_INK, markersize=6, label='start')
+    dots = _marked(flight)
+    axes.plot(
+        ranges[dots], speeds[dots], 'o', color=_INK, markersize=3, label=f'every {MARK_S:g} s'
+    )
+    axes.set(xlabel='range [m]', ylabel='closing speed [m/s]', xlim=(1.05 * ranges.max(), 0.0))
+    style.legend_below(figure, axes)
     return figure
 
 

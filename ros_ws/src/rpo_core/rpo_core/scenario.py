@@ -15,10 +15,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import codec, cw, files
+from rpo_core import codec, cw, files, requirements
 from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.navigation import Navigation
+from rpo_core.requirements import Requirements
 from rpo_core.stage import section_of, sections
 from rpo_core.thrusters import Thrusters
 from rpo_core.validation import (
@@ -63,6 +64,7 @@ class Scenario:
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
     sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
+    requirements : what flights are judged by; None: they are not judged
     """
 
     name: Name
@@ -77,6 +79,7 @@ class Scenario:
     disturbance: Disturbance = NONE
     sections: tuple[Any, ...] = ()
     description: Description = field(default='', compare=False)
+    requirements: Requirements | None = field(default=None, compare=False)  # they change no flight
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -239,7 +242,7 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
     known = {} if is_set else sections()  # the flights of a set have no stages of their own
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
-    data = mapping('', document, required, [*known, 'description'])
+    data = mapping('', document, required, [*known, 'requirements', 'description'])
     base = Scenario(
         name=data['name'],
         description=data.get('description', ''),
@@ -250,6 +253,7 @@ def parse(document: Any) -> Scenario | ScenarioSet:
             for name, section in known.items()
             if name in data
         ),
+        requirements=(requirements.parse(data['requirements']) if 'requirements' in data else None),
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
@@ -270,6 +274,8 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
         'disturbance': scenario.disturbance,
         **{section_of(settings).name: settings for settings in scenario.sections},
     }
+    if scenario.requirements is not None:
+        document['requirements'] = scenario.requirements.to_document()
     return {key: codec.to_mapping(value) for key, value in document.items()}
 
 

@@ -216,16 +216,21 @@ def mapping(
     label = f'`{name}`' if name else 'the document'
     prefix = f'{name}.' if name else ''
     if not isinstance(value, Mapping):
-        raise InputError(f'{label} must be a mapping with {", ".join(known)}; got {shown(value)}')
+        raise InputError(f'{label} must be a mapping with {_listed(known)}; got {shown(value)}')
     for key in value:
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f'; did you mean `{near[0]}`?' if near else f'; known: {", ".join(known)}'
+            hint = f'; did you mean `{near[0]}`?' if near else f'; known: {_listed(known)}'
             raise InputError(f'{quoted(f"{prefix}{key}")} is not a known field{hint}')
     for key in required:
         if key not in value:
             raise InputError(f'`{prefix}{key}` is missing')
     return value
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names as an error lists them: the first 14, if there are more."""
+    return ', '.join(names[:14]) + (', ...' if len(names) > 14 else '')
 
 
 def schema(document: Any, *known: str) -> str:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run shows a person: metrics beside the paper's claims, and the three time histories.
+"""What a run shows a person: its metrics beside what is required, and the three time histories.
 
 The table is drawn by rich and the picture by matplotlib; neither is needed to fly.
 """
@@ -8,12 +8,15 @@ The table is drawn by rich and the picture by matplotlib; neither is needed to f
 from __future__ import annotations
 
 import importlib.util
+import math
 from pathlib import Path
 from typing import Any
 
 from rpo_core import metrics
 from rpo_core.flight import Flight
+from rpo_core.scenario import Scenario
 from rpo_core.validation import printable
+from rpo_core.verdicts import Verdict, verdicts
 from rpo_log.format.run import CONTROLLER
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.show import style
@@ -21,13 +24,12 @@ from rpo_log.show import style
 PICTURE = 'time_histories.png'
 
 CLOSE_UP_S = metrics.CLAIM_WINDOW_S
-"""The picture shows the last part of a flight a second time, close up."""
+"""The last part is drawn a second time, close up, where no requirement says from when."""
 
-_LIMIT = 'limit (paper)'
+_LIMIT = 'required'
 
-PAPER = "the paper's claims"
-EXAMPLE = "the paper's training example (another start)"
-TRAINING = 'conditions of training'
+METRICS = 'metrics'
+NO_REQUIREMENTS = 'no requirements in the scenario'
 
 COLUMNS = ('metric', 'value', 'limit', 'verdict')
 TableLine = tuple[str, str, str, str]
@@ -58,29 +60,28 @@ def folder_of(run: Path) -> Path:
 
 
 def rows(flight: Flight) -> dict[str, list[TableLine]]:
-    """Return the table by sections: the paper's claims that apply, the conditions of training."""
-    found = metrics.of_flight(flight)
-    met, most_m = found.conditions, metrics.MAX_ARRIVAL_DISTANCE_M
-    limits = [
-        ('mean speed, last 30 s', 'm/s', metrics.MAX_ARRIVAL_SPEED_M_S, found.arrival_speed_m_s),
-        ('largest |df/dt|', 'N/s', metrics.MAX_SLEW_N_S, found.slew_n_s),
-        ('mean distance, last 30 s', 'm', most_m, found.arrival_distance_m),
+    """Return the table by sections: requirements and their verdicts, then the other metrics."""
+    required = verdicts(flight)
+    judged = {verdict.statement for verdict in required}
+    title = f'requirements of {flight.scenario.name}' if required else NO_REQUIREMENTS
+    others = [
+        (statement, shown(value, unit), '', '')
+        for statement, unit, value in metrics.others_of(flight)
+        if statement not in judged
     ]
-    disturbed = not flight.scenario.disturbance.is_zero
-    return {
-        PAPER if disturbed else EXAMPLE: [
-            _row(*claim, claim.holds if disturbed else None) for claim in metrics.claims(flight)
-        ],
-        TRAINING: [
-            *(_row(*limit, holds) for limit, holds in zip(limits, met, strict=True)),
-            ('energy J', f'{found.energy_n2s:.4g} N²s', '', ''),
-        ],
-    }
+    return {title: [_row(verdict) for verdict in required], METRICS: others}
 
 
-def _row(name: str, unit: str, limit: float, value: float, holds: bool | None) -> TableLine:
-    verdict = {True: 'holds', False: 'MISSED', None: ''}[holds]
-    return name, f'{value:.3g} {unit}', f'≤ {limit:.3g} {unit}', verdict
+def shown(value: float, unit: str) -> str:
+    """Return a value with its unit, as the table has it; infinite: it never happens."""
+    if math.isinf(value):
+        return 'never'
+    return '–' if math.isnan(value) else f'{value:.3g} {unit}'.strip()
+
+
+def _row(verdict: Verdict) -> TableLine:
+    limit = f'≤ {shown(verdict.limit, verdict.unit)}'
+    return verdict.statement, shown(verdict.value, verdict.unit), limit, verdict.word
 
 
 def print_table(flight: Flight, title: str) -> None:
@@ -91,7 +92,7 @@ def print_table(flight: Flight, title: str) -> None:
         for section, lines in sections.items():
             print(f' {section}')
             for name, value, limit, verdict in lines:
-                print(f'  {name:<34}{value:>16}{limit:>16}  {verdict}')
+                print(f'  {name:<40}{value:>16}{limit:>16}  {verdict}')
         return
     from rich.console import Console
     from rich.table import Table
@@ -123,30 +124,44 @@ def draw(flight: Flight, folder: Path, title: str) -> Path | None:
     return path
 
 
+def close_up_s(scenario: Scenario) -> float:
+    """Return from when a flight is drawn close up: where its requirements begin to hold [s]."""
+    required = scenario.requirements
+    held_s = None if required is None else required.hold_from_s
+    if held_s is not None and held_s < scenario.duration_s:
+        return held_s
+    return max(0.0, scenario.duration_s - CLOSE_UP_S)
+
+
 def time_histories(flight: Flight) -> Any:
     """Return the figure of position, velocity and force, as in the paper's test figure.
 
-    The right column is the last part close up, with the limits that the paper claims.
+    The right column is the last part close up. Limits are drawn where they hold.
     """
-    times, level = flight.scenario.times_s, metrics.disturbance_level_n(flight)
-    disturbed, last = level > 0.0, metrics.window_ticks(flight.scenario, CLOSE_UP_S)
+    times, scenario = flight.scenario.times_s, flight.scenario
+    begin_s, end_s = close_up_s(scenario), scenario.duration_s
+    last = metrics.window_ticks(scenario, end_s - begin_s)
+    limits = {verdict.key: verdict.limit for verdict in verdicts(flight)}
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
-    limits = [claim.paper for claim in metrics.claims(flight)] if disturbed else [None] * 3
-    for (wide, close), values, label, limit in zip(
+    for (wide, close), values, label, keys in zip(
         panels,
         (flight.positions_m, flight.velocities_m_s, flight.saturated_forces_n),
         ('relative position [m]', 'relative velocity [m/s]', 'control force [N]'),
-        limits,
+        (
+            ('hold_error_per_axis_m',),
+            ('hold_speed_per_axis_m_s',),
+            ('hold_force_per_axis_n', 'hold_force_per_disturbance'),
+        ),
         strict=True,
     ):
         by_axis(wide, times[: len(values)], values, label)
         by_axis(close, times[: len(values)][-last:], values[-last:], '')
-        if limit is not None:
-            limit_lines(close, limit, _LIMIT)
-    if disturbed:
-        limit_lines(panels[2][0], level, _LIMIT)
+        for key in keys:
+            if key in limits:
+                for axes in (wide, close):
+                    limit_lines(axes, limits[key], _LIMIT, (begin_s, end_s))
     panels[0][0].set_title('from the start')
-    panels[0][1].set_title(f'last {min(CLOSE_UP_S, flight.scenario.duration_s):g} s')
+    panels[0][1].set_title(f'last {last * scenario.dt_s:g} s')
     for axes in panels[2]:
         axes.set_xlabel('time [s]')
     style.legend_below(figure, panels[0][0], panels[2][0])
@@ -161,8 +176,8 @@ def by_axis(axes: Any, times_s: Any, values: Any, label: str, linewidth: float =
     axes.margins(x=0.01)
 
 
-def limit_lines(axes: Any, value: float, name: str) -> None:
-    """Draw the limits +- value."""
+def limit_lines(axes: Any, value: float, name: str, times_s: tuple[float, float]) -> None:
+    """Draw the limits +- value over the times (from, to) in which they hold."""
     for sign in (-1.0, 1.0):
         label = name if sign > 0 else None
-        axes.axhline(sign * value, **style.LIMIT, zorder=3.0, label=label)
+        axes.plot(times_s, [sign * value] * 2, **style.LIMIT, zorder=3.0, label=label)

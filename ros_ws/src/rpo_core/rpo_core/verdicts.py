@@ -1,0 +1,174 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts: what a scenario requires (`rpo_core.requirements`) beside the values of a flight.
+
+The only place where they are computed: `final_approach`, `rpo simulate`, `rpo evaluate`, reports
+and campaigns show these.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import metrics
+from rpo_core.flight import Flight
+from rpo_core.requirements import Requirements
+
+Floats = NDArray[np.float64]
+
+HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
+
+_SHOWN = {
+    'final_error_per_axis_m': ('m', 'position error per axis, at the end'),
+    'final_error_norm_m': ('m', 'position error (norm), at the end'),
+    'final_speed_per_axis_m_s': ('m/s', 'speed per axis, at the end'),
+    'final_speed_norm_m_s': ('m/s', 'speed (norm), at the end'),
+    'mean_error_norm_m': ('m', 'mean error (norm), last {mean:g} s'),
+    'mean_speed_norm_m_s': ('m/s', 'mean speed (norm), last {mean:g} s'),
+    'hold_error_per_axis_m': ('m', 'position error per axis, after {hold:g} s'),
+    'hold_error_norm_m': ('m', 'position error (norm), after {hold:g} s'),
+    'hold_speed_per_axis_m_s': ('m/s', 'speed per axis, after {hold:g} s'),
+    'hold_speed_norm_m_s': ('m/s', 'speed (norm), after {hold:g} s'),
+    'hold_force_per_axis_n': ('N', 'force per axis, after {hold:g} s'),
+    'hold_force_per_disturbance': ('N', 'force per axis, after {hold:g} s'),
+    'arrival_time_s': ('s', 'time to goal, {arrival}'),
+    'contact_closing_speed_m_s': ('m/s', 'closing speed at {contact:g} m'),
+    'contact_lateral_speed_m_s': ('m/s', 'lateral speed at {contact:g} m'),
+    'slew_per_axis_n_s': ('N/s', 'slew per axis'),
+    'energy_n2s': ('N²s', 'energy J'),
+    'delta_v_axis_sum_m_s': ('m/s', 'Δv (sum of the axes)'),
+}
+"""Requirement -> unit, statement."""
+
+
+class Verdict(NamedTuple):
+    """A requirement beside the value of a flight.
+
+    value : infinite where the flight never gets there; not a number where it ends too early
+    """
+
+    key: str
+    statement: str
+    unit: str
+    limit: float
+    value: float
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the flight keeps it; None where it ends before the requirement begins."""
+        return None if math.isnan(self.value) else self.value <= self.limit
+
+    @property
+    def word(self) -> str:
+        """The verdict as it is shown."""
+        return {True: HOLDS, False: MISSED, None: NOT_JUDGED}[self.holds]
+
+
+def verdicts(flight: Flight) -> list[Verdict]:
+    """Return each requirement of the flight's scenario beside its value; none where none are."""
+    required = flight.scenario.requirements
+    if required is None:
+        return []
+    values = _values(flight, required)
+    found = []
+    for key, limit in required.limits.items():
+        unit, _ = _SHOWN[key]
+        if key == 'hold_force_per_disturbance':
+            limit *= metrics.disturbance_level_n(flight)
+        shown = statement(key, required, flight.scenario.duration_s)
+        found.append(Verdict(key, shown, unit, limit, values[key]))
+    return found
+
+
+def statement(key: str, required: Requirements, duration_s: float) -> str:
+    """Return what a requirement is about, with its times and places."""
+    axis, norm = required.arrival_error_per_axis_m, required.arrival_error_norm_m
+    arrival = f'within {axis:g} m per axis' if axis is not None else f'within {norm or 0.0:g} m'
+    return _SHOWN[key][1].format(
+        mean=min(required.mean_window_s, duration_s),
+        hold=required.hold_from_s or 0.0,
+        arrival=arrival,
+        contact=required.contact_range_m or 0.0,
+    )
+
+
+def _values(flight: Flight, required: Requirements) -> dict[str, float]:
+    row = metrics.row_of(flight).tolist()
+    if not math.isfinite(row[metrics.ENERGY]):
+        return dict.fromkeys(_SHOWN, math.inf)  # not a number in flight: nothing is kept
+    late = _late(flight, required)
+    errors, speeds = flight.positions_m[late], flight.velocities_m_s[late]
+    flown = len(errors) > 0
+    contact = _contact(flight, required.contact_range_m or 0.0)
+    error, speed = flight.positions_m[-1:], flight.velocities_m_s[-1:]
+    return {
+        'final_error_per_axis_m': _per_axis(error),
+        'final_error_norm_m': _norm(error),
+        'final_speed_per_axis_m_s': _per_axis(speed),
+        'final_speed_norm_m_s': _norm(speed),
+        'mean_error_norm_m': row[metrics.ARRIVAL_DISTANCE],
+        'mean_speed_norm_m_s': row[metrics.ARRIVAL_SPEED],
+        'hold_error_per_axis_m': _per_axis(errors),
+        'hold_error_norm_m': _norm(errors),
+        'hold_speed_per_axis_m_s': _per_axis(speeds),
+        'hold_speed_norm_m_s': _norm(speeds),
+        'hold_force_per_axis_n': row[metrics.LATE_FORCE] if flown else math.nan,
+        'hold_force_per_disturbance': row[metrics.LATE_FORCE] if flown else math.nan,
+        'arrival_time_s': _arrival_s(flight, required),
+        'contact_closing_speed_m_s': contact[0],
+        'contact_lateral_speed_m_s': contact[1],
+        'slew_per_axis_n_s': row[metrics.SLEW],
+        'energy_n2s': row[metrics.ENERGY],
+        'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
+    }
+
+
+def _late(flight: Flight, required: Requirements) -> slice:
+    """Return the states after `hold_from_s`."""
+    return slice(round((required.hold_from_s or 0.0) / flight.scenario.dt_s) + 1, None)
+
+
+def _per_axis(vectors: Floats) -> float:
+    """Return the largest absolute value of any axis of vectors (n, 3); not a number of none."""
+    return float(np.abs(vectors).max(initial=0.0)) if len(vectors) else math.nan
+
+
+def _norms(vectors: Floats) -> Floats:
+    x, y, z = vectors.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _norm(vectors: Floats) -> float:
+    """Return the largest norm of vectors (n, 3); not a number of none."""
+    return float(_norms(vectors).max()) if len(vectors) else math.nan
+
+
+def _arrival_s(flight: Flight, required: Requirements) -> float:
+    """Return the time of the last state outside; infinite if that is the end of the flight."""
+    most_m = required.arrival_error_per_axis_m
+    if most_m is None:
+        most_m, sizes = required.arrival_error_norm_m, _norms(flight.positions_m)
+    else:
+        sizes = np.abs(flight.positions_m).max(axis=1)
+    outside = np.flatnonzero(sizes > (0.0 if most_m is None else most_m))
+    last = int(outside[-1]) if outside.size else 0
+    return math.inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
+
+
+def _contact(flight: Flight, range_m: float) -> tuple[float, float]:
+    """Return the closing and the lateral speed [m/s] at the first state within a range."""
+    positions, ranges = flight.positions_m, _norms(flight.positions_m)
+    inside = np.flatnonzero(ranges <= range_m)
+    if not inside.size:
+        return math.inf, math.inf
+    first = int(inside[0])
+    if ranges[first] == 0.0:
+        return _norm(flight.velocities_m_s[first : first + 1]), 0.0
+    sight = positions[first] / ranges[first]
+    velocity = flight.velocities_m_s[first]
+    along = float(sight @ velocity)
+    return -along, _norm((velocity - along * sight)[None])

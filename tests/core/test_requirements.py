@@ -1,0 +1,159 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Requirements of a scenario: what a file may say, and the verdicts of made-up flights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_documents import document
+
+from rpo_core import files, metrics
+from rpo_core.disturbance import Disturbance
+from rpo_core.flight import Flight
+from rpo_core.requirements import LIMITS, Requirements
+from rpo_core.scenario import dumps, load, load_scenario, parse
+from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
+
+
+def required(**limits):
+    """Return the scenario `quick`, of 5 s, with requirements."""
+    return parse({**document('scenario', 'quick'), 'requirements': limits})
+
+
+@pytest.mark.parametrize(
+    ('limits', 'sentence'),
+    [
+        ({}, '`requirements` must have a limit, like `final_error_per_axis_m`'),
+        ({'slew_n_s': 0.1}, '`requirements.slew_n_s` is not a known field; did you mean `slew_p'),
+        ({'energy_n2s': None}, '`requirements.energy_n2s` must be a number; got nothing'),
+        ({'energy_n2s': -1.0}, '`energy_n2s` must be a finite number >= 0'),
+        ({'hold_error_norm_m': 1.0}, '`hold_from_s` is missing; `hold_error_norm_m` needs it'),
+        ({'hold_from_s': 1.0, 'energy_n2s': 1.0}, '`hold_from_s` must go with one of hold_error'),
+        ({'arrival_time_s': 1.0}, '`arrival_time_s` must go with one of arrival_error_per_axis_m'),
+        ({'arrival_error_norm_m': 1.0}, '`arrival_time_s` is missing'),
+        (
+            {'arrival_time_s': 1.0, 'arrival_error_norm_m': 1.0, 'arrival_error_per_axis_m': 1.0},
+            'got both',
+        ),
+        ({'contact_closing_speed_m_s': 1.0}, '`contact_range_m` is missing'),
+    ],
+)
+def test_what_makes_no_sense_is_one_sentence(limits, sentence):
+    with pytest.raises(InputError) as refused:
+        required(**limits)
+    assert sentence in str(refused.value)
+
+
+def test_a_section_is_written_and_read_back_and_changes_no_flight():
+    limits = {'hold_from_s': 2.5, 'hold_error_norm_m': 0.1, 'slew_per_axis_n_s': 0.2}
+    scenario = required(**limits)
+    again = files.loads(dumps(scenario), parse, 'written')
+    assert again.requirements == scenario.requirements == Requirements(**limits)
+    assert scenario == load_scenario('quick'), 'equal: both fly the same'
+    assert 'requirements' not in dumps(load_scenario('quick'))
+
+
+def test_shipped_scenarios_require_what_the_paper_claims():
+    for name in ('paper_test', 'paper_test_phase'):
+        assert load_scenario(name).requirements.limits == {
+            'mean_error_norm_m': metrics.MAX_ARRIVAL_DISTANCE_M,
+            'mean_speed_norm_m_s': metrics.MAX_ARRIVAL_SPEED_M_S,
+            'hold_error_per_axis_m': metrics.CLAIM_POSITION_M,
+            'hold_speed_per_axis_m_s': metrics.CLAIM_VELOCITY_M_S,
+            'hold_force_per_disturbance': 1.0,
+            'slew_per_axis_n_s': metrics.MAX_SLEW_N_S,
+        }
+        assert load_scenario(name).requirements.hold_from_s == 400.0 - metrics.CLAIM_WINDOW_S
+    training = load('paper_training').base.requirements
+    assert training == load_scenario('approach').requirements
+    assert list(training.limits.values()) == [0.5, 0.05, 0.1]
+    assert training.mean_window_s == metrics.ARRIVAL_WINDOW_S
+    assert load_scenario('quick').requirements is None
+
+
+def made_up(**limits):
+    """Return a flight of 4 ticks of 1 s along y to the target, and then past it along z."""
+    push = Disturbance((0.0, 0.0, -0.02))
+    base = replace(load_scenario('quick'), dt_s=1.0, duration_s=4.0, disturbance=push)
+    scenario = replace(base, requirements=Requirements(**limits))
+    states = np.array(
+        [
+            (0, 8, 0, 0, -4, 0),
+            (3, 4, 0, 0, -2, 0),
+            (0, 0.5, 0, 0.1, -0.3, 0.2),
+            (0, 0, 0.3, 0, 0, -0.1),
+            (0, 0, -0.4, 0.03, 0, 0.04),
+        ]
+    )
+    forces = [(0.1, 0, 0), (0, 0.3, -0.4), (0, 0, 0.03), (0.01, 0, 0), (9, 9, 9)]
+    return Flight(scenario, states, np.array(forces), push.over(scenario.times_s))
+
+
+EVERYTHING = {
+    'final_error_per_axis_m': 0.4,
+    'final_error_norm_m': 0.4,
+    'final_speed_per_axis_m_s': 0.04,
+    'final_speed_norm_m_s': 0.05,
+    'mean_error_norm_m': (0.3 + 0.4) / 2,
+    'mean_speed_norm_m_s': (0.1 + 0.05) / 2,
+    'hold_error_per_axis_m': 0.4,
+    'hold_error_norm_m': 0.4,
+    'hold_speed_per_axis_m_s': 0.1,
+    'hold_speed_norm_m_s': 0.1,
+    'hold_force_per_axis_n': 0.03,
+    'hold_force_per_disturbance': 0.03,
+    'arrival_time_s': 1.0,
+    'contact_closing_speed_m_s': 0.3,
+    'contact_lateral_speed_m_s': math.hypot(0.1, 0.2),
+    'slew_per_axis_n_s': 0.43,
+    'energy_n2s': 0.01 + 0.25 + 0.0009 + 0.0001,
+    'delta_v_axis_sum_m_s': (0.1 + 0.7 + 0.03 + 0.01) / 10,
+}
+"""The values of the flight, by hand. The disturbance is 0.02 N."""
+
+SETTINGS = {
+    'mean_window_s': 2.0,
+    'hold_from_s': 2.0,
+    'arrival_error_norm_m': 0.5,
+    'contact_range_m': 0.5,
+}
+
+
+def test_every_value_by_hand():
+    found = verdicts(made_up(**SETTINGS, **dict.fromkeys(EVERYTHING, 0.01)))
+    assert [verdict.key for verdict in found] == list(LIMITS) == list(EVERYTHING)
+    for verdict in found:
+        assert verdict.value == pytest.approx(EVERYTHING[verdict.key], abs=1e-15), verdict.key
+        assert verdict.word == 'MISSED', verdict.key
+        assert verdict.unit and '{' not in verdict.statement
+    shares = {v.key: v.limit for v in found if v.limit != 0.01}
+    assert shares == {'hold_force_per_disturbance': 0.01 * 0.02}
+
+
+def test_a_value_at_its_limit_holds():
+    exact = {v.key: v.value for v in verdicts(made_up(**SETTINGS, **EVERYTHING))}
+    exact['hold_force_per_disturbance'] = 1.5
+    assert all(v.holds for v in verdicts(made_up(**SETTINGS, **exact)))
+
+
+def test_what_never_happens_is_missed_and_what_is_not_flown_is_not_judged():
+    limits = {'arrival_time_s': 9.0, 'arrival_error_per_axis_m': 0.1, 'hold_from_s': 4.0}
+    limits |= {'contact_range_m': 0.1, 'contact_closing_speed_m_s': 1.0, 'hold_error_norm_m': 9.0}
+    found = {v.key: v for v in verdicts(made_up(**limits))}
+    assert found['hold_error_norm_m'].word == 'not flown'
+    assert found['arrival_time_s'].value == math.inf and not found['arrival_time_s'].holds
+    assert found['contact_closing_speed_m_s'].word == 'MISSED'
+    lost = made_up(**SETTINGS, **EVERYTHING)
+    lost.states[3] = math.nan
+    assert all(v.word == 'MISSED' for v in verdicts(lost))
+
+
+def test_without_requirements_nothing_is_judged():
+    flight = made_up(energy_n2s=1.0)
+    bare = replace(flight, scenario=replace(flight.scenario, requirements=None))
+    assert verdicts(bare) == []
