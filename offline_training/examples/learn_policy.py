@@ -94,7 +94,7 @@ def fly(env: Any, policy: Policy, **options: Any) -> dict[str, Any]:
 def graded(info: dict[str, Any]) -> float:
     """Return the fitness with the graded penalties of the training."""
     figures = info['figures']
-    columns = ('arrival_speed_m_s', 'slew_n_s', 'arrival_distance_m')
+    columns = ('mean_speed_norm_m_s', 'slew_per_axis_n_s', 'mean_error_norm_m')
     values = np.array([figures[name] for name in columns])
     missed = (values > LIMITS) * (AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, LIMITS))
     return float(figures['energy_n2s'] + PENALTY * missed.sum())

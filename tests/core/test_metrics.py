@@ -49,16 +49,16 @@ def test_energy_counts_what_the_thrusters_gave(tiny):
 
 def test_slew_is_between_commands_flown(tiny):
     # 0.2 in x and 0.4 in y, then 0.3, 0.1 and 0.2; over 2 s; neither the first nor the last counts
-    assert metrics.of_flight(tiny).slew_n_s == pytest.approx(0.4 / 2, abs=1e-15)
+    assert metrics.of_flight(tiny).slew_per_axis_n_s == pytest.approx(0.4 / 2, abs=1e-15)
     one = replace(tiny, scenario=replace(tiny.scenario, duration_s=2.0), states=tiny.states[:2])
     one = replace(one, forces_n=tiny.forces_n[:2])
-    assert metrics.of_flight(one).slew_n_s == 0.0  # the step from rest alone
+    assert metrics.of_flight(one).slew_per_axis_n_s == 0.0  # the step from rest alone
 
 
 def test_arrival_means_are_of_norms_and_leave_the_start_out(tiny):
     figures = metrics.of_flight(tiny)  # 30 s is longer than the flight
-    assert figures.arrival_distance_m == pytest.approx((2 + 3 + 10) / 3, abs=1e-15)
-    assert figures.arrival_speed_m_s == pytest.approx((3 + 5 + 7) / 3, abs=1e-15)
+    assert figures.mean_error_norm_m == pytest.approx((2 + 3 + 10) / 3, abs=1e-15)
+    assert figures.mean_speed_norm_m_s == pytest.approx((3 + 5 + 7) / 3, abs=1e-15)
 
 
 def test_windows_hold_their_seconds(paper_test):
@@ -69,8 +69,8 @@ def test_windows_hold_their_seconds(paper_test):
     assert metrics.window_ticks(long.scenario, 0.2) == 1
     assert metrics.window_ticks(long.scenario, 1e6) == 100
     figures = metrics.of_flight(long)
-    assert figures.arrival_distance_m == sum(range(71, 101)) / 30
-    assert figures.arrival_speed_m_s == pytest.approx(sum(range(71, 101)) / 3000, abs=1e-15)
+    assert figures.mean_error_norm_m == sum(range(71, 101)) / 30
+    assert figures.mean_speed_norm_m_s == pytest.approx(sum(range(71, 101)) / 3000, abs=1e-15)
     assert metrics.window(long, 10.0) == (100.0, 1.0, pytest.approx(0.396))
     falling = flight(paper_test, states[::-1], forces[::-1])
     # states 91 .. 100 hold 9 .. 0; forces 90 .. 99 hold 0.004 x (10 .. 1)
@@ -107,9 +107,9 @@ def test_figures_of_a_real_flight_by_plain_loops(paper_flight):
     speed = sum(math.hypot(*row[3:]) for row in arrival) / 300
     figures = metrics.of_flight(paper_flight)
     assert figures.energy_n2s == pytest.approx(energy, rel=1e-13)
-    assert figures.slew_n_s == pytest.approx(slew, rel=1e-13)
-    assert figures.arrival_distance_m == pytest.approx(distance, rel=1e-13)
-    assert figures.arrival_speed_m_s == pytest.approx(speed, rel=1e-13)
+    assert figures.slew_per_axis_n_s == pytest.approx(slew, rel=1e-13)
+    assert figures.mean_error_norm_m == pytest.approx(distance, rel=1e-13)
+    assert figures.mean_speed_norm_m_s == pytest.approx(speed, rel=1e-13)
     last = metrics.window(paper_flight, 200.0)
     assert last.position_m == max(abs(r) for row in states[2001:] for r in row[:3])
     assert last.velocity_m_s == max(abs(v) for row in states[2001:] for v in row[3:])
@@ -134,7 +134,7 @@ def test_a_delay_of_the_thrusters_moves_the_first_command_and_is_no_slew(paper_t
     late = replace(prompt, scenario=prompt.scenario.equipped(Thrusters(delay_ticks=1)))
     assert late.saturated_forces_n[:, 0].tolist() == [0.0, 0.3, 0.1, 0.1]
     for made in (prompt, late):
-        assert metrics.of_flight(made).slew_n_s == pytest.approx(0.2, abs=1e-15)
+        assert metrics.of_flight(made).slew_per_axis_n_s == pytest.approx(0.2, abs=1e-15)
 
 
 def test_closing_speed_duty_and_time_to_goal(tiny):

@@ -64,7 +64,7 @@ def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_
     np.testing.assert_array_equal(flown.disturbances_n, expected[:, 10:])
     columns = fly_runs(config.load(path), RUN, 1)
     row = metrics.row_of(flight_of(flown))
-    assert columns['slew_n_s'] == row[metrics.SLEW], (
+    assert columns['slew_per_axis_n_s'] == row[metrics.SLEW], (
         'one flight has one slew, however late it begins'
     )
     assert [columns[name][0] for name in FINAL] == flown.states[-1].tolist()

@@ -49,7 +49,7 @@ def write_campaign(folder, **changes):
         'runs': 90,
         'seed': 3,
         'dispersions': EVERYTHING,
-        'success': {'late_position_m': 60.0},
+        'success': {'hold_error_per_axis_m': 60.0},
         **changes,
     }
     path = folder / 'c.yaml'

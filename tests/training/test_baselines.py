@@ -47,7 +47,12 @@ def test_metrics_in_bulk_are_those_of_the_core():
         ):
             flight = fly(scenario, baseline)
             f = metrics.of_flight(flight)
-            expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
+            expected = [
+                f.energy_n2s,
+                f.mean_speed_norm_m_s,
+                f.slew_per_axis_n_s,
+                f.mean_error_norm_m,
+            ]
             np.testing.assert_allclose(row[:4], expected, rtol=1e-11, atol=1e-15)
             if late_s:
                 late = metrics.window(flight, late_s)
@@ -229,7 +234,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert baseline['ratio'] == baseline['mean_energy_n2s'] / 2.5
     assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
     columns = run_batch.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
-    assert drift['kept'] == (columns['late_position_m'] <= 60.0).sum()
+    assert drift['kept'] == (columns['hold_error_per_axis_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
     assert baseline['tests']['paper_test']['position_m'] == late.position_m
     if name == 'mpc':

@@ -43,19 +43,21 @@ def test_every_run_has_the_bits_and_metrics_of_the_core(write):
         figures, late = metrics.of_flight(flight), metrics.window(flight, metrics.CLAIM_WINDOW_S)
         delay = int(columns['delay_ticks'][number])
         changes = np.abs(np.diff(flight.saturated_forces_n[delay:], axis=0))
-        assert figures.slew_n_s == columns['slew_n_s'][number], 'one flight has one slew'
+        assert figures.slew_per_axis_n_s == columns['slew_per_axis_n_s'][number], (
+            'one flight has one slew'
+        )
         row = metrics.row_of(flight)
         for name, value in zip(metrics.UNITS, row, strict=True):
-            assert name == 'late_speed_m_s' or columns[name][number] == value
+            assert name == 'hold_speed_bound_m_s' or columns[name][number] == value
         expected = {
             'energy_n2s': figures.energy_n2s,
-            'arrival_speed_m_s': figures.arrival_speed_m_s,
-            'arrival_distance_m': figures.arrival_distance_m,
-            'slew_n_s': changes.max() / 0.1,
-            'late_position_m': late.position_m,
-            'late_velocity_m_s': late.velocity_m_s,
-            'late_force_n': late.force_n,
-            'delta_v_m_s': np.abs(flight.saturated_forces_n).sum()
+            'mean_speed_norm_m_s': figures.mean_speed_norm_m_s,
+            'mean_error_norm_m': figures.mean_error_norm_m,
+            'slew_per_axis_n_s': changes.max() / 0.1,
+            'hold_error_per_axis_m': late.position_m,
+            'hold_speed_per_axis_m_s': late.velocity_m_s,
+            'hold_force_per_axis_n': late.force_n,
+            'delta_v_axis_sum_m_s': np.abs(flight.saturated_forces_n).sum()
             * 0.1
             / columns['mass_kg'][number],
         }
@@ -185,5 +187,5 @@ def test_wilsons_interval_is_the_closed_form():
 
 def test_a_figure_that_is_not_a_number_is_no_success(write):
     settings = config.load(write()).config
-    kept = statistics.successes(settings, {'late_position_m': np.array([1.0, np.nan, 61.0])})
+    kept = statistics.successes(settings, {'hold_error_per_axis_m': np.array([1.0, np.nan, 61.0])})
     assert kept.tolist() == [True, False, False]

@@ -123,8 +123,8 @@ def test_the_sweep_finds_where_it_no_longer_docks(tmp_path):
     drift = columns_of(
         config.load(write_campaign(tmp_path, dispersions={}, faults={'state_loss': 1.0})), 1
     )
-    limit = float(plain['arrival_distance_m'][0] + drift['arrival_distance_m'][0]) / 2
-    success = {'arrival_distance_m': limit}
+    limit = float(plain['mean_error_norm_m'][0] + drift['mean_error_norm_m'][0]) / 2
+    success = {'mean_error_norm_m': limit}
     path = write_campaign(tmp_path, dispersions={}, success=success, runs=20)
     campaign = config.load(path)
     found = sweep.Sweep(campaign, 20)
@@ -139,7 +139,7 @@ def test_the_sweep_finds_where_it_no_longer_docks(tmp_path):
         again = config.load(
             write_campaign(tmp_path, dispersions={}, success=success, runs=20, faults=lossy)
         )
-        assert (columns_of(again, 20)['arrival_distance_m'] <= limit).sum() == kept
+        assert (columns_of(again, 20)['mean_error_norm_m'] <= limit).sum() == kept
 
 
 @pytest.mark.slow

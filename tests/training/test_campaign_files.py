@@ -15,11 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
 from rpo_training.campaign import config, execution, run_batch
+from rpo_training.campaign.single import fly_run
+from rpo_training.campaign.statistics import successes
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
 
@@ -143,8 +147,8 @@ def test_memory_is_flat(tmp_path, write):
         ({'dispersions': {'delay_ticks': {'whole': 1.5}}}, 'must be a whole number'),
         ({'dispersions': {'orbit_altitude_m': {'uniform': 4e5}}}, '`orbit_radius_m` must be'),
         ({'success': {}}, '`success` must limit at least one of'),
-        ({'success': {'late_positon_m': 1.0}}, 'did you mean `late_position_m`'),
-        ({'success': {'late_position_m': -1.0}}, '`success.late_position_m` must be'),
+        ({'success': {'hold_eror_per_axis_m': 1.0}}, 'did you mean `hold_error_per_axis_m`'),
+        ({'success': {'hold_error_per_axis_m': -1.0}}, '`success.hold_error_per_axis_m` must be'),
         ({'runs': 0}, '`runs` must be a whole number >= 1'),
         ({'sampling': 'sobol'}, '`sampling` must be one of latin_hypercube, random'),
         ({'controller': 'nobody'}, '`controller` must be one of'),
@@ -161,6 +165,44 @@ def test_bad_configurations_are_one_sentence(write, changes, said):
     assert result.exit_code == 2
     assert said in result.output
     assert result.output.count('\n') == 1
+
+
+def requiring(path, **limits):
+    """Take `success` from a campaign's file, and let its scenario require something."""
+    document = yaml.safe_load(path.read_text())
+    del document['success']
+    path.write_text(yaml.safe_dump(document))
+    short = path.parent / 'short.yaml'
+    short.write_text(f'{SHORT}requirements: {limits}\n' if limits else SHORT)
+    return path
+
+
+def test_success_is_what_the_scenario_requires(write, tmp_path):
+    limits = {'hold_from_s': 12.0, 'hold_error_per_axis_m': 70.0, 'slew_per_axis_n_s': 0.1}
+    limits |= {'mean_window_s': 15.0, 'mean_speed_norm_m_s': 0.6}
+    campaign = config.load(requiring(write(), **limits))
+    store = Store.create(tmp_path / 'f', campaign)
+    execution.fly(store)
+    again = Store.open(tmp_path / 'f').campaign
+    assert again.config.success == campaign.config.success == campaign.scenario.requirements.limits
+    kept = successes(again.config, {name: store.column(name) for name in again.config.success})
+    by_flight = [all(v.holds for v in verdicts(fly_run(campaign, n))) for n in range(90)]
+    assert kept.tolist() == by_flight and 0 < sum(by_flight) < 90
+
+
+@pytest.mark.parametrize(
+    ('limits', 'said'),
+    [
+        ({}, 'and scenario short has no requirements'),
+        ({'final_error_norm_m': 1.0}, 'cannot judge by requirement `final_error_norm_m` of'),
+        ({'arrival_time_s': 9.0, 'arrival_error_per_axis_m': 0.4}, 'requirement `arrival_time_s`'),
+        ({'hold_from_s': 20.0, 'hold_error_per_axis_m': 0.4}, '`hold_error_per_axis_m` of'),
+    ],
+)
+def test_what_a_campaign_cannot_judge_is_one_sentence(write, limits, said):
+    with pytest.raises(InputError, match='`success` is missing, and') as refused:
+        config.load(requiring(write(), **limits))
+    assert said in str(refused.value)
 
 
 def test_a_folder_of_another_campaign_is_left_alone(write, tmp_path):

@@ -30,7 +30,7 @@ dispersions:
   initial_position_m: {uniform: 5.0}
   mass_share: {normal: 0.03}
   navigation_position_noise_m: {white: 0.01}
-success: {late_position_m: 100.0}
+success: {hold_error_per_axis_m: 100.0}
 """
 
 

@@ -110,7 +110,12 @@ def test_metrics_are_those_of_the_core(rules):
         for controller, rows in zip(controllers, found, strict=True):
             scenario = TRAINING.scenarios()[index]
             f = metrics.of_flight(fly(scenario, controller))
-            expected = [f.energy_n2s, f.arrival_speed_m_s, f.slew_n_s, f.arrival_distance_m]
+            expected = [
+                f.energy_n2s,
+                f.mean_speed_norm_m_s,
+                f.slew_per_axis_n_s,
+                f.mean_error_norm_m,
+            ]
             np.testing.assert_allclose(rows[index, :4], expected, rtol=1e-12)
             longer = fly(replace(scenario, duration_s=220.0), controller)
             np.testing.assert_array_equal(rows[index], metrics.row_of(longer, case.windows))

@@ -107,7 +107,7 @@ def test_a_campaign_of_a_stranger_has_the_same_columns_and_says_so_once(tmp_path
         np.testing.assert_array_equal(final, flight.states[-1])
         row = metrics.row_of(flight)
         assert columns['energy_n2s'][number] == row[metrics.ENERGY]
-        assert columns['delta_v_m_s'][number] == row[metrics.DELTA_V]
+        assert columns['delta_v_axis_sum_m_s'][number] == row[metrics.DELTA_V]
     run_batch.fly_runs(strange, 3, 1)
     said = capfd.readouterr().err
     assert (

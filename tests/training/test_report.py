@@ -178,7 +178,10 @@ def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
 @pytest.mark.parametrize(('limit', 'kept'), [(1e6, '90 / 90'), (0.0, '0 / 90')])
 def test_a_campaign_where_every_run_succeeds_or_none(store, limit, kept):
     texts = store.campaign.texts
-    changed = (texts[0].replace('late_position_m: 60.0', f'late_position_m: {limit}'), *texts[1:])
+    changed = (
+        texts[0].replace('hold_error_per_axis_m: 60.0', f'hold_error_per_axis_m: {limit}'),
+        *texts[1:],
+    )
     assert changed != texts
     with files_of(store, changed):
         made = campaign.report_of(store.folder)

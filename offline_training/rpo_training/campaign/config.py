@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
+from rpo_core.requirements import Requirements
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import (
@@ -72,8 +73,8 @@ QUANTITIES = {
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
-METRICS = {name: unit for name, unit in metrics.UNITS.items() if name != 'late_speed_m_s'}
-"""Metrics of a run, over the forces applied; late is the last 200 s."""
+METRICS = {name: unit for name, unit in metrics.UNITS.items() if name != 'hold_speed_bound_m_s'}
+"""Metrics of a run, over the forces applied."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ class Dispersion:
 class CampaignConfig:
     """All that determines the outcome of a campaign, beside the scenario and the controller.
 
-    success : metric -> limit; a run that keeps all of them succeeds
+    success : metric -> limit; a run that keeps all of them succeeds. If the file does not say, what
+        the scenario requires (`success_of`)
     faults : of the messages between plant and controller; None without
     """
 
@@ -109,7 +111,7 @@ class CampaignConfig:
     seed: int = 1
     sampling: str = SAMPLINGS[0]
     dispersions: Mapping[str, Dispersion]
-    success: Mapping[str, float]
+    success: Mapping[str, float] = field(default_factory=dict)
     faults: Faults | None = None
 
     def __post_init__(self) -> None:
@@ -140,23 +142,53 @@ class CampaignConfig:
 
 def parse(document: Any) -> CampaignConfig:
     """Return the configuration of a parsed YAML document; raises InputError."""
-    names = ['name', 'scenario', 'controller', 'runs', 'dispersions', 'success']
-    data = dict(mapping('', document, ['schema', *names], ['seed', 'sampling', 'faults']))
+    names = ['name', 'scenario', 'controller', 'runs', 'dispersions']
+    optional = ['seed', 'sampling', 'faults', 'success']
+    data = dict(mapping('', document, ['schema', *names], optional))
     if data.pop('schema') != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
     data['dispersions'] = {name: _dispersion(name, dispersions[name]) for name in dispersions}
-    success = mapping('success', data['success'], [], METRICS)
-    if not success:
-        raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
-    data['success'] = {
-        name: real(f'success.{name}', limit, METRICS[name], least=0.0)
-        for name, limit in success.items()
-    }
+    if 'success' in data:
+        data['success'] = _success(data['success'])
     if 'faults' in data:
         with within('faults'):
             data['faults'] = faults.parse(data['faults'])
     return CampaignConfig(**data)
+
+
+def _success(value: Any) -> dict[str, float]:
+    success = mapping('success', value, [], METRICS)
+    if not success:
+        raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
+    return {
+        name: real(f'success.{name}', limit, METRICS[name], least=0.0)
+        for name, limit in success.items()
+    }
+
+
+def success_of(scenario: Scenario) -> dict[str, float]:
+    """Return what a scenario requires, as limits of metrics; raises InputError."""
+    required = scenario.requirements
+    if required is None:
+        raise InputError(f'`success` is missing, and scenario {scenario.name} has no requirements')
+    for name in required.limits:
+        if name not in METRICS or not _counted(name, scenario, required):
+            raise InputError(
+                f'`success` is missing, and a campaign cannot judge by requirement `{name}` of '
+                f'scenario {scenario.name}; docs/campaigns.md says by which it can'
+            )
+    return required.limits
+
+
+def _counted(name: str, scenario: Scenario, required: Requirements) -> bool:
+    """Return whether the metric of that name counts what is required."""
+    if name == 'arrival_time_s':
+        within_m, limit_s = required.arrival_error_per_axis_m, required.limits[name]
+        return within_m == metrics.MAX_ARRIVAL_DISTANCE_M and limit_s < scenario.duration_s
+    if name.startswith('hold_'):
+        return required.hold_from_s is not None and required.hold_from_s < scenario.duration_s
+    return True
 
 
 def _dispersion(name: str, value: Any) -> Dispersion:
@@ -191,6 +223,8 @@ def dumps(config: CampaignConfig) -> str:
         for name, d in config.dispersions.items()
     }
     del document['faults']
+    if not config.success:
+        del document['success']
     if config.faults is not None:
         document['faults'] = faults.to_document(config.faults)
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
@@ -229,6 +263,8 @@ class Campaign:
             raise InputError(f'`scenario` must be a single flight; {config.scenario} is a set')
         controller = files.loads(texts[2], parse_controller, names[2])
         with within(names[0]):
+            if not config.success:
+                config = replace(config, success=success_of(scenario))
             return cls(config, scenario, controller, texts)
 
 

@@ -110,7 +110,7 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
     for name, flight in flights.items():
         f = metrics.of_flight(flight)
         peak = abs(flight.saturated_forces_n).max()
-        others = (f.arrival_speed_m_s, f.arrival_distance_m, f.slew_n_s, peak)
+        others = (f.mean_speed_norm_m_s, f.mean_error_norm_m, f.slew_per_axis_n_s, peak)
         ratio = f'{f.energy_n2s / best:.3f}'
         rows.append((name, f'{f.energy_n2s:.4f}', ratio, *(f'{x:.4f}' for x in others)))
     print_table(

@@ -73,7 +73,8 @@ class ComparedController:
     mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
     met : starts that meet all three conditions
     distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the
-        last 30 s; slew_n_s : the largest; settled_s : mean time after which it stays within 0.5 m
+        last 30 s; slew_per_axis_n_s : the largest
+    settled_s : mean time after which it stays within 0.5 m
     tests : by scenario
     kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
     command_us : processor time of one command on this machine [us]
@@ -88,7 +89,7 @@ class ComparedController:
     met: int
     distance_m: float
     worst_distance_m: float
-    slew_n_s: float
+    slew_per_axis_n_s: float
     settled_s: float
     tests: dict[str, Test]
     kept: int
@@ -205,7 +206,7 @@ class Comparison:
             'met': int((~missed).sum()),
             'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
             'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
-            'slew_n_s': float(rows[:, SLEW].max()),
+            'slew_per_axis_n_s': float(rows[:, SLEW].max()),
             'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
             'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
         }

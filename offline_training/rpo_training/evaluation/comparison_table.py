@@ -34,7 +34,7 @@ _OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
     'arrival error, mean (worst) [m]': lambda row: (
         f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})'
     ),
-    'slew [N/s]': lambda row: f'{row.slew_n_s:.3g}',
+    'slew [N/s]': lambda row: f'{row.slew_per_axis_n_s:.3g}',
     'success, dispersed [%]': lambda row: (
         f'{100 * row.kept / row.runs:.2f} ({100 * row.low:.2f} to {100 * row.high:.2f})'
     ),
@@ -83,7 +83,7 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
             found.append(
                 f'{row.name}, {flights}: {int(p["within"])} of {int(p["plans"])} plans (each '
                 f'{PLANS_EVERY}th tick) keep the limits of force and slew; largest planned '
-                f'{p["force_n"]:.3g} N, {p["slew_n_s"]:.3g} N/s.'
+                f'{p["force_n"]:.3g} N, {p["slew_per_axis_n_s"]:.3g} N/s.'
             )
     return found
 

@@ -25,13 +25,13 @@ class Peaks(NamedTuple):
     """The largest forces of some plans.
 
     plans : number of plans; within : how many keep both limits
-    force_n, slew_n_s : largest |f| and |df/dt| of an axis in any of them
+    force_n, slew_per_axis_n_s : largest |f| and |df/dt| of an axis in any of them
     """
 
     plans: int
     within: int
     force_n: float
-    slew_n_s: float
+    slew_per_axis_n_s: float
 
 
 def ticks_to_go(mpc: Mpc, tick: int) -> int:

@@ -204,14 +204,14 @@ def _energy(flight: Flight, optima: _Optima) -> list[Block]:
 def _energy_row(name: str, flight: Flight, flown_n2s: float) -> tuple[str, ...]:
     f = metrics.of_flight(flight)
     peak = float(np.abs(flight.saturated_forces_n).max())
-    numbers = (peak, f.slew_n_s, f.arrival_speed_m_s, f.arrival_distance_m)
+    numbers = (peak, f.slew_per_axis_n_s, f.mean_speed_norm_m_s, f.mean_error_norm_m)
     ratio = f'{flown_n2s / f.energy_n2s:.3g}' if f.energy_n2s > 0.0 else '–'
     return (name, f'{f.energy_n2s:.4g}', ratio, *(f'{x:.3g}' for x in numbers))
 
 
 def _limits(flight: Flight) -> Picture:
     peak = float(np.abs(flight.saturated_forces_n).max())
-    slew = metrics.of_flight(flight).slew_n_s
+    slew = metrics.of_flight(flight).slew_per_axis_n_s
     return Picture(
         'limits',
         run_plots.limits(flight),

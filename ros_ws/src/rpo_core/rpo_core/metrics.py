@@ -33,26 +33,28 @@ CLAIM_POSITION_M, CLAIM_VELOCITY_M_S = 0.5, 0.01
 
 UNITS = {
     'energy_n2s': 'N^2 s',
-    'arrival_speed_m_s': 'm/s',
-    'slew_n_s': 'N/s',
-    'arrival_distance_m': 'm',
-    'late_position_m': 'm',
-    'late_velocity_m_s': 'm/s',
-    'late_force_n': 'N',
+    'mean_speed_norm_m_s': 'm/s',
+    'slew_per_axis_n_s': 'N/s',
+    'mean_error_norm_m': 'm',
+    'hold_error_per_axis_m': 'm',
+    'hold_speed_per_axis_m_s': 'm/s',
+    'hold_force_per_axis_n': 'N',
     'arrival_time_s': 's',
-    'delta_v_m_s': 'm/s',
-    'late_speed_m_s': 'm/s',
+    'delta_v_axis_sum_m_s': 'm/s',
+    'hold_speed_bound_m_s': 'm/s',
 }
-"""Metric -> unit, in the order of a row; the smaller, the better.
+"""Metric -> unit, in the order of a row; the smaller, the better. A requirement has the same name.
 
 - energy: J = integral of f.f dt over the forces applied;
-- arrival speed, distance: mean norms of velocity, position over the last 30 s of the judged flight;
+- mean speed, error: mean norms of velocity, position over the last 30 s of the judged flight, or
+  the `mean_window_s` that the scenario requires;
 - slew: largest |f_k - f_(k-1)| / dt of an axis, f the saturated command that acts at tick k; the
   step from rest to the first command that acts is not counted (`first_slew_tick`);
-- late position, velocity, force: largest absolute value of any axis in the late window;
+- hold error, speed, force: largest absolute value of any axis in the late window: the last 200 s,
+  or from the `hold_from_s` that the scenario requires;
 - arrival time: after it every axis stays within 0.5 m, as far as the judged flight goes;
 - delta-v: integral of |f_x| + |f_y| + |f_z| over the mass;
-- late speed: norm of the axes' largest |velocity|, so never less than late velocity.
+- hold speed, bound: norm of the axes' largest |velocity|, never less than the largest norm.
 """
 
 (
@@ -248,17 +250,17 @@ class Metrics:
     """What a flight is judged by; see `UNITS`."""
 
     energy_n2s: float
-    arrival_speed_m_s: float
-    slew_n_s: float
-    arrival_distance_m: float
+    mean_speed_norm_m_s: float
+    slew_per_axis_n_s: float
+    mean_error_norm_m: float
 
     @property
     def conditions(self) -> tuple[bool, bool, bool]:
         """Whether speed, slew (the paper's two) and arrival (ours) are met."""
         return (
-            self.arrival_speed_m_s <= MAX_ARRIVAL_SPEED_M_S,
-            self.slew_n_s <= MAX_SLEW_N_S,
-            self.arrival_distance_m <= MAX_ARRIVAL_DISTANCE_M,
+            self.mean_speed_norm_m_s <= MAX_ARRIVAL_SPEED_M_S,
+            self.slew_per_axis_n_s <= MAX_SLEW_N_S,
+            self.mean_error_norm_m <= MAX_ARRIVAL_DISTANCE_M,
         )
 
     @property
