@@ -28,7 +28,7 @@ def plain_console(stderr: bool = False) -> Console:
 EVERY_S = 10.0
 """Time between lines where there is no terminal."""
 
-_STYLES = {'held': 'green', 'MISSED': 'bold red'}
+_STYLES = {'held': 'green', 'holds': 'green', 'MISSED': 'bold red'}
 
 Self = TypeVar('Self', bound='Display')
 

@@ -7,13 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+import yaml
+from typer.testing import CliRunner
 
 from rpo_core import metrics
+from rpo_core import scenario as scenarios
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
+from rpo_training.cli import app
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
@@ -132,3 +136,30 @@ def test_an_assessment_is_consistent_with_the_core():
     assert (found.metrics[:, 0] > found.least).all() or not targets[
         'Q1', 'starts that miss a condition'
     ].holds
+
+
+def evaluate(*arguments):
+    return CliRunner().invoke(app, ['evaluate', *arguments], env={'COLUMNS': '200'})
+
+
+def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
+    document = yaml.safe_load(scenarios.dumps(replace(SMALL.base, duration_s=20.0)))
+    document['requirements'] = {'final_error_norm_m': 16.0, 'energy_n2s': 1e-9}
+    del document['initial_position_m']
+    document |= {'schema': scenarios.SET_SCHEMA, 'initial_position_axis_m': [5.0, 10.0]}
+    mine = tmp_path / 'mine.yaml'
+    mine.write_text(yaml.safe_dump(document))
+    told = evaluate('drift', 'trained', '--scenario', str(mine), '--check')
+    assert told.exit_code == 1, told.output
+    lines = [' '.join(line.split()) for line in told.output.splitlines()]
+    # drifting, only the start [10, 10, 10] is farther than 16 m after 20 s
+    drift, _, energy, trained_energy = (
+        *(line for line in lines if 'norm' in line),
+        *(line for line in lines if 'energy J' in line),
+    )
+    assert drift.endswith('17.3 m 1 of 8 MISSED')
+    assert energy.endswith('0 N²s 0 of 8 holds')
+    assert trained_energy.endswith('8 of 8 MISSED')
+    assert evaluate('trained', '--scenario', 'paper_test', '--check').exit_code == 0
+    none = evaluate('trained', '--scenario', 'quick')
+    assert none.exit_code == 2 and 'scenario quick has no requirements' in none.output

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rpo_core.validation import InputError
 from rpo_training.commands.shared import Workers
 from rpo_training.outputs import writing
 
@@ -18,12 +19,16 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
-`rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv`
+`rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
+`rpo evaluate trained pd --scenario mine.yaml`
 """
 
 
 def evaluate(
     controllers: Annotated[list[str], typer.Argument(help='shipped names or files')],
+    scenario: Annotated[
+        str, typer.Option(help='judge by what this scenario or set requires (name or file)')
+    ] = '',
     starts: Annotated[bool, typer.Option('--starts', help='print all 216 starts')] = False,
     csv: Annotated[Path | None, typer.Option(help='write the starts to this file')] = None,
     check: Annotated[
@@ -31,12 +36,20 @@ def evaluate(
     ] = False,
     workers: Workers = 0,
 ) -> None:
-    """Judge controllers by the targets Q1-Q5; compare each start with the least energy."""
+    """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
+
+    With --scenario, judge any controllers by what that scenario requires.
+    """
     from rpo_core.controller import load_fuzzy
     from rpo_training.display import print_table
     from rpo_training.evaluation.assessment import assess
 
     missed = False
+    if scenario:
+        if starts or csv:
+            raise InputError('`--starts` and `--csv` go with the targets: leave out `--scenario`')
+        missed = _judge(controllers, scenario)
+        controllers = []
     for name in controllers:
         found = assess(load_fuzzy(name), workers)
         missed |= not all(target.holds for target in found.targets())
@@ -51,6 +64,34 @@ def evaluate(
                 writer.writerows([_HEADINGS, *_rows(found)])
     if check and missed:
         raise typer.Exit(1)
+
+
+def _judge(controllers: list[str], scenario: str) -> bool:
+    """Print how controllers keep the requirements of a scenario; return whether one misses any."""
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load
+    from rpo_log.show.report import shown
+    from rpo_training.display import print_table, progress
+    from rpo_training.evaluation.judgement import judge
+
+    found, missed = load(scenario), False
+    for name in controllers:
+        with progress() as show:
+            judgements = judge(load_controller(name), found, show)
+        rows = [
+            (
+                j.worst.statement,
+                f'≤ {shown(j.worst.limit, j.worst.unit)}',
+                shown(j.worst.value, j.worst.unit),
+                f'{j.missed} of {j.flights}',
+                j.word,
+            )
+            for j in judgements
+        ]
+        missed |= any(j.missed for j in judgements)
+        headings = ('requirement', 'limit', 'worst', 'missed by', '')
+        print_table(headings, rows, f'{name}: requirements of {found.name}')
+    return missed
 
 
 def _print_targets(found: Assessment) -> None:

@@ -1,0 +1,65 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Judge a controller by the requirements of a scenario, or of each member of a set."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rpo_core.controller import AnyController
+from rpo_core.flight import fly
+from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.validation import InputError
+from rpo_core.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
+
+
+class Judgement(NamedTuple):
+    """A requirement over all flights.
+
+    worst : verdict whose value is largest beside its limit
+    missed, flights : flights that miss it, and all
+    """
+
+    worst: Verdict
+    missed: int
+    flights: int
+
+    @property
+    def word(self) -> str:
+        """The verdict over all flights."""
+        if self.missed:
+            return MISSED
+        return NOT_JUDGED if self.worst.holds is None else HOLDS
+
+
+def judge(
+    controller: AnyController,
+    found: Scenario | ScenarioSet,
+    report: Callable[[str, float, float], None],
+) -> list[Judgement]:
+    """Return how a controller keeps each requirement; `report` is told what is flown.
+
+    Raises InputError if the scenario has no requirements.
+    """
+    base, members = (
+        (found.base, found.scenarios()) if isinstance(found, ScenarioSet) else (found, [found])
+    )
+    if base.requirements is None:
+        raise InputError(
+            f'scenario {found.name} has no requirements to judge by: add the section '
+            '`requirements` (docs/file_formats.md)'
+        )
+    columns: list[list[Verdict]] = []
+    for number, scenario in enumerate(members):
+        report(f'{controller.name}: flights of {found.name}', number, len(members))
+        columns.append(verdicts(fly(scenario, controller)))
+    return [
+        Judgement(max(rows, key=_badness), sum(v.holds is False for v in rows), len(rows))
+        for rows in zip(*columns, strict=True)
+    ]
+
+
+def _badness(verdict: Verdict) -> float:
+    return -math.inf if verdict.holds is None else verdict.value - verdict.limit
