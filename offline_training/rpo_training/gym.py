@@ -182,7 +182,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         observed = [
             *(
                 max(-MAX_OBSERVED, min(MAX_OBSERVED, x / unit))
-                for x, unit in zip(self.seen, UNITS, strict=True)
+                for x, unit in zip(self.scenario.from_goal(self.seen), UNITS, strict=True)
             ),
             *(force / limit for force in self._signals[SATURATED_FORCE]),
             self.tick / self.scenario.ticks,

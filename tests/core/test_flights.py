@@ -14,11 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from rpo_core import kernels, metrics
-from rpo_core.controller import FuzzyController
+from rpo_core import cw, kernels, metrics
+from rpo_core.chain import Chain
+from rpo_core.controller import FuzzyController, load_controller
 from rpo_core.disturbance import Disturbance
-from rpo_core.flight import fly
+from rpo_core.flight import OpenLoop, fly
 from rpo_core.scenario import load_scenario, load_set
+from rpo_core.stage import Place
 from rpo_core.verdicts import verdicts
 
 
@@ -154,3 +156,58 @@ def test_a_member_of_the_training_set_flies(handmade):
     corner = load_set('paper_training').scenarios()[-1]
     assert corner.initial_position_m == (100.0, 100.0, 100.0)
     assert fly(corner, handmade).states.shape == (2001, 6)
+
+
+def holding(goal_m, **changes):
+    """Return the scenario `approach` with a goal."""
+    return replace(load_scenario('approach'), goal_position_m=goal_m, **changes)
+
+
+@pytest.mark.parametrize('name', ['trained', 'pd', 'lqr', 'mpc', 'apf_smc'])
+@pytest.mark.parametrize('goal', [(0.0, 10.0, 0.0), (-15.0, 30.0, 20.0)])
+def test_every_controller_rests_at_the_goal(name, goal):
+    scenario = holding(goal, duration_s=600.0)
+    flight = fly(scenario, load_controller(name))
+    assert np.abs(flight.states[-1, :3] - goal).max() < 0.01
+    assert np.abs(flight.errors[-1]).max() < 0.01
+    assert metrics.of_flight(flight).mean_error_norm_m < 0.02
+    n, mass = scenario.mean_motion_rad_s, scenario.mass_kg
+    hold = np.array([-3.0 * goal[0], 0.0, goal[2]]) * mass * n * n
+    np.testing.assert_allclose(flight.forces_n[-1], hold, atol=2e-4)
+
+
+def test_a_chaser_at_its_goal_stays_there_and_without_the_force_it_does_not():
+    goal = (20.0, -30.0, 40.0)
+    scenario = holding(goal, initial_position_m=goal)
+    still = fly(scenario, load_controller('drift'))  # the force on top alone
+    assert np.abs(still.errors).max() < 1e-9
+    away = fly(replace(scenario, goal_position_m=(0.0, 0.0, 0.0)), load_controller('drift'))
+    assert np.abs(away.states - still.states).max() > 5.0
+
+
+def test_the_target_as_goal_has_the_same_bits_and_open_loop_forces_are_left_alone(handmade):
+    plain = load_scenario('approach')
+    assert holding((-0.0, 0.0, 0.0)).goal is None
+    flight = fly(holding((0, 0, 0), duration_s=20.0), handmade)
+    same = fly(replace(plain, duration_s=20.0), handmade)
+    np.testing.assert_array_equal(flight.states, same.states)
+    forces = np.zeros((200, 3))
+    assert not fly(holding((9.0, 0.0, 9.0), duration_s=20.0), OpenLoop(forces)).forces_n.any()
+
+
+def test_a_goal_stage_has_the_same_bits_tick_by_tick_and_at_once(handmade):
+    scenario = holding((-15.0, 30.0, 20.0), duration_s=20.0)
+    flight = fly(scenario, handmade)
+    (link,) = Chain.of(scenario, handmade).part(Place.CONTROLLER).links
+    (forces,) = link.stage.steps(np.arange(201), flight.states)
+    np.testing.assert_array_equal(forces, flight.forces_n)
+
+
+@pytest.mark.parametrize(('body', 'radius'), [('moon', 1.8374e6), ('mars', 3.7962e6)])
+def test_another_body_has_its_own_mean_motion(body, radius):
+    other = replace(load_scenario('approach'), body=cw.BODIES[body], orbit_radius_m=radius)
+    period_s = 2.0 * np.pi / other.mean_motion_rad_s
+    expected = {'moon': 7070.0, 'mars': 7100.0}[body]  # low orbits last about two hours there
+    assert period_s == pytest.approx(expected, rel=0.02)
+    flight = fly(other, load_controller('trained'))
+    assert np.abs(flight.states[-1]).max() < 1e-3

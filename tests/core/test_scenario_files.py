@@ -13,7 +13,7 @@ import pytest
 from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
 from core_documents import with_harmonics as written_out
 
-from rpo_core import files, scenario
+from rpo_core import cw, files, scenario
 from rpo_core.disturbance import Disturbance, Harmonic, paper
 from rpo_core.validation import InputError
 
@@ -289,3 +289,33 @@ def test_built_in_code_a_scenario_is_checked_alike(paper_test):
         replace(paper_test, duration_s=1_000_000.1)
     turned = replace(paper_test, initial_position_m=np.array([1, 2, 3]))
     assert turned.initial_position_m == (1.0, 2.0, 3.0)
+
+
+def test_goal_and_body_are_optional_checked_and_written_back(paper_test):
+    mine = {**SINGLE, 'goal_position_m': [0, 10, 0], 'body': 'moon', 'orbit_radius_m': 1.8374e6}
+    loaded = scenario.parse(mine)
+    assert loaded.goal_position_m == (0.0, 10.0, 0.0) and loaded.body == cw.BODIES['moon']
+    assert files.loads(scenario.dumps(loaded), scenario.parse, 'again') == loaded
+    own = {'mu_m3_s2': 1.26686534e17, 'radius_m': 7.1492e7}
+    jupiter = scenario.parse({**mine, 'body': own, 'orbit_radius_m': 8e7})
+    assert files.loads(scenario.dumps(jupiter), scenario.parse, 'again') == jupiter
+    for word in ('goal', 'body'):
+        assert word not in scenario.dumps(paper_test)
+    assert scenario.parse({**SINGLE, 'body': 'earth', 'goal_position_m': [0, 0, 0]}) == paper_test
+    training = scenario.parse({**SET, 'goal_position_m': [0, 10, 0]})
+    assert {s.goal_position_m for s in training.scenarios()} == {(0.0, 10.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'body': 'venus'}, '`body` must be one of earth, moon, mars, or a mapping with mu_m3_s2'),
+        ({'body': {'mu_m3_s2': 1.0}}, '`body.radius_m` is missing'),
+        ({'body': {'mu_m3_s2': -1.0, 'radius_m': 1.0}}, '`mu_m3_s2` must be a finite number > 0'),
+        ({'body': 'moon', 'orbit_radius_m': 1.7e6}, '`orbit_radius_m` must be a finite number >= '),
+        ({'goal_position_m': 10.0}, '`goal_position_m` must be a list of 3 numbers'),
+        ({'eccentricity': 0.1}, '`eccentricity` is not modelled: the relative motion is that of'),
+    ],
+)
+def test_a_wrong_goal_or_body_is_one_sentence(changes, sentence):
+    assert sentence in refusal('scenario', {**SINGLE, **changes})

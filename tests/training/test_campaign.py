@@ -145,7 +145,7 @@ def test_the_effects_are_those_of_physics(write):
     forward = sampling.DrawnRuns(runs.numbers, runs.parameters.copy(), runs.keys)
     forward.parameters[0, 7:13] = [0.1, 0.0, 0.0, 0.0, 0.0, np.pi / 2]
     np.testing.assert_allclose(forward.thrust(0) @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
-    assert runs.step(0, 0.1).vxfx == pytest.approx(0.1 / runs.masses_kg[0], rel=1e-5)
+    assert runs.step(0, campaign.scenario).vxfx == pytest.approx(0.1 / runs.masses_kg[0], rel=1e-5)
 
 
 def test_draws_have_the_distributions_that_were_asked_for(write):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from campaign_documents import SHORT, write_campaign
 
-from rpo_core import metrics, stage
+from rpo_core import cw, metrics, stage
 from rpo_core.baselines import Pd
 from rpo_core.controller import load_controller
 from rpo_core.controller_file import ControllerStage
@@ -129,16 +129,28 @@ def test_a_section_of_a_plug_in_flies_in_a_campaign(tmp_path, monkeypatch, capfd
     assert 'section `lag`' in capfd.readouterr().err
 
 
-def test_both_ways_give_the_same_rows(tmp_path, monkeypatch):
+MOON = {'body': cw.BODIES['moon'], 'orbit_radius_m': 1.9e6}
+
+
+@pytest.mark.parametrize(
+    'elsewhere',
+    [{}, {'goal_position_m': (-3.0, 40.0, 7.0)}, {'goal_position_m': (0.0, 10.0, 0.0), **MOON}],
+    ids=['target', 'goal', 'moon'],
+)
+def test_both_ways_give_the_same_rows(elsewhere, tmp_path, monkeypatch):
     """A campaign, and starts, of what the engine knows are flown singly to the same bits."""
     campaign = config.load(write_campaign(tmp_path))
-    base = replace(load_set('paper_training').base, duration_s=20.0)
+    campaign = replace(campaign, scenario=replace(campaign.scenario, **elsewhere))
+    base = replace(load_set('paper_training').base, duration_s=20.0, **elsewhere)
     training = case_of_set(
         replace(load_set('paper_training'), base=base, axis_positions_m=(50.0, -100.0)),
         horizon_s=30.0,
         late_s=5.0,
     )
-    tests = [replace(load_scenario(n), duration_s=20.0) for n in ('paper_test', 'paper_test_phase')]
+    tests = [
+        replace(load_scenario(name), duration_s=20.0, **elsewhere)
+        for name in ('paper_test', 'paper_test_phase')
+    ]
     cases = [training, case_of_flights(tests, 10.0)]
     controllers = [load_controller('trained'), load_controller('mpc')]
 

@@ -8,15 +8,18 @@ import re
 from dataclasses import replace
 
 import pytest
-from log_runs import FORCE, make_run, rewrite
+from log_runs import FORCE, TOPICS, Run, make_run, rewrite
 from typer.testing import CliRunner
 
 from rpo_core import cdr, files
 from rpo_core.controller import dumps, load_controller
 from rpo_core.explain import decisions
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.flight import fly
 from rpo_core.fuzzy import RuleTable
+from rpo_core.scenario import parse
 from rpo_log.format.run import TimeBase
+from rpo_log.verify import verify
 from rpo_training.cli import app
 
 
@@ -155,3 +158,16 @@ def test_bad_arguments_are_a_sentence(arguments, message, folder):
     done = run(*(str(folder[0]) if a == 'FOLDER' else a for a in arguments))
     assert done.exit_code == 2
     assert message in done.stderr and done.stderr.count('\n') == 1
+
+
+def test_a_log_with_a_goal_verifies_and_is_explained_from_the_goal(tmp_path):
+    made = make_run(5.0)
+    attached = dict(made.attachments)
+    attached['scenario.yaml'] += b'goal_position_m: [-4.0, 10.0, 3.0]\n'
+    scenario = files.loads(attached['scenario.yaml'].decode(), parse, 'scenario')
+    flight = fly(scenario, load_controller('handmade'))
+    Run(flight, attached, TOPICS).write(tmp_path)
+    verified = verify(tmp_path)
+    assert verified.exit_code == 0, verified.sentence()
+    done = run(tmp_path, '--at', 3)
+    assert done.exit_code == 0 and 'The logged force is the same, bit for bit.' in done.stdout

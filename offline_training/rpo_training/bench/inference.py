@@ -215,7 +215,7 @@ def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
         elif part == 3:
             lanes.infer_lanes(w, n, law)
         else:
-            tick.command_fuzzy(w, n, law, None)
+            tick.command_fuzzy(w, n, law, None, None)
             tick.step_alike(w, p, q, c)
 
 

@@ -13,6 +13,7 @@ from rpo_core import metrics
 from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
+from rpo_core.scenario import Scenario
 from rpo_training.campaign.config import METRICS, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
@@ -104,7 +105,7 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
 
     starts = padded(drawn.starts)
     keys = np.ascontiguousarray(padded(drawn.keys).T)
-    steps = [drawn.step(i, campaign.scenario.dt_s) for i in range(first, first + n)]
+    steps = [drawn.step(i, campaign.scenario) for i in range(first, first + n)]
     rest = np.zeros((RUNS - n, 26))
     return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),
@@ -114,7 +115,18 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
         thrusters=_thrusters(campaign, drawn, first, n),
         waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
         steps=np.vstack([np.array(steps).reshape(n, 26), rest]),
+        goal=_goal(campaign.scenario, drawn, first, n),
     )
+
+
+def _goal(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> parts.Goal | None:
+    """Return the goal, and for each run the force that holds its mass there on its orbit."""
+    if scenario.goal is None:
+        return None
+    forces = np.zeros((3, RUNS))
+    for s in range(n):
+        forces[:, s] = drawn.holding_force_n(first + s, scenario)
+    return parts.Goal(np.repeat(scenario.goal_position_m, RUNS), forces.ravel())
 
 
 def _noise(campaign: Campaign) -> Floats:

@@ -14,7 +14,8 @@ from scipy.stats import qmc
 
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
-from rpo_core.kernels import CwStep
+from rpo_core.kernels import CwStep, Vector
+from rpo_core.scenario import Scenario
 from rpo_training.campaign.config import CUT, QUANTITIES, Campaign
 
 Floats = NDArray[np.float64]
@@ -81,10 +82,16 @@ class DrawnRuns(NamedTuple):
         """Delays (n,) [ticks]."""
         return self.parameters[:, 23].astype(np.int64)
 
-    def step(self, index: int, dt_s: float) -> CwStep:
+    def step(self, index: int, scenario: Scenario) -> CwStep:
         """Exact step of the relative dynamics of a run."""
-        mean_motion = cw.mean_motion(float(self.parameters[index, 22]))
-        return cw.discretise(mean_motion, float(self.parameters[index, 6]), dt_s)
+        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
+        return cw.discretise(mean_motion, float(self.parameters[index, 6]), scenario.dt_s)
+
+    def holding_force_n(self, index: int, scenario: Scenario) -> Vector:
+        """Force (3,) [N] that holds the chaser of a run at the goal."""
+        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
+        mass_kg = float(self.parameters[index, 6])
+        return cw.holding_force_n(scenario.goal_position_m, mean_motion, mass_kg)
 
     def thrust(self, index: int) -> Floats:
         """Matrix (3, 3) from saturated to applied force: shares of each axis, then misalignment."""

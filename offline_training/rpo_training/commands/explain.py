@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import os
+from operator import add
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -75,7 +76,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
 
     from rpo_core.controller import only_fuzzy
     from rpo_core.explain import decisions
-    from rpo_log.read.run_log import controller_of, read_run
+    from rpo_log.read.run_log import controller_of, read_run, scenario_of
 
     log = read_run(path)
     times = log.times_s
@@ -86,10 +87,14 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     row = int(np.searchsorted(times, at + 1e-9, side='right')) - 1
     if not np.isfinite(log.states[row]).all():
         raise InputError(f'{path}: has no state at {times[row]:g} s')
-    found = decisions(only_fuzzy(controller_of(log)), log.states[row].tolist())
+    scenario = scenario_of(log)
+    state = scenario.from_goal(log.states[row].tolist())
+    found = decisions(only_fuzzy(controller_of(log)), state)
     console.print(f'{printable(path)}, tick {int(log.ticks[row])}, {times[row]:g} s')
     _print_decisions(console, found)
     logged, same = log.forces_n[row], tuple(decision.force_n for decision in found)
+    if scenario.goal is not None:
+        same = tuple(map(add, same, scenario.goal.force_n))
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')
     elif tuple(logged.tolist()) == same:

@@ -17,7 +17,7 @@ from rpo_core.metrics import ARRIVAL_WINDOW_S, Windows, window_ticks
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_training.engine import lanes
-from rpo_training.engine.parts import RUNS, Plant, Runs
+from rpo_training.engine.parts import RUNS, Goal, Plant, Runs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ class Case:
     @cached_property
     def half(self) -> Crossed:
         """Loops for an odd controller: its flight from -start is the negative, bit for bit."""
-        return _crossed(self, odd=not self.forces.any())
+        return _crossed(self, odd=self.base.goal is None and not self.forces.any())
 
     @cached_property
     def paired(self) -> list[Runs]:
@@ -97,7 +97,8 @@ class Case:
             d[: len(starts)] = self.forces[self.disturbance[first : first + RUNS]]
             table = np.ascontiguousarray(np.hstack([d[:, :, axis].T for axis in range(3)]))
             planar, vertical = states[:, [0, 1, 3, 4]].copy(), states[:, [2, 5]].copy()
-            found.append(Runs(planar, vertical, table=table))
+            goal = _goal(self.base, RUNS, RUNS)
+            found.append(Runs(planar, vertical, table=table, goal=goal))
         return found
 
     def scenarios(self) -> Iterator[Scenario]:
@@ -109,6 +110,14 @@ class Case:
                 initial_velocity_m_s=tuple(start[3:]),
                 disturbance=self.disturbances[index],
             )
+
+
+def _goal(base: Scenario, planar: int, vertical: int) -> Goal | None:
+    """Return the goal of a scenario, for so many planar and vertical loops."""
+    if base.goal is None:
+        return None
+    loops = [planar, planar, vertical]
+    return Goal(*(np.repeat(values, loops) for values in base.goal))
 
 
 def _crossed(case: Case, *, odd: bool) -> Crossed:
@@ -133,7 +142,8 @@ def _crossed(case: Case, *, odd: bool) -> Crossed:
         )
     d = case.forces
     table = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
-    runs = Runs(planar, vertical, table=np.ascontiguousarray(table))
+    goal = _goal(case.base, len(planar), len(vertical))
+    runs = Runs(planar, vertical, table=np.ascontiguousarray(table), goal=goal)
     return Crossed(runs, which_planar * len(vertical) + which_vertical)
 
 

@@ -14,11 +14,13 @@ from rpo_training.engine.parts import (
     EFFORT,
     ENERGY,
     FORCE,
+    GOAL,
     LATE_F,
     LATE_R,
     LATE_V,
     OUTSIDE,
     RUNS,
+    SEEN_R,
     SLEW,
     SUM_R,
     SUM_V,
@@ -62,35 +64,56 @@ def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def count_state(w, n, tick, windows):  # type: ignore[no-untyped-def]
-    """Count rows R and V, after the step of a tick."""
+def count_state(w, n, tick, windows, goal):  # type: ignore[no-untyped-def]
+    """Count rows R, less the goal, and V, after the step of a tick."""
+    if goal is None:
+        _count_state(w, n, tick, windows, R)
+        return
+    for s in range(n):
+        w[SEEN_R + s] = w[R + s] - w[GOAL + s]
+    _count_state(w, n, tick, windows, SEEN_R)
+
+
+@compiled
+def _count_state(w, n, tick, windows, r):  # type: ignore[no-untyped-def]
     if tick < windows.ticks:
         for s in range(n):
-            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[R + s])
+            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s])
     if tick >= windows.horizon - windows.late:
         for s in range(n):
-            w[LATE_R + s] = larger(w[LATE_R + s], w[R + s])
+            w[LATE_R + s] = larger(w[LATE_R + s], w[r + s])
             w[LATE_V + s] = larger(w[LATE_V + s], w[V + s])
 
 
 @compiled
-def keep_norms(w, p, q, tick, windows, norms):  # type: ignore[no-untyped-def]
-    """Keep squared norms of the tail for `finish_crossed`, or add up those of paired runs."""
+def keep_norms(w, p, q, tick, windows, norms, goal):  # type: ignore[no-untyped-def]
+    """Keep squared norms of the tail for `finish_crossed`, or add up those of paired runs.
+
+    With a goal, `count_state` has left the positions less the goal in row SEEN_R.
+    """
     if not windows.ticks - windows.tail <= tick < windows.ticks:
         return
+    if goal is None:
+        _keep_norms(w, p, q, tick, windows, norms, R)
+    else:
+        _keep_norms(w, p, q, tick, windows, norms, SEEN_R)
+
+
+@compiled
+def _keep_norms(w, p, q, tick, windows, norms, r):  # type: ignore[no-untyped-def]
     if norms is None:
         for s in range(RUNS):
             y, z = s + RUNS, s + 2 * RUNS
-            w[SUM_R + s] += norm(w[R + s], w[R + y], w[R + z])
+            w[SUM_R + s] += norm(w[r + s], w[r + y], w[r + z])
             w[SUM_V + s] += norm(w[V + s], w[V + y], w[V + z])
         return
     row = tick - (windows.ticks - windows.tail)
     for i in range(p):
-        norms[0, row, i] = w[R + i] * w[R + i] + w[R + p + i] * w[R + p + i]
+        norms[0, row, i] = w[r + i] * w[r + i] + w[r + p + i] * w[r + p + i]
         norms[1, row, i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
     for i in range(q):
         s = 2 * p + i
-        norms[0, row, p + i] = w[R + s] * w[R + s]
+        norms[0, row, p + i] = w[r + s] * w[r + s]
         norms[1, row, p + i] = w[V + s] * w[V + s]
 
 

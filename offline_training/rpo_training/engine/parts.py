@@ -38,7 +38,8 @@ ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
 )
 MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
 STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
-ROWS = FIRST_FREE + 29 + len(CwStep._fields)
+GOAL, HOLDING = ((FIRST_FREE + 29 + len(CwStep._fields) + row) * STRIDE for row in range(2))
+ROWS = FIRST_FREE + 31 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):
@@ -128,12 +129,24 @@ class Waves(NamedTuple):
     sines: Any
 
 
+class Goal(NamedTuple):
+    """A goal away from the target, as `rpo_core.controller_file.GoalStage` flies to it.
+
+    position, force : (2 P + Q,) lanes x..., y..., z...: the goal [m], and the force [N] on top of
+        the command
+    """
+
+    position: Any
+    force: Any
+
+
 class Runs(NamedTuple):
     """Runs that fly side by side; all parts from `navigation` on may be None.
 
     planar : (P, 4) starts x, y, vx, vy [m, m/s]; vertical : (Q, 2) starts z, vz
     table : (ticks, 2 P + Q) disturbance [N], lanes x..., y..., z...; or (1, ...), always the same
     steps : (40, 26) fields of CwStep, where they are not the plant's
+    goal : None: the target
     """
 
     planar: Any
@@ -144,6 +157,7 @@ class Runs(NamedTuple):
     table: Any = None
     waves: Any = None
     steps: Any = None
+    goal: Any = None
 
 
 class Control(NamedTuple):
@@ -174,6 +188,7 @@ def place(w, runs):  # type: ignore[no-untyped-def]
     _place_link(runs.link)
     _place_thrusters(w, runs.thrusters)
     _place_steps(w, runs.steps)
+    _place_goal(w, runs.goal)
 
 
 @compiled
@@ -212,3 +227,12 @@ def _place_steps(w, steps):  # type: ignore[no-untyped-def]
     for s in range(RUNS):
         for i in range(26):
             w[STEP + i * STRIDE + s] = steps[s, i]
+
+
+@compiled
+def _place_goal(w, goal):  # type: ignore[no-untyped-def]
+    if goal is None:
+        return
+    for s in range(len(goal.position)):
+        w[GOAL + s] = goal.position[s]
+        w[HOLDING + s] = goal.force[s]

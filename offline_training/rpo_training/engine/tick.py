@@ -16,6 +16,8 @@ from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
     FORCE,
+    GOAL,
+    HOLDING,
     MATRIX,
     NOISE_R,
     NOISE_V,
@@ -50,6 +52,28 @@ def measure(w, tick, navigation):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def aim(w, n, navigation, goal):  # type: ignore[no-untyped-def]
+    """Fill rows SEEN with the state relative to the goal, as navigation finds it."""
+    if goal is None:
+        return
+    if navigation is None:
+        for s in range(n):
+            w[SEEN_R + s] = w[R + s]
+            w[SEEN_V + s] = w[V + s]
+    for s in range(n):
+        w[SEEN_R + s] -= w[GOAL + s]
+
+
+@compiled
+def add_holding(w, n, goal):  # type: ignore[no-untyped-def]
+    """Add the force that holds at the goal to row FORCE."""
+    if goal is None:
+        return
+    for s in range(n):
+        w[FORCE + s] += w[HOLDING + s]
+
+
+@compiled
 def _normalise(w, n, law, r, v):  # type: ignore[no-untyped-def]
     position_scale, velocity_scale = law.scales[0], law.scales[1]
     for s in range(n):
@@ -58,7 +82,7 @@ def _normalise(w, n, law, r, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def command_fuzzy(w, n, law, navigation):  # type: ignore[no-untyped-def]
+def command_fuzzy(w, n, law, navigation, goal):  # type: ignore[no-untyped-def]
     """Row FORCE [N] of n lanes from the input of the controller.
 
     n is rounded up to a multiple of eight, whole SIMD registers; the added lanes are at the origin.
@@ -66,7 +90,7 @@ def command_fuzzy(w, n, law, navigation):  # type: ignore[no-untyped-def]
     if law is None:
         return
     n = (n + 7) // 8 * 8
-    if navigation is None:
+    if navigation is None and goal is None:
         _normalise(w, n, law, R, V)
     else:
         _normalise(w, n, law, SEEN_R, SEEN_V)
@@ -85,11 +109,11 @@ def _command_paired(w, tick, law, r, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def command_baseline(w, tick, law, navigation):  # type: ignore[no-untyped-def]
+def command_baseline(w, tick, law, navigation, goal):  # type: ignore[no-untyped-def]
     """Row FORCE [N] of paired runs from the input of the controller."""
     if law is None:
         return
-    if navigation is None:
+    if navigation is None and goal is None:
         _command_paired(w, tick, law, R, V)
     else:
         _command_paired(w, tick, law, SEEN_R, SEEN_V)
@@ -262,14 +286,16 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     """
     place(w, runs)
     # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
-    planar, vertical, navigation, link, thrusters, table, waves, steps = runs
+    planar, vertical, navigation, link, thrusters, table, waves, steps, goal = runs
     fuzzy, baseline = control
     p, q = len(planar), len(vertical)
     n = 2 * p + q
     for tick in range(windows.horizon + 1):
         measure(w, tick, navigation)
-        command_fuzzy(w, n, fuzzy, navigation)
-        command_baseline(w, tick, baseline, navigation)
+        aim(w, n, navigation, goal)
+        command_fuzzy(w, n, fuzzy, navigation, goal)
+        command_baseline(w, tick, baseline, navigation, goal)
+        add_holding(w, n, goal)
         keep_trace(w, n, tick, trace)
         if tick == windows.horizon:
             break
@@ -283,5 +309,5 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         push_by_waves(w, tick, waves)
         step_alike(w, p, q, plant.step)
         step_each(w, steps)
-        count_state(w, n, tick, windows)
-        keep_norms(w, p, q, tick, windows, norms)
+        count_state(w, n, tick, windows, goal)
+        keep_norms(w, p, q, tick, windows, norms, goal)

@@ -77,8 +77,17 @@ def gramian(scenario: Scenario, ticks: int) -> tuple[Floats, Floats, Floats]:
 
     Force k moves the final state by reach[k] f_k = A^(N-1-k) B f_k; W = sum of reach reach'.
     """
+    _refuse_goal(scenario)
     reach, power = reach_of(*cw.matrices(scenario.step), ticks)
     return reach, np.einsum('kij,klj->il', reach, reach), power
+
+
+def _refuse_goal(scenario: Scenario) -> None:
+    if scenario.goal is not None:
+        raise InputError(
+            f'an optimum ends at the target; scenario {scenario.name} has a `goal_position_m` '
+            'of its own'
+        )
 
 
 def reach_of(a: Floats, b: Floats, ticks: int) -> tuple[Floats, Floats]:
@@ -156,6 +165,7 @@ class Program:
             raise InputError(
                 'an optimum under conditions needs cvxpy and clarabel: `make setup LAYERS=campaign`'
             ) from None
+        _refuse_goal(scenario)
         self.scenario, self.conditions = scenario, conditions or Conditions.of(scenario)
         self._start = cp.Parameter(6)
         self._states = cp.Variable((scenario.ticks + 1, 6))

@@ -128,18 +128,19 @@ def _figures(store: Store, found: list[Spread], success: Bools) -> list[Block]:
 
 def _clouds(store: Store, success: Bools) -> Picture:
     final = np.column_stack([store.column(name) for name in FINAL])
+    final[:, :3] -= store.campaign.scenario.goal_position_m
     limits = store.campaign.config.success
     held_s = log_report.close_up_s(store.campaign.scenario)
     bounds = limits.get('hold_error_per_axis_m'), limits.get('hold_speed_per_axis_m_s')
     return Picture(
         'final_states',
         campaign_plots.clouds(final, success, bounds),
-        f'Relative position and velocity at the end of each run, in LVLH; of each kind the first '
+        f'Position from the goal and velocity at the end of each run; of each kind the first '
         f'{campaign_plots.MOST_POINTS}. Holding is judged after {held_s:g} s, not at the end '
         'alone, so a failure may end within the limit. A limit far outside of the cloud is not '
         'drawn.',
         f'Final states: the farthest is {np.linalg.norm(final[:, :3], axis=1).max():.3g} m from '
-        'the target.',
+        'the goal.',
     )
 
 

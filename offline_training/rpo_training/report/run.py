@@ -268,10 +268,11 @@ def _decisions(flight: Flight, controller: FuzzyController) -> Table:
 
 
 def _seen(flight: Flight, tick: int) -> Sequence[float]:
-    """Return the state (6,) that the controller received."""
+    """Return the state (6,) that the controller received, relative to the goal."""
     x, y, z, vx, vy, vz = flight.states[tick].tolist()
     state, navigation = (x, y, z, vx, vy, vz), flight.scenario.navigation
-    return state if navigation is None else navigation.solution(tick, state)
+    seen = state if navigation is None else navigation.solution(tick, state)
+    return flight.scenario.from_goal(seen)
 
 
 def _instants(flight: Flight) -> list[int]:

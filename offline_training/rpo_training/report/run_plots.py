@@ -99,6 +99,9 @@ def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, acros
     label = f'every {MARK_S:g} s'
     axes.plot(marks[:, 1], marks[:, across], 'o', color=_INK, markersize=3.5, label=label)
     axes.plot(0.0, 0.0, '+', color=_INK, markersize=10, label='target')
+    if flight.scenario.goal is not None:
+        goal_m = flight.scenario.goal_position_m
+        axes.plot(goal_m[1], goal_m[across], 'x', color=_INK, markersize=8, label='goal')
     axes.set_aspect('equal', adjustable='datalim')
 
 
@@ -173,8 +176,8 @@ def disturbance(flight: Flight) -> Any:
 
 
 def closing(flight: Flight) -> Any:
-    """Return the closing speed over the range, from right to left as the chaser comes in."""
-    ranges = np.linalg.norm(flight.positions_m, axis=1)
+    """Return the closing speed over the range; the chaser comes in from the left."""
+    ranges = np.linalg.norm(flight.errors[:, :3], axis=1)
     speeds = metrics.closing_speeds_m_s(flight)
     figure, axes = style.new_panels(3.4)
     axes.plot(ranges, speeds, color=_INK, label='this flight')
@@ -183,7 +186,11 @@ def closing(flight: Flight) -> Any:
     axes.plot(
         ranges[dots], speeds[dots], 'o', color=_INK, markersize=3, label=f'every {MARK_S:g} s'
     )
-    axes.set(xlabel='range [m]', ylabel='closing speed [m/s]', xlim=(1.05 * ranges.max(), 0.0))
+    axes.set(
+        xlabel='range from the goal [m]',
+        ylabel='closing speed [m/s]',
+        xlim=(1.05 * ranges.max(), 0.0),
+    )
     style.legend_below(figure, axes)
     return figure
 
@@ -193,11 +200,11 @@ def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
     figure, panels = style.new_panels(3.9, 1, 3)
     spans = [
         1.08 * np.maximum(np.abs(v).max(axis=0), 1e-3)
-        for v in (flight.positions_m, flight.velocities_m_s)
+        for v in (flight.errors[:, :3], flight.errors[:, 3:])
     ]
     image = None
     for i, (axes, name) in enumerate(zip(panels, style.AXIS_NAMES, strict=True)):
-        position, velocity = flight.positions_m[:, i], flight.velocities_m_s[:, i]
+        position, velocity = flight.errors[:, i], flight.errors[:, 3 + i]
         if controller is not None:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
         axes.plot(position, velocity, color=_INK, label='this flight')

@@ -68,7 +68,7 @@ def _to_lvlh(inertial: Floats, n: float, t_s: float) -> Floats:
     return np.concatenate([position, turn @ inertial[3:] - np.cross([0.0, 0.0, n], position)])
 
 
-def encke(offset_m: Floats, target_m: Floats) -> Floats:
+def encke(offset_m: Floats, target_m: Floats, mu_m3_s2: float = cw.MU_EARTH_M3_S2) -> Floats:
     """Return the gravity (3,) [m/s^2] at the chaser less that at the target, without cancellation.
 
     Battin, An Introduction to the Mathematics and Methods of Astrodynamics (1999), section 8.7:
@@ -78,19 +78,19 @@ def encke(offset_m: Floats, target_m: Floats) -> Floats:
     q = offset_m @ (offset_m - 2.0 * chaser) / (chaser @ chaser)
     f = q * (3.0 + q * (3.0 + q)) / (1.0 + (1.0 + q) ** 1.5)
     radius = math.sqrt(target_m @ target_m)
-    return np.asarray(-cw.MU_EARTH_M3_S2 / radius**3 * (offset_m + f * chaser))
+    return np.asarray(-mu_m3_s2 / radius**3 * (offset_m + f * chaser))
 
 
 def by_scipy(scenario: Scenario, forces_n: Floats) -> Floats:
     """Return the states (N + 1, 6) under forces (N, 3), by DOP853 from tick to tick."""
     n, radius = scenario.mean_motion_rad_s, scenario.orbit_radius_m
-    states = [np.array(scenario.start)]
+    mu, states = scenario.body.mu_m3_s2, [np.array(scenario.start)]
     inertial = _to_inertial(states[0], n, 0.0)
     for tick, force in enumerate(forces_n):
 
         def rate(t_s: float, y: Floats, force: Floats = force) -> Floats:
             turn = _turn(n * t_s)
-            pull = encke(y[:3], turn @ np.array([radius, 0.0, 0.0]))
+            pull = encke(y[:3], turn @ np.array([radius, 0.0, 0.0]), mu)
             return np.concatenate([y[3:], pull + turn @ force / scenario.mass_kg])
 
         inertial = _integrate(rate, scenario.time_s(tick), scenario.time_s(tick + 1), inertial)
@@ -121,7 +121,7 @@ def _basilisk(scenario: Scenario) -> tuple[Any, Any, Any]:
     chaser.hub.IHubPntBc_B = np.eye(3).tolist()
     bodies = simIncludeGravBody.gravBodyFactory()
     earth = bodies.createEarth()
-    earth.isCentralBody, earth.mu = True, cw.MU_EARTH_M3_S2
+    earth.isCentralBody, earth.mu = True, scenario.body.mu_m3_s2
     bodies.addBodiesTo(chaser)
     chaser.addDynamicEffector(force)
     for model in (chaser, force):

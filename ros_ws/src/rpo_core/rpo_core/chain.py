@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from rpo_core import interfaces, kernels
 from rpo_core.controller import Controller
+from rpo_core.controller_file import GoalStage
 from rpo_core.disturbance import Disturbance
 from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE, THRUST
 from rpo_core.jit import as_table
@@ -111,7 +112,7 @@ class Chain:
         if scenario.thrusters is None:
             placed.insert(0, (Place.THRUSTERS, ThrustersStage(None, scenario.max_force_n)))
         if controller is not None:
-            placed.append((Place.CONTROLLER, controller.stage(scenario.dt_s)))
+            placed.append((Place.CONTROLLER, _controlling(scenario, controller)))
         if not scenario.disturbance.is_zero:
             stage = DisturbanceStage(scenario.disturbance, scenario)
             placed.append((Place.DISTURBANCE, stage))
@@ -172,6 +173,15 @@ class Chain:
             made = stage.step(tick, *[signals[name] for name in reads])
             for name, values in zip(stage.outputs, made, strict=True):
                 signals[name] = values
+
+
+def _controlling(scenario: Scenario, controller: Controller) -> Stage:
+    """Return a controller as a stage that flies to the goal of a scenario.
+
+    One that reads nothing commands forces that were computed before, and is left alone.
+    """
+    stage, goal = controller.stage(scenario.dt_s), scenario.goal
+    return stage if goal is None or not stage.inputs else GoalStage(stage, *goal)
 
 
 def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]:

@@ -11,10 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
+from operator import add, sub
 from typing import Annotated, Any, ClassVar, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rpo_core import codec, interfaces, plugins
-from rpo_core.stage import Stage
+from rpo_core.kernels import Vector
+from rpo_core.stage import Signal, Stage
 from rpo_core.validation import (
     Description,
     InputError,
@@ -33,8 +38,56 @@ class ControllerStage(Stage):
     """A controller in the chain: from the state that it sees to the commanded force."""
 
     name = 'controller'
-    inputs = (interfaces.STATE,)
+    inputs: tuple[str, ...] = (interfaces.STATE,)
     outputs = (interfaces.CONTROL_FORCE,)
+
+
+_STATES = (interfaces.STATE, interfaces.RELATIVE_STATE, interfaces.NAVIGATION_STATE)
+
+
+class GoalStage(Stage):
+    """A controller that was made for the target, and flies to another goal.
+
+    It gets the state relative to the goal. Its command gets the force on top that holds a chaser
+    at rest there: off V-bar, relative gravity would otherwise push the chaser off the goal.
+
+    goal_m : (3,) [m]; force_n : (3,) [N], target LVLH
+    """
+
+    def __init__(self, inner: Stage, goal_m: Vector, force_n: Vector) -> None:
+        self._inner, self._offset, self._force_n = inner, (*goal_m, 0.0, 0.0, 0.0), force_n
+        self.name, self.inputs, self.outputs = inner.name, inner.inputs, inner.outputs
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is the sum of both forces."""
+        seen = [
+            tuple(map(sub, values, self._offset)) if name in _STATES else values
+            for name, values in zip(self.inputs, inputs, strict=True)
+        ]
+        made = self._inner.step(tick, *seen)
+        return tuple(
+            tuple(map(add, values, self._force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the outputs of many ticks."""
+        seen = [
+            values - np.array(self._offset) if name in _STATES else values
+            for name, values in zip(self.inputs, inputs, strict=True)
+        ]
+        made = self._inner.steps(ticks, *seen)
+        return tuple(
+            values + np.array(self._force_n) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,28 +13,62 @@ target's velocity; z H-bar, along the orbit's angular momentum. State: (x, y, z,
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import CwStep, sin_cos
-from rpo_core.validation import real
+from rpo_core.kernels import CwStep, Vector, sin_cos
+from rpo_core.validation import check_fields, real
 
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""
 
-OrbitRadius = Annotated[float, partial(real, unit='m', least=6.4e6, most=1e9)]
+MAX_ORBIT_RADIUS_M = 1e9
+OrbitRadius = Annotated[float, partial(real, unit='m', least=6.4e6, most=MAX_ORBIT_RADIUS_M)]
 Mass = Annotated[float, partial(real, unit='kg', least=1e-3, most=1e9)]
 TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
 """Annotations of the fields of a dataclass, see `rpo_core.validation.check_fields`."""
 
 
-def mean_motion(orbit_radius_m: float) -> float:
+@dataclass(frozen=True)
+class Body:
+    """What the target orbits.
+
+    radius_m : no orbit is lower
+    """
+
+    mu_m3_s2: Annotated[float, partial(real, unit='m^3/s^2', above=0.0, most=1e21)]
+    radius_m: Annotated[float, partial(real, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+EARTH = Body(MU_EARTH_M3_S2, 6.4e6)
+BODIES = {
+    'earth': EARTH,
+    'moon': Body(4.9028e12, 1.7374e6),
+    'mars': Body(4.282837e13, 3.3962e6),
+}
+"""Bodies by name; no orbit about the Earth is lower than 6400 km."""
+
+
+def mean_motion(orbit_radius_m: float, body: Body = EARTH) -> float:
     """Return n = sqrt(mu / r^3) [rad/s] of a circular orbit; the paper prints r^2, a misprint."""
     r = orbit_radius_m
-    return math.sqrt(MU_EARTH_M3_S2 / (r * r * r))
+    return math.sqrt(body.mu_m3_s2 / (r * r * r))
+
+
+def holding_force_n(goal_m: Vector, mean_motion_rad_s: float, mass_kg: float) -> Vector:
+    """Return the force (3,) [N] that keeps a chaser at rest at a point (3,) [m] of the frame.
+
+    At rest, relative gravity pulls by 3 m n^2 x outward and by -m n^2 z; along V-bar nothing pulls.
+    """
+    pull = mass_kg * mean_motion_rad_s * mean_motion_rad_s
+    return -3.0 * pull * goal_m[0], 0.0, pull * goal_m[2]
 
 
 def stumpff(angle_rad: float) -> tuple[float, float, float, float]:

@@ -39,6 +39,11 @@ class Flight:
     disturbances_n: Floats
     signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
 
+    @cached_property
+    def errors(self) -> Floats:
+        """States (N+1, 6) relative to the goal; metrics and requirements are about these."""
+        return self.states - np.array(self.scenario.goal_state)
+
     @property
     def positions_m(self) -> Floats:
         """Relative positions (N+1, 3)."""
@@ -60,7 +65,9 @@ class Flight:
 
 
 class _CommandedForces(ControllerStage):
-    """Commands that are known before the flight."""
+    """Commands that are known before the flight; they are not relative to a goal."""
+
+    inputs = ()
 
     def __init__(self, forces_n: Floats) -> None:
         self._forces = forces_n.tolist()

@@ -229,12 +229,15 @@ def first_slew_tick(scenario: Scenario) -> int:
 
 
 def row_of(flight: Flight, windows: Windows | None = None) -> NDArray[np.float64]:
-    """Return the metrics of a flight, the columns of `UNITS`; not a number where states are not."""
+    """Return the metrics of a flight, the columns of `UNITS`; not a number where states are not.
+
+    Positions are errors, relative to the goal of the scenario.
+    """
     scenario, forces = flight.scenario, flight.saturated_forces_n
     row = np.full(len(UNITS), np.nan)
-    if np.isfinite(flight.states).all() and np.isfinite(forces).all():
+    if np.isfinite(flight.errors).all() and np.isfinite(forces).all():
         count(
-            as_table(flight.states),
+            as_table(flight.errors),
             as_table(forces),
             windows or windows_of(scenario),
             first_slew_tick(scenario),
@@ -301,8 +304,8 @@ def arrival_time_s(flight: Flight) -> float | None:
 
 
 def closing_speeds_m_s(flight: Flight) -> NDArray[np.float64]:
-    """Return -d|r|/dt (N+1,), the range rate with the opposite sign; 0 at the goal itself."""
-    x, y, z, vx, vy, vz = flight.states.T
+    """Return -d|r|/dt (N+1,), r from the goal: the range rate with the opposite sign; 0 at it."""
+    x, y, z, vx, vy, vz = flight.errors.T
     ranges = np.sqrt(x * x + y * y + z * z)
     toward = -(x * vx + y * vy + z * vz)
     return np.asarray(np.divide(toward, ranges, out=np.zeros_like(ranges), where=ranges > 0.0))
@@ -331,7 +334,7 @@ def others_of(flight: Flight) -> list[Figure]:
     Per axis: the largest absolute value of any axis.
     """
     row, arrived, closing = row_of(flight), arrival_time_s(flight), closing_speeds_m_s(flight)
-    error, speed = flight.states[-1, :3].tolist(), flight.states[-1, 3:].tolist()
+    error, speed = flight.errors[-1, :3].tolist(), flight.errors[-1, 3:].tolist()
     return [
         Figure('energy J', 'N²s', float(row[ENERGY])),
         Figure('Δv (sum of the axes)', 'm/s', float(row[DELTA_V])),

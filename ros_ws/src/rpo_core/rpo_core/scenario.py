@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import datetime
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 import yaml
@@ -49,12 +50,25 @@ DISTURBANCES = ('none', 'paper_offset', 'paper_phase')
 MAX_TICKS = 10_000_000
 MAX_POSITION_M = 100_000.0
 MAX_VELOCITY_M_S = 1_000.0
+AT_TARGET: Vector = (0.0, 0.0, 0.0)
 MAX_SET_POSITIONS = 100
 """Positions per axis of a set: a million starts."""
 
 _STAMP_END_NS = 2**31 * NANOSECONDS  # the seconds of a ROS stamp are an int32
 
+_OPTIONAL = ('goal_position_m', 'body', 'requirements', 'description')
 _FIELDS = ('orbit_radius_m', 'mass_kg', 'max_force_n', 'dt_s', 'duration_s', 'initial_velocity_m_s')
+
+
+class Goal(NamedTuple):
+    """A goal away from the target.
+
+    position_m : (3,) target LVLH
+    force_n : (3,) that the controller's command gets on top, to rest there
+    """
+
+    position_m: Vector
+    force_n: Vector
 
 
 @dataclass(frozen=True)
@@ -64,11 +78,12 @@ class Scenario:
     initial_position_m, initial_velocity_m_s : (3,) target LVLH
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
     sections : settings of stages that are not the identity (`rpo_core.stage.sections`)
+    goal_position_m : (3,) target LVLH, where the chaser shall come to rest
     requirements : what flights are judged by; None: they are not judged
     """
 
     name: Name
-    orbit_radius_m: cw.OrbitRadius
+    orbit_radius_m: float
     mass_kg: cw.Mass
     max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=MAX_FORCE_N)]
     dt_s: cw.TickLength
@@ -78,11 +93,16 @@ class Scenario:
     epoch_ns: int
     disturbance: Disturbance = NONE
     sections: tuple[Any, ...] = ()
+    goal_position_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)] = AT_TARGET
+    body: cw.Body = cw.EARTH
     description: Description = field(default='', compare=False)
     requirements: Requirements | None = field(default=None, compare=False)  # they change no flight
 
     def __post_init__(self) -> None:
         check_fields(self)
+        least, most = self.body.radius_m, cw.MAX_ORBIT_RADIUS_M
+        radius_m = real('orbit_radius_m', self.orbit_radius_m, 'm', least=least, most=most)
+        store(self, orbit_radius_m=radius_m)
         self._check_sections()
         self._check_ticks()
         self._check_angles()
@@ -162,7 +182,25 @@ class Scenario:
     @property
     def mean_motion_rad_s(self) -> float:
         """Mean motion of the target."""
-        return cw.mean_motion(self.orbit_radius_m)
+        return cw.mean_motion(self.orbit_radius_m, self.body)
+
+    @property
+    def goal(self) -> Goal | None:
+        """The goal, and the force that holds the chaser there; None: the target itself."""
+        if not any(self.goal_position_m):
+            return None
+        position_m, n = self.goal_position_m, self.mean_motion_rad_s
+        return Goal(position_m, cw.holding_force_n(position_m, n, self.mass_kg))
+
+    @property
+    def goal_state(self) -> State:
+        """State (6,) [m, m/s] at rest at the goal."""
+        return (*self.goal_position_m, 0.0, 0.0, 0.0)
+
+    def from_goal(self, state: Sequence[float]) -> State:
+        """Return a state (6,) [m, m/s] relative to the goal."""
+        (gx, gy, gz), (x, y, z, vx, vy, vz) = self.goal_position_m, state
+        return x - gx, y - gy, z - gz, vx, vy, vz
 
     @property
     def start(self) -> State:
@@ -242,7 +280,8 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     start = 'initial_position_axis_m' if is_set else 'initial_position_m'
     known = {} if is_set else sections()  # the flights of a set have no stages of their own
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
-    data = mapping('', document, required, [*known, 'requirements', 'description'])
+    _refuse_ellipses(document)
+    data = mapping('', document, required, [*known, *_OPTIONAL])
     base = Scenario(
         name=data['name'],
         description=data.get('description', ''),
@@ -254,6 +293,8 @@ def parse(document: Any) -> Scenario | ScenarioSet:
             if name in data
         ),
         requirements=(requirements.parse(data['requirements']) if 'requirements' in data else None),
+        goal_position_m=data.get('goal_position_m', AT_TARGET),
+        body=_body(data.get('body', 'earth')),
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
@@ -274,6 +315,11 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
         'disturbance': scenario.disturbance,
         **{section_of(settings).name: settings for settings in scenario.sections},
     }
+    if scenario.goal is not None:
+        document['goal_position_m'] = scenario.goal_position_m
+    if scenario.body != cw.EARTH:
+        names = [name for name, body in cw.BODIES.items() if body == scenario.body]
+        document['body'] = names[0] if names else scenario.body
     if scenario.requirements is not None:
         document['requirements'] = scenario.requirements.to_document()
     return {key: codec.to_mapping(value) for key, value in document.items()}
@@ -283,6 +329,25 @@ def dumps(scenario: Scenario) -> str:
     """Return the YAML text of one scenario; it is read back to the same bits."""
     document = to_document(scenario)
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _refuse_ellipses(document: Any) -> None:
+    if isinstance(document, Mapping) and 'eccentricity' in document:
+        raise InputError(
+            '`eccentricity` is not modelled: the relative motion is that of Clohessy and '
+            'Wiltshire, about a target on a circular orbit of radius `orbit_radius_m`'
+        )
+
+
+def _body(value: Any) -> cw.Body:
+    if isinstance(value, Mapping):
+        return codec.from_mapping(cw.Body, 'body', value)
+    if not isinstance(value, str) or value not in cw.BODIES:
+        raise InputError(
+            f'`body` must be one of {", ".join(cw.BODIES)}, or a mapping with mu_m3_s2, radius_m; '
+            f'got {shown(value)}'
+        )
+    return cw.BODIES[value]
 
 
 def _epoch_ns(value: Any) -> int:

@@ -101,10 +101,10 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(_SHOWN, math.inf)  # not a number in flight: nothing is kept
     late = _late(flight, required)
-    errors, speeds = flight.positions_m[late], flight.velocities_m_s[late]
+    errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0
     contact = _contact(flight, required.contact_range_m or 0.0)
-    error, speed = flight.positions_m[-1:], flight.velocities_m_s[-1:]
+    error, speed = flight.errors[-1:, :3], flight.velocities_m_s[-1:]
     return {
         'final_error_per_axis_m': _per_axis(error),
         'final_error_norm_m': _norm(error),
@@ -151,9 +151,9 @@ def _arrival_s(flight: Flight, required: Requirements) -> float:
     """Return the time of the last state outside; infinite if that is the end of the flight."""
     most_m = required.arrival_error_per_axis_m
     if most_m is None:
-        most_m, sizes = required.arrival_error_norm_m, _norms(flight.positions_m)
+        most_m, sizes = required.arrival_error_norm_m, _norms(flight.errors[:, :3])
     else:
-        sizes = np.abs(flight.positions_m).max(axis=1)
+        sizes = np.abs(flight.errors[:, :3]).max(axis=1)
     outside = np.flatnonzero(sizes > (0.0 if most_m is None else most_m))
     last = int(outside[-1]) if outside.size else 0
     return math.inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
@@ -161,7 +161,7 @@ def _arrival_s(flight: Flight, required: Requirements) -> float:
 
 def _contact(flight: Flight, range_m: float) -> tuple[float, float]:
     """Return the closing and the lateral speed [m/s] at the first state within a range."""
-    positions, ranges = flight.positions_m, _norms(flight.positions_m)
+    positions, ranges = flight.errors[:, :3], _norms(flight.errors[:, :3])
     inside = np.flatnonzero(ranges <= range_m)
     if not inside.size:
         return math.inf, math.inf

@@ -113,6 +113,8 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         if not self.active or self.controller is None:
             return health.WARN, explain.INACTIVE
         state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
+        if self.scenario is not None:
+            state = self.scenario.from_goal(state)
         return health.OK, explain.reasons(self.controller, state, force_n)
 
     @property

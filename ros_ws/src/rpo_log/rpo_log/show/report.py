@@ -142,11 +142,12 @@ def time_histories(flight: Flight) -> Any:
     begin_s, end_s = close_up_s(scenario), scenario.duration_s
     last = metrics.window_ticks(scenario, end_s - begin_s)
     limits = {verdict.key: verdict.limit for verdict in verdicts(flight)}
+    place = 'relative position [m]' if scenario.goal is None else 'position from the goal [m]'
     figure, panels = style.new_panels(6.6, 3, 2, sharex='col', width_ratios=(3, 2))
     for (wide, close), values, label, keys in zip(
         panels,
-        (flight.positions_m, flight.velocities_m_s, flight.saturated_forces_n),
-        ('relative position [m]', 'relative velocity [m/s]', 'control force [N]'),
+        (flight.errors[:, :3], flight.velocities_m_s, flight.saturated_forces_n),
+        (place, 'relative velocity [m/s]', 'control force [N]'),
         (
             ('hold_error_per_axis_m',),
             ('hold_speed_per_axis_m_s',),

@@ -187,7 +187,8 @@ class _Verifier:
             read = signals[next(self._reads(self._controller))]
             forces_n = block.values[interfaces.CONTROL_FORCE]
             active = self.states.active(self._controller.stage.name, block.ticks)
-            yield self.decisions.difference(block.ticks, read, forces_n, active)
+            from_goal = read - np.array(self.scenario.goal_state)
+            yield self.decisions.difference(block.ticks, from_goal, forces_n, active)
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
