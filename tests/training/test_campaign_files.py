@@ -346,6 +346,21 @@ def test_the_command_flies_repeats_and_refuses(write, tmp_path):
         assert (refused.exit_code, said in refused.output) == (2, True), refused.output
 
 
+def test_the_command_changes_fields_of_the_scenario(write, tmp_path):
+    run, folder = CliRunner().invoke, tmp_path / 'out'
+    change = ['--set', 'initial_position_m=[0,80,0]', '--set', 'duration_s=5.0']
+    path = str(write(runs=3))
+    flown = run(app, ['campaign', path, '-o', str(folder), *change])
+    assert flown.exit_code == 0, flown.output
+    campaign = Store.open(folder).campaign
+    assert campaign.scenario.name == 'short (changed)'
+    assert (campaign.scenario.initial_position_m, campaign.scenario.ticks) == ((0, 80, 0), 50)
+    one = run(app, ['campaign', path, '--run', '1', *change], env={'COLUMNS': '300'})
+    assert "--set 'initial_position_m=[0,80,0]' --set duration_s=5.0" in one.output
+    refused = run(app, ['campaign', str(folder), *change], env={'COLUMNS': '300'})
+    assert (refused.exit_code, '`--set` cannot change' in refused.output) == (2, True)
+
+
 def test_the_shipped_campaign_is_valid():
     campaign = config.load(SHIPPED)
     assert set(campaign.config.dispersions) == set(config.QUANTITIES)  # shows every one

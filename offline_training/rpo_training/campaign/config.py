@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from rpo_core import files, metrics
+from rpo_core import files, metrics, overrides
 from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
@@ -268,14 +268,18 @@ class Campaign:
             return cls(config, scenario, controller, texts)
 
 
-def load(path: str | Path, **changes: Any) -> Campaign:
-    """Return the campaign of a YAML file, with some fields changed; raises InputError."""
+def load(path: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
+    """Return the campaign of a YAML file, with some fields changed; raises InputError.
+
+    overridden : fields of the scenario, see `rpo_core.overrides`
+    """
     found = files.load(Path(path), parse)
     if changes:
         found = replace(found, **changes)
     with within(str(path)):
         sources = files.find('scenario', found.scenario), files.find('controller', found.controller)
-    scenario, controller = (files.read_text(source) for source in sources)
+    scenario = overrides.text_of(found.scenario, overridden)
+    controller = files.read_text(sources[1])
     names = (str(path), str(sources[0]), str(sources[1]))
     return Campaign.of_texts((dumps(found), scenario, controller), names)
 

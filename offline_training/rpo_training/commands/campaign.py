@@ -14,7 +14,7 @@ import typer
 
 from rpo_core.validation import InputError
 from rpo_training import outputs
-from rpo_training.commands.shared import Cluster, Workers, echo, interruptible
+from rpo_training.commands.shared import Cluster, Set, Workers, echo, interruptible
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -51,6 +51,7 @@ def campaign(
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    sets: Set = None,
     faults: Annotated[
         bool, typer.Option('--faults', help='success against the share of messages lost, late')
     ] = False,
@@ -63,7 +64,7 @@ def campaign(
     """
     from rpo_training.campaign.store import Store
 
-    options = {'runs': runs, 'seed': seed, 'controller': controller}
+    options = {'runs': runs, 'seed': seed, 'controller': controller, 'set': sets}
     changes = {name: value for name, value in options.items() if value is not None}
     if resume is not None:
         if source is not None or output is not None or run is not None or changes:
@@ -78,7 +79,7 @@ def campaign(
     if run is not None:
         found = _of_source(source, changes)
         _show_run(*found, run, csv)
-        _for_ros(found[0], source, run, export)
+        _for_ros(found[0], source, run, export, sets or [])
         return
     chosen, store = _of_source(source, changes)
     if store is not None:
@@ -130,7 +131,9 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
     from rpo_training.campaign.store import Store
 
     if not source.is_dir():
-        return config.load(source, **changes), None
+        overridden = changes.get('set', [])
+        others = {name: value for name, value in changes.items() if name != 'set'}
+        return config.load(source, overridden, **others), None
     if changes:
         raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
     store = Store.open(source)
@@ -198,7 +201,9 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
         outputs.write_flight(flight, csv)
 
 
-def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -> None:
+def _for_ros(
+    chosen: Campaign, source: Path, number: int, export: Path | None, sets: list[str]
+) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
     from rpo_core import scenario
     from rpo_training.campaign.single import scenario_of
@@ -210,6 +215,7 @@ def _for_ros(chosen: Campaign, source: Path, number: int, export: Path | None) -
     path = export or Path(f'run_{number}.yaml')
     if export is None:
         again = ['rpo', 'campaign', str(source), '--run', str(number), '--export', str(path)]
+        again += [part for change in sets for part in ('--set', change)]
         echo(f'On ROS 2: {shlex.join(again)}')
     else:
         content = scenario.dumps(scenario_of(chosen, number)).encode()

@@ -20,6 +20,14 @@ def echo(text: object, err: bool = False) -> None:
 
 
 Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        '--set',
+        metavar='KEY=VALUE',
+        help='change a field of the scenario, like mass_kg=12.0; repeatable',
+    ),
+]
 Cluster = Annotated[
     str,
     typer.Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786'),

@@ -10,26 +10,33 @@ from typing import Annotated
 import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.validation import InputError
 from rpo_training import outputs
+from rpo_training.commands.shared import Set
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
---csv flight.csv`
+--csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0`
 """
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(help='shipped name or file')] = 'paper_test',
+    scenario: Annotated[str, typer.Argument(help='shipped name or file  [paper_test]')] = '',
+    named: Annotated[str, typer.Option('--scenario', help='the same, as an option')] = '',
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics."""
+    from rpo_core import overrides
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
-    from rpo_core.scenario import load_scenario
     from rpo_log.show.report import print_table
 
-    flight = fly(load_scenario(scenario), load_controller(controller))
-    print_table(flight, f'{scenario}, controller {controller}')
+    if scenario and named:
+        raise InputError(f'give one scenario; got {scenario} and `--scenario {named}`')
+    flown = overrides.load(scenario or named or 'paper_test', changes or [])
+    flight = fly(flown, load_controller(controller))
+    print_table(flight, f'{flown.name}, controller {controller}')
     if csv:
         outputs.write_flight(flight, csv)

@@ -120,7 +120,7 @@ class Comparison:
         report: Report = lambda what, done, total: None,
     ) -> None:
         self.folder, self.workers, self.report = folder, workers, report
-        changes = {} if runs is None else {'runs': runs}
+        changes: dict[str, Any] = {} if runs is None else {'runs': runs}
         self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
         doubled = {c.controller.name for c in self.campaigns}
         if len(doubled) < len(self.campaigns):

@@ -7,13 +7,14 @@ from __future__ import annotations
 import argparse
 import datetime
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.options import parser
-from rpo_core import scenario
+from rpo_core import overrides, scenario
 from rpo_core.chain import Chain
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
@@ -67,11 +68,16 @@ def main() -> int:
     nodes: list[FlightNode] = []
 
     def make() -> list[FlightNode]:
+        if options.set:
+            changed.write_text(overrides.text_of(options.scenario, options.set), 'utf-8')
+            options.scenario = str(changed)
         nodes.extend(_nodes(options, output))
         return nodes
 
-    # The first node is the plant, the last the recorder.
-    code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
+    with tempfile.TemporaryDirectory() as temporary:
+        changed = Path(temporary) / 'scenario.yaml'
+        # The first node is the plant, the last the recorder.
+        code = run(make, sys.argv, lambda made: made[0].done and made[-1].done)
     if code and nodes and nodes[-1].log is None:
         code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
     if code == 0 and nodes[0].phase == 'finished' and not options.no_report:

@@ -10,6 +10,7 @@ from rpo_core.files import DEFAULT_CONTROLLER
 
 _EXAMPLE = """example:
   ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
+  ros2 run rpo_bringup final_approach --set 'initial_position_m=[0,80,0]'
 
 exit code: 0 complete run, complete log; 1 complete run, incomplete log; 2 bad input; 3 aborted
 """
@@ -26,6 +27,13 @@ def parser() -> argparse.ArgumentParser:
     found.add_argument('--scenario', default='approach', help='shipped name or path (%(default)s)')
     found.add_argument(
         '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
+    )
+    found.add_argument(
+        '--set',
+        action='append',
+        default=[],
+        metavar='KEY=VALUE',
+        help='change a field of the scenario, like initial_position_m=[0,80,0]; repeatable',
     )
     found.add_argument('--output', help='run folder (runs/<scenario>-<date>-<time>)')
     found.add_argument(

@@ -71,8 +71,8 @@ class Decisions:
     ) -> Difference | None:
         """Compare the decisions of some ticks of the log.
 
-        states : (n, 6) m, m/s that the controller read, from the goal; forces_n : (n, 3) N that it commanded;
-        active : (n,) where it was switched on
+        states : (n, 6) m, m/s that the controller read, from the goal
+        forces_n : (n, 3) N that it commanded; active : (n,) where it was switched on
         """
         while self._waiting is not None and self._waiting.tick <= ticks[-1]:
             tick, data = self._waiting
