@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 import yaml
 
+from rpo_core import overrides
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.read.run_log import read_flight
+from rpo_log.verify import verify
 from tools.node_processes import NodeProcesses, node_processes
 
 SCENARIO = 'paper_test'
@@ -94,3 +96,20 @@ def test_every_state_and_force_is_that_of_the_core(way, ros_env, tmp_path, tmp_p
     assert (counts.pop('/run_status'), counts.pop('/stage_status')) == (2, 0)
     assert set(counts.values()) == {len(expected.states)} and len(counts) == 4
     assert info['faults'] is None
+
+
+def test_fields_changed_on_the_command_line_fly_the_bits_of_the_core(ros_env, tmp_path):
+    changes = ['goal_position_m=[-3,10,2]', 'initial_position_m=[0,80,0]']
+    options = [part for change in changes for part in ('--set', change)]
+    folder = tmp_path / 'run'
+    arguments = ['--scenario', 'quick', '--controller', CONTROLLER, *options, '--no-report']
+    with node_processes(ros_env, tmp_path) as ros:
+        node = ros.node('rpo_bringup', 'final_approach', *arguments, '--output', str(folder))
+        assert node.wait() == 0, node.output
+    flown = read_flight(folder)
+    flight = fly(overrides.load('quick', changes), load_controller(CONTROLLER))
+    assert flown.scenario == flight.scenario and flown.scenario.name == 'quick (changed)'
+    np.testing.assert_array_equal(flown.states, flight.states)
+    np.testing.assert_array_equal(flown.forces_n, flight.forces_n)
+    verified = verify(folder)
+    assert verified.exit_code == 0, verified.sentence()
