@@ -159,8 +159,9 @@ def time_histories(flight: Flight) -> Any:
         by_axis(close, times[: len(values)][-last:], values[-last:], '')
         for key in keys:
             if key in limits:
-                for axes in (wide, close):
-                    limit_lines(axes, limits[key], _LIMIT, (begin_s, end_s))
+                limit_lines(close, limits[key], _LIMIT, (begin_s, end_s))
+                if wide is panels[2][0]:  # the other two are too small to see from the start
+                    limit_lines(wide, limits[key], _LIMIT, (begin_s, end_s))
     panels[0][0].set_title('from the start')
     panels[0][1].set_title(f'last {last * scenario.dt_s:g} s')
     for axes in panels[2]:
