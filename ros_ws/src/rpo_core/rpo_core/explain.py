@@ -195,7 +195,7 @@ def reasons(
 ) -> Sequence[Reason]:
     """Return the reasons of x, y, z as the topic `decision` publishes them.
 
-    state : (6,) m, m/s, that the controller read, relative to the goal; force_n : (3,) N, its answer
+    state : (6,) m, m/s, that the controller read, from the goal; force_n : (3,) N, its answer
     """
     if isinstance(controller, FuzzyController):
         found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
