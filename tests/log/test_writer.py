@@ -8,6 +8,7 @@ import hashlib
 import math
 import random
 import shutil
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -339,3 +340,19 @@ def test_a_manifest_without_a_usable_controller_is_not_attached_in_flight():
         said = found.take('b', {**values, 'file.controller.yaml': text})
         assert said == 'b has no usable controller file' and found.another_controller() is None
     assert found.take('a', values) == ''
+
+
+def test_of_two_answers_with_the_same_force_the_one_without_a_torque_is_logged(tmp_path):
+    run = make_run(2.0)
+    writer = RunLogWriter(
+        tmp_path / 'odd', run.base, run.topics, run.attachments, scenario=run.flight.scenario
+    )
+    writer.be_wary()
+    for name, tick, data in run.messages:
+        if name == FORCE and tick == 7:
+            writer.record(name, data[:-8] + struct.pack('<d', math.nan))
+        writer.record(name, data)
+    writer.end(run.base.last_tick)
+    writer.close()
+    run.write(tmp_path / 'plain')
+    assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()
