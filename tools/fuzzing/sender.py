@@ -27,6 +27,7 @@ from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import keep_to_this_machine, new_executor
 from tools.fuzzing import values
 from tools.fuzzing.acts import ALWAYS, is_act, is_order, row_for
+from tools.node_processes import NodeProcessError
 
 VOLLEY = 48
 """Cases that are sent before the answers to the calls among them are awaited."""
@@ -103,12 +104,12 @@ class Sender:
 
         expected : number of nodes
 
-        Raises TimeoutError if they are not found in time.
+        Raises NodeProcessError if they are not found in time.
         """
         end, nodes = time.monotonic() + CONNECT_S, ()
         while len(nodes) < expected or not all(map(self._services, nodes)):
             if time.monotonic() > end:
-                raise TimeoutError(f'{len(nodes)} of {expected} nodes found in {CONNECT_S} s')
+                raise NodeProcessError(f'{len(nodes)} of {expected} nodes found in {CONNECT_S} s')
             self.spin(0.2)
             known = self._node.get_node_names_and_namespaces()
             nodes = [node for node in sorted(known) if node[0] != _OWN]
@@ -134,7 +135,10 @@ class Sender:
 
     def _services(self, node: tuple[str, str]) -> dict[str, str]:
         """Return name -> type of the services of a node, when all of rclpy's are found."""
-        found = self._node.get_service_names_and_types_by_node(*node)
+        try:
+            found = self._node.get_service_names_and_types_by_node(*node)
+        except RuntimeError:  # its name is known, but nothing else yet
+            return {}
         services = {service: types[0] for service, types in found}
         return services if len(services) >= _RCLPY_SERVICES else {}
 
