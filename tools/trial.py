@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
 from tools.node_processes import NodeProcessError
-from tools.trials import latency, losses, soak
+from tools.trials import fuzz, latency, losses, soak
 
 EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -20,6 +20,7 @@ _EXAMPLE = """examples:
   ros2 run rpo_bringup trial latency --rates 10 50 100
   ros2 run rpo_bringup trial losses --rates 0 0.2 0.5
   ros2 run rpo_bringup trial soak --ticks 20000
+  ros2 run rpo_bringup trial fuzz --cases 2000
 """
 
 
@@ -62,6 +63,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     one.add_argument(
         '--every', type=_above(1.0, 600.0), default=20.0, help='time between samples [s] (20)'
     )
+    one = trials.add_parser('fuzz', help='hostile messages, calls and parameters in flight')
+    one.add_argument('--cases', type=int, default=100_000, help='how many to send (100000)')
+    one.add_argument('--first', type=int, default=0, help='number of the first case (0)')
+    one.add_argument('--seed', type=int, default=1)
+    one.add_argument('--nodes', nargs='+', choices=fuzz.NODES, default=list(fuzz.NODES))
+    one.add_argument('--minutes', type=_above(0.1, 1e4), default=1e4, help='end after so long')
+    one.add_argument('--keep', default='', metavar='FOLDER', help='keep logs and outputs there')
     return parser.parse_args(argv)
 
 
@@ -75,6 +83,8 @@ def main() -> int:
         elif options.trial == 'losses':
             stale = options.stale_after_ticks
             losses.run(options.rates, options.kinds, options.factor, options.seed, stale)
+        elif options.trial == 'fuzz':
+            return fuzz.run(fuzz.Plan(**{k: v for k, v in vars(options).items() if k != 'trial'}))
         else:
             return soak.run(options.ticks, options.every)
     except (NodeProcessError, InputError, LogError) as error:

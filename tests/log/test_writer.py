@@ -8,6 +8,7 @@ import hashlib
 import math
 import random
 import shutil
+import struct
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,14 +16,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_runs import DISTURBANCE, FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
+from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
 
-from rpo_core import cdr
+from rpo_core import cdr, files
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.thrusters import Thrusters
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import TimeBase
+from rpo_log.manifests import Manifests
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
 from rpo_log.write.writer import RunLogWriter
@@ -312,3 +314,45 @@ def test_hostile_messages_leave_the_same_bytes(tmp_path, seed, delay_ticks):
     assert summary.whole, summary.sentence()
     assert sum(summary.ignored.values()) > 100
     assert digests(tmp_path / 'a') == digests(tmp_path / 'b')
+
+
+def test_a_clock_of_a_tick_is_always_the_same_bytes(tmp_path):
+    """Other options in its header, or seconds among its nanoseconds, change no time."""
+    run = make_run(1.0)
+    writer = RunLogWriter(tmp_path / 'odd', run.base, run.topics, run.attachments)
+    for name, _, data in run.messages:
+        if name == CLOCK:
+            seconds, nanoseconds = cdr.STAMP.unpack(data[4:])
+            odd = cdr.STAMP.pack(seconds - 1, nanoseconds + 1_000_000_000)
+            writer.record(name, b'\x00\x01\x04\x00' + odd)
+        writer.record(name, data)
+    assert writer.close().whole
+    run.write(tmp_path / 'plain')
+    assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()
+
+
+def test_a_manifest_without_a_usable_controller_is_not_attached_in_flight():
+    good = files.read_text(files.find('controller', 'handmade'))
+    found = Manifests()
+    values = {'role': 'controller', 'file.controller.yaml': good}
+    assert found.take('a', values) == '' and 'controller.yaml' in found.attachments({})
+    for text in ('', '[', good.replace('z_half_width', '\ufffdz_half_width')):
+        said = found.take('b', {**values, 'file.controller.yaml': text})
+        assert said == 'b has no usable controller file' and found.another_controller() is None
+    assert found.take('a', values) == ''
+
+
+def test_of_two_answers_with_the_same_force_the_one_without_a_torque_is_logged(tmp_path):
+    run = make_run(2.0)
+    writer = RunLogWriter(
+        tmp_path / 'odd', run.base, run.topics, run.attachments, scenario=run.flight.scenario
+    )
+    writer.be_wary()
+    for name, tick, data in run.messages:
+        if name == FORCE and tick == 7:
+            writer.record(name, data[:-8] + struct.pack('<d', math.nan))
+        writer.record(name, data)
+    writer.end(run.base.last_tick)
+    writer.close()
+    run.write(tmp_path / 'plain')
+    assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()

@@ -5,13 +5,18 @@
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 import yaml
+from inside import inside
+from std_srvs.srv import SetBool
 
 import rpo_core.files
+from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.stream import RunReader
+from rpo_log.replay_node import ReplayNode
 from tools.node_processes import node_processes
 
 LISTENER = str(Path(__file__).with_name('listener.py'))
@@ -68,6 +73,20 @@ def test_the_same_controller_answers_as_logged(ros, run_folder):
     node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0)
     assert node.wait() == 0, node.output
     node.says('51 ticks replayed; 0 answers differ from the log')
+
+
+def test_a_long_pause_times_out_no_controller(ros, run_folder):
+    with inside() as inner:
+        inner.start(ControllerNode({'scenario': 'quick'}))
+        asked = {'bag': str(run_folder), 'drive': True, 'rate': 5.0, 'answer_timeout_s': 1.0}
+        node = inner.start(ReplayNode(asked))
+        inner.until(lambda: node._played > 1)
+        inner.call(SetBool, '/replay/pause', SetBool.Request(data=True))
+        end = time.monotonic() + 1.2
+        inner.until(lambda: time.monotonic() > end)
+        inner.call(SetBool, '/replay/pause', SetBool.Request(data=False))
+        inner.until(lambda: node.done)
+    assert node.exit_code == 0 and node.differences == 0
 
 
 def test_another_controller_is_found_out(ros, run_folder):

@@ -130,7 +130,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         """Refuse a transition that is not possible now; rclpy would end the process with it."""
         possible = {number for number, *_ in self._state_machine.available_transitions}
         if transition not in possible:
-            self.get_logger().warning(f'transition {transition} is not possible in {self.label}')
+            self.complain(f'a transition was refused: {transition} is not possible in {self.label}')
             return FAILURE
         return super()._LifecycleNodeMixin__change_state(transition)
 

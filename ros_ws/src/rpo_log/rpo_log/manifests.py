@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from rpo_core import files, scenario
+from rpo_core import controller, files, scenario
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log.format import run
@@ -62,6 +62,10 @@ class Manifests:
             return self._take_plant(name, values)
         if role not in self._by_role and len(self._by_role) >= _MOST_ROLES:
             return f'{name} has a role too many'
+        text = values.get(_FILE + run.CONTROLLER, '')
+        known = role != CONTROLLER or not self._attached or text in self._attached
+        if not known and not _is_controller(text):
+            return f'{name} has no usable controller file'
         self._by_role[role] = (name, values)
         return ''
 
@@ -127,6 +131,14 @@ class Manifests:
             self._attached.append(found[run.CONTROLLER].decode())
         found[run.PARAMETERS] = yaml.safe_dump(parameters, sort_keys=True).encode()
         return found
+
+
+def _is_controller(text: str) -> bool:
+    try:
+        files.loads(text, controller.parse, 'controller')
+    except InputError:
+        return False
+    return True
 
 
 def _may_bring(role: str, file: str) -> bool:

@@ -166,6 +166,7 @@ class ReplayNode(FlightNode):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
+        self._begun = time.monotonic()  # the pause times out no controller
         response.success = True
         response.message = 'paused' if self._paused else 'playing'
         return response

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.node import Node
 
 from rpo_core import files, scenario
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_ros import names, qos
 from rpo_ros.conversions import values_of
+from rpo_ros.running import FlightNode
 
 ANEW_S = 2.5
 """Silence of a plant, which publishes its manifest once a second, after which another may take
@@ -34,12 +34,12 @@ class PlantScenario:
 
     def __init__(
         self,
-        node: Node,
+        node: FlightNode,
         asserted: str,
         take: Callable[[Scenario], Any],
         refuse: Callable[[str], Any],
     ) -> None:
-        self._take, self._refuse = take, refuse
+        self._node, self._take, self._refuse = node, take, refuse
         self._asserted = scenario.load_scenario(asserted) if asserted else None
         self._text = self._run = ''
         self._heard_s = 0.0
@@ -65,11 +65,15 @@ class PlantScenario:
         self._run, self._heard_s = run, now_s
         if text == self._text:
             return
-        self._text = text
         try:
             found = files.loads(text, scenario.parse, 'the scenario of the plant')
             if not isinstance(found, Scenario):
                 raise InputError('the scenario of the plant must be a single flight; got a set')
+        except InputError as error:  # no plant flies it, so it is not that of a plant
+            self._node.complain(f'a manifest was ignored: {error}')
+            return
+        self._text = text
+        try:
             self._compare(found)
             if found != self.scenario:
                 self.scenario = found

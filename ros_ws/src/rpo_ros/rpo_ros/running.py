@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from types import FrameType
@@ -28,11 +29,15 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.serialization import deserialize_message
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock as ClockMessage
 
-from rpo_core.validation import InputError
+from rpo_core.validation import InputError, shown
 from rpo_ros.entry_point import EXIT_BAD_INPUT
 
 LONGEST_S = 1e9
@@ -67,6 +72,7 @@ class FlightNode(Node):
     """
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
+        self._complaints: Counter[str] = Counter()
         super().__init__(
             name,
             parameter_overrides=[
@@ -75,6 +81,60 @@ class FlightNode(Node):
         )
         self.done = False
         self.exit_code = 0
+
+    def create_service(
+        self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **options: Any
+    ) -> Service:
+        """Offer a service that no request ends; rclpy would end the process with an error.
+
+        For a request that breaks the callback, the response is an empty one.
+        """
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:  # rclpy checks no request, not even for its own services
+                self.complain(f'a request to {srv_name} was refused: {shown(str(error))}')
+                return srv_type.Response()
+
+        return super().create_service(srv_type, srv_name, guarded, **options)
+
+    def create_subscription(
+        self,
+        msg_type: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos_profile: Any,
+        *,
+        raw: bool = False,
+        **options: Any,
+    ) -> Subscription:
+        """Listen to a topic; bytes that are no message of its type are ignored.
+
+        The middleware ignores them too, but prints ten lines for each. A negative time is ignored
+        also: with `use_sim_time`, rclpy itself listens to /clock, and its times cannot be negative.
+        """
+
+        def take(data: bytes) -> None:
+            try:
+                message = deserialize_message(data, msg_type)
+                if msg_type is ClockMessage and message.clock.sec < 0:
+                    raise ValueError('a time before 1970')
+            except (RuntimeError, ValueError):
+                self.complain(f'a message on {topic} was ignored: it is no {msg_type.__name__}')
+                return
+            callback(message)
+
+        taker = callback if raw else take
+        return super().create_subscription(msg_type, topic, taker, qos_profile, raw=True, **options)
+
+    def complain(self, sentence: str) -> None:
+        """Warn of something that others do; the 10th, 100th, ... time again, with the number."""
+        kind = sentence.partition(':')[0]
+        self._complaints[kind] += 1
+        times = self._complaints[kind]
+        if str(times).strip('0') == '1':
+            self.get_logger().warning(sentence if times == 1 else f'{sentence} ({times} times)')
 
     def every(self, period_s: float, callback: Callable[[], None]) -> Timer:
         """Call back in steady wall time: the clock of a node stops with the clock of the system."""

@@ -14,6 +14,7 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 
 from rpo_core import interfaces
 from rpo_ros import qos
@@ -44,8 +45,9 @@ class Latest:
         self, node: Node, topic: str, *, kind: type | None = None, raw: bool = False
     ) -> None:
         kind = kind or message_class(interfaces.row_of(topic).type)
+        self._raw = raw
         self._subscription = node.create_subscription(
-            kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=raw
+            kind, topic, self._never, qos.NEWEST, callback_group=_Unspun(), raw=True
         )
 
     @staticmethod
@@ -56,9 +58,15 @@ class Latest:
         """Return the newest message since the last look; None if none came."""
         newest, topic = None, self._subscription
         with topic.handle:
-            while taken := topic.handle.take_message(topic.msg_type, topic.raw):
+            while taken := topic.handle.take_message(topic.msg_type, True):
                 newest = taken[0]
-        return newest
+        if newest is None:
+            return None
+        try:
+            message = deserialize_message(newest, topic.msg_type)
+        except RuntimeError:  # bytes that are no message of this type
+            return None
+        return newest if self._raw else message
 
 
 def run_viewer(make: Callable[[], FlightNode]) -> int:

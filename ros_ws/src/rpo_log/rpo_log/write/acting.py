@@ -10,11 +10,13 @@ the force that it applied.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import islice, product
 
 from rpo_core import interfaces, kernels
 from rpo_core.chain import Chain, Signals
 from rpo_core.interfaces import RELATIVE_STATE
+from rpo_core.layout import Layout
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.thrusters import ZERO
@@ -27,6 +29,12 @@ _APPLIED = {
     interfaces.COMMAND: interfaces.APPLIED_FORCE,
     interfaces.DISTURBANCE: interfaces.APPLIED_DISTURBANCE,
 }
+
+
+def _holds_more(layout: Layout, data: bytes) -> bool:
+    """Return whether a message holds more than its numbers: a torque, a covariance."""
+    stamp_ns, values, _ = layout.decode(data)
+    return data != layout.encode(stamp_ns, values)
 
 
 class Acting:
@@ -77,7 +85,7 @@ class Acting:
     def _like(self, signal: str, found: Sequence[bytes], wanted: Sequence[Signal]) -> bytes | None:
         """Return the first message with one of some values; one with nothing else in it first."""
         layout = self._topics[self._index[signal]].row.layout
-        for data in sorted(found, key=lambda data: not layout.knows(data)):
+        for data in sorted(found, key=partial(_holds_more, layout)):
             if self._values(signal, data) in wanted:
                 return data
         return None
@@ -137,7 +145,7 @@ class Acting:
         if len(found) < 2:
             return found
         layout = self._topics[self._index[signal]].row.layout
-        return sorted(found, key=lambda data: not layout.knows(data))
+        return sorted(found, key=partial(_holds_more, layout))
 
     def _next_state(
         self, tick: int, state: bytes, answers: Sequence[bytes], candidates: Candidates

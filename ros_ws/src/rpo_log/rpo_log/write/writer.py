@@ -134,6 +134,8 @@ class RunLogWriter:
             self.ignored[fault] += 1
             return
         tick = self.base.tick_of(stamp_ns)
+        if tick is not None and not layout.columns:  # a clock: its bytes follow from its tick
+            data = layout.encode(stamp_ns, ())
         self.write(name, -1 if tick is None else tick, data)
 
     def write(self, name: str, tick: int, data: bytes) -> None:

@@ -1,0 +1,199 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The bench of hostile messages: what it sends, what it must not send, and flights under it."""
+
+from random import Random
+
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+from rpo_core import cdr, interfaces
+from rpo_core.scenario import load_scenario
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_ros import conversions, names, qos
+from rpo_ros.running import FlightNode
+from rpo_ros.signals import message_class
+from rpo_sim.parameters import PLANT
+from rpo_view.latest import Latest
+from tools.fuzzing import acts, values
+from tools.fuzzing.flight import LOOP
+from tools.node_processes import node_processes
+
+SCENARIO = load_scenario('paper_test')
+NOT_CDR = (b'', b'\x00', b'\x00\x01\x00\x00' + b'\xff' * 40)
+ODD = Parameter(name='seed', value=ParameterValue(type=99))
+
+
+@pytest.mark.parametrize('row', interfaces.rows(), ids=lambda row: row.name)
+def test_every_row_of_the_table_has_hostile_messages_the_same_for_the_same_seed(row):
+    kind = message_class(row.type)
+    plain = values.Encoder(Random(1), 0.0).encode(kind())
+    assert deserialize_message(plain, kind) == kind()
+    for how in values.KINDS:
+        made = [[values.spoilt(kind(), how, Random(f'{i}')) for i in range(99)] for _ in '12']
+        assert made[0] == made[1]
+        assert any(data != plain for data in made[0]), how
+
+
+@pytest.mark.parametrize('kind', [SetParameters, ChangeState, SetBool])
+def test_a_request_is_one_of_its_type(kind):
+    for i in range(50):
+        data = values.Encoder(Random(i), 0.5).encode(kind.Request())
+        serialize_message(deserialize_message(data, kind.Request))
+
+
+def force(tick, frame='target_lvlh', x=0.1):
+    stamp_ns = SCENARIO.epoch_ns + tick * SCENARIO.dt_ns
+    return cdr.encode_wrench(stamp_ns, frame, (x, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ('data', 'act'),
+    [
+        (force(10), True),
+        (force(12), True),
+        (force(9), False),
+        (force(10 + acts.FAR_TICKS), False),
+        (force(10, frame='chaser'), False),
+        (force(10, x=float('nan')), False),
+        (force(10)[:-1], False),
+    ],
+)
+def test_a_valid_answer_for_the_present_is_an_act(data, act):
+    row = interfaces.row_of(interfaces.CONTROL_FORCE)
+    assert acts.is_act(row, data, 10, SCENARIO) == act
+
+
+@pytest.mark.parametrize(
+    ('name', 'message', 'pairs', 'act'),
+    [
+        ('run_status', '', {'phase': 'finished', 'tick': '12'}, True),
+        ('run_status', '', {'phase': 'finished', 'tick': 'x'}, False),
+        ('run_status', '', {'phase': 'finished'}, False),
+        ('stage_status', '', {'stage': 'a', 'state': 'refused', 'tick': '0'}, True),
+        ('stage_status', '', {'state': 'refused'}, False),
+        ('recorder_status', 'closed', {}, True),
+        ('recorder_status', 'shut', {}, False),
+        ('node_manifest', '', {'role': 'controller'}, True),
+        ('node_manifest', '', {'role': 'plant', 'file.scenario.yaml': '['}, False),
+    ],
+)
+def test_a_whole_status_of_a_peer_is_an_act(name, message, pairs, act):
+    data = cdr.encode_status(0, '', message, '', pairs)
+    assert acts.is_act(interfaces.row_of(name), data, 10, SCENARIO) == act
+
+
+def set_to(name, **value):
+    parameter = Parameter(name=name, value=ParameterValue(**value))
+    return SetParameters.Request(parameters=[parameter])
+
+
+def test_an_order_of_an_operator_is_an_act():
+    rows = {row.name: row for row in PLANT}
+    whole, far = {'type': 2, 'integer_value': 5}, {'type': 2, 'integer_value': -5}
+    assert acts.is_order('/plant/set_parameters', set_to('step_ticks', **whole), rows)
+    assert not acts.is_order('/plant/set_parameters', set_to('step_ticks', **far), rows)
+    assert not acts.is_order('/plant/set_parameters', set_to('resend_after_s', **whole), rows)
+    assert not acts.is_order('/plant/set_parameters', set_to('step_ticks', type=99), rows)
+    asked = ChangeState.Request(transition=Transition(id=4))
+    assert acts.is_order('/a/change_state', asked, {})
+    asked.transition.label = 'activate'
+    assert not acts.is_order('/a/change_state', asked, {})
+
+
+def test_a_parameter_of_no_type_ends_no_node_and_is_warned_of_by_powers_of_ten(ros_env, capfd):
+    with inside() as inner:
+        inner.start(FlightNode('bare'))
+        for _ in range(6):
+            asked = SetParameters.Request(parameters=[ODD])
+            assert not inner.call(SetParameters, '/bare/set_parameters', asked).results
+            asked = SetParametersAtomically.Request(parameters=[ODD])
+            service = '/bare/set_parameters_atomically'
+            assert not inner.call(SetParametersAtomically, service, asked).result.successful
+        for _ in range(4):
+            asked = SetParameters.Request(parameters=[ODD])
+            inner.call(SetParameters, '/bare/set_parameters', asked)
+    said = [line for line in capfd.readouterr().err.splitlines() if 'was refused' in line]
+    assert len(said) == 3, said  # one for each service, and the tenth of the first
+    assert '99 is not a valid' in said[0] and said[-1].endswith('(10 times)')
+
+
+def manifest(text):
+    pairs = [('role', 'plant'), ('file.scenario.yaml', text)]
+    return conversions.to_status(b'\x00', 'plant', 'manifest', pairs)
+
+
+def test_a_manifest_that_no_plant_can_have_ends_no_node(ros_env, capfd):
+    with inside() as inner:
+        node = inner.start(ControllerNode({'controller': 'handmade', 'scenario': 'quick'}))
+        sender = inner.user.create_publisher(DiagnosticStatus, names.NODE_MANIFEST, qos.LATCHED)
+        inner.until(lambda: node.count_publishers(names.NODE_MANIFEST) > 1)
+        inner.until(sender.get_subscription_count)
+        for text in ('[', '!!python/object:x', 'x' * 200_000):
+            sender.publish(manifest(text))
+            inner.until(lambda: node._complaints['a manifest was ignored'])
+            node._complaints.clear()
+        assert node.exit_code == 0 and node.scenario.name == 'quick'
+    assert all(len(line) < 1000 for line in capfd.readouterr().err.splitlines())
+
+
+def test_bytes_that_are_no_message_are_ignored_in_one_line(ros_env, capfd):
+    with inside() as inner:
+        node, heard = inner.start(FlightNode('bare')), []
+        node.create_subscription(DiagnosticStatus, 'status', heard.append, qos.LATCHED_QUEUE)
+        viewer = FlightNode('viewer')  # it is not spun: it looks when it wants
+        newest = Latest(viewer, names.RELATIVE_STATE)
+        rows = {'status': DiagnosticStatus, names.RELATIVE_STATE: newest._subscription.msg_type}
+        senders = [inner.user.create_publisher(k, n, qos.LATCHED) for n, k in rows.items()]
+        for sender in senders:
+            inner.until(sender.get_subscription_count)
+            for data in NOT_CDR:
+                sender.publish(data)
+        senders[0].publish(DiagnosticStatus(name='good'))
+        inner.until(lambda: heard)
+        assert [status.name for status in heard] == ['good'] and newest.take() is None
+        viewer.destroy_node()
+    assert len(capfd.readouterr().err.splitlines()) == 1
+
+
+def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
+    with inside() as inner:
+        node = inner.start(FlightNode('bare', {'use_sim_time': True}))
+        sender = inner.user.create_publisher(Clock, names.CLOCK, qos.CLOCK)
+        inner.until(sender.get_subscription_count)
+        sender.publish(Clock(clock=Time(sec=-5)))
+        inner.until(lambda: node._complaints)
+        sender.publish(Clock(clock=Time(sec=7)))
+        inner.until(lambda: node.get_clock().now().nanoseconds == 7_000_000_000)
+    assert 'a message on /clock was ignored' in capfd.readouterr().err
+
+
+def endured(ros_env, folder, *arguments, deadline_s):
+    with node_processes(ros_env, folder) as ros:
+        trial = ros.node('rpo_bringup', 'trial', 'fuzz', *arguments)
+        code = trial.wait(deadline_s)
+    assert code == 0, trial.output
+    return trial.output
+
+
+@pytest.mark.timeout(120)
+def test_a_flight_endures_some_hundred_hostile_cases(ros_env, tmp_path):
+    said = endured(ros_env, tmp_path, '--cases', '300', '--nodes', *LOOP, deadline_s=110.0)
+    assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(2700)
+def test_every_node_endures_half_an_hour_of_hostile_cases(ros_env, tmp_path):
+    arguments = ('--cases', '1000000', '--minutes', '30')
+    said = endured(ros_env, tmp_path, *arguments, deadline_s=2600.0)
+    assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said
