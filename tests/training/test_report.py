@@ -30,6 +30,7 @@ from rpo_training.campaign import config, execution
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
 from rpo_training.evaluation import optimal
+from rpo_training.outputs import digest_of
 from rpo_training.report import approach, campaign, logged, page, recognise, run, sensitivity
 from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
 
@@ -196,11 +197,14 @@ def test_a_campaign_where_every_run_succeeds_or_none(store, limit, kept):
 
 @contextmanager
 def files_of(store, texts):
-    """Let the campaign's file say something else."""
-    path = store.folder / 'campaign.yaml'
+    """Let the campaign have begun with another file."""
+    path, versions = store.folder / 'campaign.yaml', store.folder / 'versions.yaml'
+    bound = versions.read_text()
     path.write_text(texts[0])
+    versions.write_text(bound.replace(store.bound, digest_of(*texts)))
     yield
     path.write_text(store.campaign.texts[0])
+    versions.write_text(bound)
 
 
 @pytest.mark.parametrize(

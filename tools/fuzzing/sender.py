@@ -34,8 +34,13 @@ VOLLEY = 48
 ANSWER_S = 15.0
 """Longest wait for the answers: a node that does not answer hangs."""
 CONNECT_S = 30.0
-_RCLPY_SERVICES = 7
-"""Each node has at least these: six of parameters, one of types."""
+_RCLPY_SERVICES = frozenset(
+    (
+        'describe_parameters', 'get_parameter_types', 'get_parameters', 'list_parameters',
+        'set_parameters', 'set_parameters_atomically', 'get_type_description',
+    )
+)  # fmt: skip
+"""Each node has at least these."""
 _TRIES = 20
 _OWN = 'fuzzing'
 _STAMPS = (-1, 0, 1, -5, 5000, 10**6, 10**10, -(10**6), -(10**11))
@@ -140,7 +145,8 @@ class Sender:
         except RuntimeError:  # its name is known, but nothing else yet
             return {}
         services = {service: types[0] for service, types in found}
-        return services if len(services) >= _RCLPY_SERVICES else {}
+        own = {service.rpartition('/')[2] for service in services}
+        return services if own >= _RCLPY_SERVICES else {}
 
     def spin(self, seconds: float) -> None:
         """Take what comes for a time."""
