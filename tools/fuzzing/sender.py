@@ -112,7 +112,12 @@ class Sender:
         Raises NodeProcessError if they are not found in time.
         """
         end, nodes = time.monotonic() + CONNECT_S, ()
-        while len(nodes) < expected or not all(map(self._services, nodes)):
+        # Nodes of others may be counted, too: without the plant nothing can begin.
+        while (
+            len(nodes) < expected
+            or 'plant' not in dict(nodes)
+            or not all(map(self._services, nodes))
+        ):
             if time.monotonic() > end:
                 raise NodeProcessError(f'{len(nodes)} of {expected} nodes found in {CONNECT_S} s')
             self.spin(0.2)

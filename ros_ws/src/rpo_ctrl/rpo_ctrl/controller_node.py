@@ -107,7 +107,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish the decision when it is due; the force is sent already."""
-        self._decision.offer(stamp_ns, self._label, lambda: self._explain(signals))
+        self._decision.offer(stamp_ns, self.scenario, self._label, lambda: self._explain(signals))
 
     def _explain(self, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
         if not self.active or self.controller is None:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 
 from rpo_core.decimation import Decimation
 from rpo_core.explain import Reason
+from rpo_core.scenario import Scenario
 from rpo_ros import conversions, names, qos
 
 
@@ -27,17 +28,19 @@ class DecisionPublisher:
         self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
 
     def offer(
-        self, stamp_ns: int, label: str, explain: Callable[[], tuple[bytes, Sequence[Reason]]]
+        self,
+        stamp_ns: int,
+        scenario: Scenario | None,
+        label: str,
+        explain: Callable[[], tuple[bytes, Sequence[Reason]]],
     ) -> None:
         """Publish the decision on a state if it is due; a repeated state gets it again.
 
+        scenario : of the run; without it, the state before decides what is due
         label : controller and hash of its file
         explain : returns the level, and the reasons of x, y, z
         """
-        if self._decimation.due(stamp_ns, self._before_ns):
-            self._explained_ns = stamp_ns
-        self._before_ns = stamp_ns
-        if stamp_ns != self._explained_ns:
+        if not self._is_due(stamp_ns, scenario):
             return
         level, reasons = explain()
         array = DiagnosticArray()
@@ -48,3 +51,13 @@ class DecisionPublisher:
             status.hardware_id = label
             array.status.append(status)
         self._out.publish(array)
+
+    def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
+        tick = scenario.tick_of(stamp_ns) if scenario is not None else None
+        if scenario is not None and tick is not None:  # a foreign state before changes nothing
+            before_ns = scenario.stamp_ns(tick - 1) if tick else None
+            return self._decimation.due(stamp_ns, before_ns)
+        if self._decimation.due(stamp_ns, self._before_ns):
+            self._explained_ns = stamp_ns
+        self._before_ns = stamp_ns
+        return stamp_ns == self._explained_ns
