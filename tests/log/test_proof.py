@@ -19,9 +19,12 @@ from rpo_core.validation import InputError
 from rpo_log import signature
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.format import sums
+from rpo_log.read.stream import RunReader
 from rpo_log.tools.repair import repair
 from rpo_log.tools.sign import sign_run
 from rpo_log.verify import verify
+from rpo_log.verify.evidence import decision_rate_hz
+from rpo_log.verify.held_forces import held_ticks
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from tools.mutate_runs import Case, run_cases
 from tools.mutations import Parts
@@ -321,3 +324,28 @@ def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
 def test_many_changed_runs_deceive_nobody(recorded):
     found = run_cases(recorded, seed=2, first=0, last=20_000)
     assert not [key for key in found if key[0].split()[0].isupper()]
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        b'[' * 50_000,
+        b'{a: ' * 5_000,
+        b'\xff\xfe',
+        b'plant: [1]\n',
+        b'- 1\n',
+        b'a: &a [*a]\n',
+        b'',
+        b'? {}',
+        b'fuzzy_controller: {decision_rate_hz: .inf}\n',
+        b'plant: {stale_after_ticks: ' + b'9' * 5000 + b'}\n',
+        b'a: !!python/object/apply:os.system [ls]\n',
+        b'plant: {stale_after_ticks: 1e400}\n',
+    ],
+)
+def test_odd_parameters_end_in_no_traceback(tmp_path, content):
+    run = make_run(1.0)
+    Run(run.flight, run.attachments | {'parameters.yaml': content}, TOPICS).write(tmp_path)
+    assert verify(tmp_path).exit_code == ExitCode.OK
+    assert decision_rate_hz(RunReader(tmp_path)) is None
+    assert held_ticks(RunReader(tmp_path)) == -1
