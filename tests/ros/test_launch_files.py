@@ -78,6 +78,31 @@ def test_included_files_exist_and_get_known_arguments(tree):
         assert (BRINGUP / 'launch' / name).is_file()
         given = {tag.get('name') for tag in include.findall('arg')}
         assert not given or given <= set(declared(FILES[name]))
+        # Any other form hides the arguments of the included file from `--show-args`.
+        assert include.get('file') == f'$(find-pkg-share rpo_bringup)/launch/{name}'
+
+
+def test_booleans_are_taken_as_xml_and_as_python_write_them(tree):
+    for argument in tree.findall('arg'):
+        choices = {tag.get('value') for tag in argument.findall('choice')}
+        assert not choices & {'true', 'True'} or choices == {'true', 'false', 'True', 'False'}
+
+
+def test_rviz_keeps_the_simulated_time_of_its_run():
+    """By the wall clock, tf2 refuses the transforms of a second run: they are older."""
+    (rviz,) = (tag for tag in FILES['view.launch.xml'].iter('node') if tag.get('pkg') == 'rviz2')
+    assert {(tag.get('from'), tag.get('to')) for tag in rviz.findall('remap')} == {
+        ('/clock', 'clock')
+    }
+    assert {tag.get('name'): tag.get('value') for tag in rviz.findall('param')} == {
+        'use_sim_time': 'true'
+    }
+
+
+def test_package_xml_declares_whose_nodes_are_started():
+    manifest = ElementTree.parse(BRINGUP / 'package.xml').getroot()
+    started = {tag.get('pkg') for tree in FILES.values() for tag in tree.iter('node')}
+    assert started - {'rpo_bringup'} <= {tag.text for tag in manifest.iter('exec_depend')}
 
 
 def test_an_argument_means_the_same_in_every_file():
