@@ -17,6 +17,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from rpo_core import interfaces
 from rpo_log.format import rosbag2, schemas
+from rpo_log.tools.repair import repair
+from rpo_log.write.side_file import HealthLogWriter
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 QOS_KEYS = [
@@ -246,6 +248,22 @@ def test_whole_file_checksums(log):
     start = log.outer[-1].summary_start
     assert end.data_section_crc == zlib.crc32(content[: start - 13]) != 0
     assert log.outer[-1].summary_crc != 0
+
+
+def test_no_group_of_the_summary_is_empty(folder, tmp_path):
+    """`mcap doctor` calls an empty one an error; files beside the log have no attachments."""
+    health = HealthLogWriter(folder)
+    for stamp_ns in range(3):
+        health.write(stamp_ns, bytes(12))
+    health.close()
+    mended = tmp_path / 'mended.mcap'
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes((folder / 'health.mcap').read_bytes()[:-9])
+    repair(cut, mended)
+    for path, groups in ((folder / 'run.mcap', 6), (folder / 'health.mcap', 5), (mended, 5)):
+        found = Log(path).of(mcap_records.SummaryOffset)
+        assert len(found) == groups, path
+        assert all(group.group_length for group in found)
 
 
 def test_attachments_are_the_bytes_given(log, run):

@@ -50,6 +50,7 @@ class FileRepair:
     chunks, lost_chunks : chunks that could be read, and that could not
     first_ns, last_ns : stamps of the messages
     schemas, channels, counts : records, and numbers of messages, by their ids
+    attachments : whether it has any
     """
 
     path: Path
@@ -62,6 +63,7 @@ class FileRepair:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
+    attachments: bool = False
 
     @property
     def is_whole(self) -> bool:
@@ -114,6 +116,8 @@ class FileRepair:
             self.schemas[record.id] = record
         elif isinstance(record, Channel):
             self.channels[record.id] = record
+        elif isinstance(record, Attachment):
+            self.attachments = True
 
 
 def _bag_topics(files: Iterable[FileRepair]) -> list[rosbag2.BagTopic]:
@@ -188,7 +192,9 @@ def rebuild(path: Path, target: Path) -> FileRepair:
 
 def _write(found: FileRepair, draft: Path, name: str) -> None:
     """Write the draft of a file that has been read through, so that every channel is known."""
-    file = McapFile(draft, found.header.profile, found.header.library)
+    file = McapFile(
+        draft, found.header.profile, found.header.library, attachments=found.attachments
+    )
     open_record, channels = True, None
     try:
         for record in found.read():

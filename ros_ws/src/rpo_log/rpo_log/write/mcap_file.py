@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any, cast
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import rosbag2, schemas
@@ -76,9 +76,18 @@ class McapFile:
 
     Every method that writes may raise OSError; the file then ends with the last whole chunk.
     Nothing in it depends on the wall clock or the machine. The compression level is zstd's own, 3.
+
+    attachments : whether it gets any; an index of none is an error to `mcap doctor`
     """
 
-    def __init__(self, path: Path, profile: str = PROFILE, library: str = LIBRARY) -> None:
+    def __init__(
+        self,
+        path: Path,
+        profile: str = PROFILE,
+        library: str = LIBRARY,
+        *,
+        attachments: bool = True,
+    ) -> None:
         try:
             self._sink = _Sink(path)
         except FileExistsError:
@@ -94,6 +103,7 @@ class McapFile:
             cast(IO[Any], self._sink),
             chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
+            index_types=IndexType.ALL if attachments else IndexType.ALL & ~IndexType.ATTACHMENT,
             enable_data_crcs=True,
         )
         self._writer.start(profile=profile, library=library)
