@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import sys
 
+from rpo_core import missing
+
 # Module that is missing -> layer of `make setup` that brings it.
 _LAYERS = {
     'typer': 'report',
@@ -32,10 +34,10 @@ def main() -> None:
         app()
     except ModuleNotFoundError as error:
         layer = _LAYERS.get((error.name or '').partition('.')[0])
-        if layer is None:
+        sentence = missing.sentence(error.name)
+        if layer is not None:
+            sentence = f'this command needs {error.name}; `make setup LAYERS={layer}` installs it'
+        if sentence is None:
             raise
-        print(
-            f'rpo: this command needs {error.name}; `make setup LAYERS={layer}` installs it',
-            file=sys.stderr,
-        )
+        print(f'rpo: {sentence}', file=sys.stderr)
         sys.exit(2)

@@ -251,19 +251,20 @@ def test_whole_file_checksums(log):
 
 
 def test_no_group_of_the_summary_is_empty(folder, tmp_path):
-    """`mcap doctor` calls an empty one an error; files beside the log have no attachments."""
-    health = HealthLogWriter(folder)
-    for stamp_ns in range(3):
-        health.write(stamp_ns, bytes(12))
-    health.close()
-    mended = tmp_path / 'mended.mcap'
-    cut = tmp_path / 'cut.mcap'
-    cut.write_bytes((folder / 'health.mcap').read_bytes()[:-9])
-    repair(cut, mended)
-    for path, groups in ((folder / 'run.mcap', 6), (folder / 'health.mcap', 5), (mended, 5)):
-        found = Log(path).of(mcap_records.SummaryOffset)
-        assert len(found) == groups, path
-        assert all(group.group_length for group in found)
+    """An empty one is an error to `mcap doctor`: the files beside the log name no groups."""
+    for name, messages in (('empty', 0), ('filled', 3)):
+        (tmp_path / name).mkdir()
+        health = HealthLogWriter(tmp_path / name)
+        for stamp_ns in range(messages):
+            health.write(stamp_ns, bytes(12))
+        health.close()
+    (tmp_path / 'cut.mcap').write_bytes((tmp_path / 'filled/health.mcap').read_bytes()[:-9])
+    repair(tmp_path / 'cut.mcap', tmp_path / 'mended.mcap')
+    beside = [tmp_path / name for name in ('empty/health.mcap', 'filled/health.mcap')]
+    for path in (folder / 'run.mcap', *beside, tmp_path / 'mended.mcap'):
+        groups = Log(path).of(mcap_records.SummaryOffset)
+        assert len(groups) == (6 if path.name == 'run.mcap' else 0)
+        assert all(group.group_length for group in groups)
 
 
 def test_attachments_are_the_bytes_given(log, run):

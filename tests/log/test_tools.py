@@ -7,6 +7,7 @@ from __future__ import annotations
 import csv
 import importlib.util
 import re
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,6 +19,7 @@ from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from rpo_core import cdr
+from rpo_log import commands
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read import stream
 from rpo_log.read.run_log import read_run
@@ -67,6 +69,28 @@ def test_info_of_a_log_cut_short(log, tmp_path):
     found = inspect(tmp_path)
     assert found.exit_code == ExitCode.INCOMPLETE
     assert any('cut short' in line and 'rpo repair' in line for line in found.lines())
+
+
+@pytest.mark.parametrize('damaged', [False, True])
+@pytest.mark.parametrize('command', ['verify', 'info', 'repair'])
+def test_the_commands_of_the_ros_package_are_those_of_rpo(
+    run, tmp_path, monkeypatch, capsys, command, damaged
+):
+    run.write(tmp_path / 'run')
+    log = tmp_path / 'run' / 'run.mcap'
+    log.write_bytes(log.read_bytes()[: 60_000 if damaged else None])
+    words = ['log', 'info'] if command == 'info' else [command]
+    expected = CliRunner().invoke(app, [*words, str(tmp_path / 'run')])
+    shutil.rmtree(tmp_path / 'run-repaired', ignore_errors=True)
+    monkeypatch.setattr('sys.argv', [command, str(tmp_path / 'run')])
+    assert getattr(commands, command)() == expected.exit_code
+    assert capsys.readouterr().out == expected.output != ''
+
+
+def test_a_bad_log_is_one_sentence(monkeypatch, capsys):
+    monkeypatch.setattr('sys.argv', ['verify', '/nowhere'])
+    assert commands.verify() == ExitCode.BAD_INPUT
+    assert capsys.readouterr().err == 'verify: /nowhere: does not exist\n'
 
 
 # diff

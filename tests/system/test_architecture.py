@@ -35,7 +35,17 @@ MAY_IMPORT = {
 }
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
-ROSDEP_KEYS = {'numpy': 'python3-numpy', 'yaml': 'python3-yaml', 'mcap': 'mcap-ros2-support'}
+# As rosdep has them for Ubuntu 24.04, from apt.
+ROSDEP_KEYS = {
+    'numpy': 'python3-numpy',
+    'yaml': 'python3-yaml',
+    'cryptography': 'python3-cryptography',
+    'rich': 'python3-rich',
+}
+# pip brings them: rosdep has no key for mcap, and the other two come with it.
+WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
+# A command that wants one says so, or does without.
+OPTIONAL = {'foxglove', 'matplotlib', 'numba', 'pyarrow'}
 MAX_MODULE_LINES = 400
 
 
@@ -137,7 +147,12 @@ def test_package_declares_what_it_imports(package):
                 needed.add(module)
             elif module in ROSDEP_KEYS:
                 needed.add(ROSDEP_KEYS[module])
+            elif module not in sys.stdlib_module_names:
+                known = module in WITHOUT_KEY | OPTIONAL
+                assert known, f'{path.name} imports {module}: declared how?'
     assert needed <= declared, f'package.xml lacks {sorted(needed - declared)}'
+    keys = {key for key in declared if key.startswith('python3-')}
+    assert keys <= set(ROSDEP_KEYS.values()), 'not a key of rosdep, or not one that is known here'
 
 
 @pytest.mark.parametrize('package', sorted(PACKAGES))

@@ -31,9 +31,19 @@ print(*sys.modules, file=sys.stderr)
 """
 
 
+HIDE = """
+import sys
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in ('mcap', 'lz4', 'zstandard'):
+            raise ModuleNotFoundError(name + ' is hidden', name=name)
+sys.meta_path.insert(0, Hidden())
+"""
+
+
 def help_of(module: str, function: str, name: str, *words: str) -> str:
     """Return what `--help` prints; fails if it imported what takes long."""
-    command = [sys.executable, '-c', HELP, module, function, name, *words, '--help']
+    command = [sys.executable, '-c', HIDE + HELP, module, function, name, *words, '--help']
     done = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert done.returncode == 0, done.stderr
     assert not {loaded.partition('.')[0] for loaded in done.stderr.split()} & SLOW
@@ -56,6 +66,31 @@ def test_final_approach():
     text = help_of('rpo_bringup.commands', 'final_approach', 'final_approach')
     assert text.startswith('usage: final_approach')
     assert '--real-time-factor' in text
+
+
+WITHOUT_MCAP = [
+    ('rpo_log.commands', 'recorder', ()),
+    ('rpo_log.commands', 'replay', ()),
+    ('rpo_log.commands', 'verify', ('runs/demo',)),
+    ('rpo_log.commands', 'info', ('runs/demo',)),
+    ('rpo_log.commands', 'repair', ('runs/demo',)),
+    ('rpo_bringup.commands', 'final_approach', ('--scenario', 'quick')),
+    ('rpo_training.entry', 'main', ('verify', 'runs/demo')),
+    ('rpo_training.entry', 'main', ('log', 'info', 'runs/demo')),
+]
+
+
+@pytest.mark.parametrize(('module', 'function', 'words'), WITHOUT_MCAP)
+def test_without_mcap_one_sentence_names_the_command_that_installs_it(module, function, words):
+    start = (
+        'import importlib; module, function, *sys.argv = sys.argv[1:]; '
+        'sys.exit(getattr(importlib.import_module(module), function)())'
+    )
+    command = [sys.executable, '-c', HIDE + start, module, function, function, *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=50)
+    assert done.returncode == 2, done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert re.search(r'is missing: `python3 -m pip install .*mcap` installs it$', done.stderr)
 
 
 @pytest.mark.parametrize('words', [(), ('train',), ('report',), ('log',)])

@@ -5,14 +5,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
+from rpo_log.log_commands import Finding, show
 from rpo_training.commands.shared import echo
-
-if TYPE_CHECKING:
-    from rpo_log.errors import ExitCode
 
 VERIFY_EXAMPLES = """
 Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
@@ -31,8 +29,8 @@ log = typer.Typer(
 )
 
 
-def _end(code: ExitCode) -> NoReturn:
-    raise typer.Exit(int(code))
+def _show(found: Finding) -> NoReturn:
+    raise typer.Exit(show(found))
 
 
 @log.command(epilog='Example: `rpo log info runs/demo`')
@@ -40,10 +38,7 @@ def info(run: RunArgument) -> None:
     """Print what a log holds, and whether it is complete."""
     from rpo_log.tools.info import inspect
 
-    found = inspect(run)
-    for line in found.lines():
-        echo(line)
-    _end(found.exit_code)
+    _show(inspect(run))
 
 
 @log.command(epilog='Example: `rpo log diff runs/first runs/second`')
@@ -51,10 +46,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
     """Compare two logs, bit for bit; exit code 1 where they differ."""
     from rpo_log.tools.diff import diff as compare
 
-    found = compare(first, second)
-    for line in found.lines():
-        echo(line)
-    _end(found.exit_code)
+    _show(compare(first, second))
 
 
 @log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
@@ -79,10 +71,7 @@ def verify(
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
 
-    found = check(run, trusted)
-    for line in found.lines():
-        echo(line)
-    _end(found.exit_code)
+    _show(check(run, trusted))
 
 
 def keygen(
@@ -115,7 +104,4 @@ def repair(
     """Rebuild a complete log from one that ends early."""
     from rpo_log.tools.repair import repair as rebuild
 
-    found = rebuild(run, output, in_place=in_place)
-    for file in found.files:
-        echo(file.sentence())
-    _end(found.exit_code)
+    _show(rebuild(run, output, in_place=in_place))

@@ -24,6 +24,9 @@ setup(
         'console_scripts': [
             'recorder = rpo_log.commands:recorder',
             'replay = rpo_log.commands:replay',
+            'verify = rpo_log.commands:verify',
+            'info = rpo_log.commands:info',
+            'repair = rpo_log.commands:repair',
         ],
     },
 )

@@ -56,7 +56,7 @@ def _report(folder: Path, plant: PlantNode, wall_s: float) -> None:
     duration_s = plant.scenario.duration_s
     print(f'simulated {duration_s:g} s in {wall_s:.2f} s, start included: {folder}')
     picture = report.show(folder)
-    print(picture or 'no picture: matplotlib is missing, `make setup LAYERS=report` installs it')
+    print(picture or 'no picture: matplotlib is missing (apt: python3-matplotlib; pip: matplotlib)')
 
 
 def main() -> int:

@@ -4,7 +4,9 @@
 
 from functools import partial
 
+from rpo_log.log_commands import main
 from rpo_ros.entry_point import start_node
 
 recorder = partial(start_node, 'rpo_log.recorder_node')
 replay = partial(start_node, 'rpo_log.replay_node')
+verify, info, repair = (partial(main, command) for command in ('verify', 'info', 'repair'))

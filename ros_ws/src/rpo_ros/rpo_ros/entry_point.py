@@ -23,10 +23,22 @@ def _leave(_number: int, _frame: FrameType | None) -> None:
 
 
 def start(module: str) -> int:
-    """Return the exit code of a module's `main`; `rpo_ros.running` then takes over the signals."""
+    """Return the exit code of a module's `main`; `rpo_ros.running` then takes over the signals.
+
+    Without mcap, which rosdep cannot install, one sentence says what does.
+    """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _leave)
-    code: int = import_module(module).main()
+    try:
+        code: int = import_module(module).main()
+    except ModuleNotFoundError as error:
+        from rpo_core import missing
+
+        sentence = missing.sentence(error.name)
+        if sentence is None:
+            raise
+        print(sentence, file=sys.stderr)
+        return EXIT_BAD_INPUT
     gc.freeze()  # else the interpreter collects the objects of numba at exit, which takes seconds
     return code
 

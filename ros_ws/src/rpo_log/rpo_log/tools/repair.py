@@ -157,6 +157,10 @@ class Repair:
         lost = any(file.lost_chunks for file in self.files)
         return ExitCode.INCOMPLETE if lost else ExitCode.OK
 
+    def lines(self) -> list[str]:
+        """Return what was done, one line for each file."""
+        return [file.sentence() for file in self.files]
+
 
 def examine(path: Path) -> FileRepair:
     """Return what a file holds and what is wrong with it; raises LogError."""
@@ -193,7 +197,7 @@ def rebuild(path: Path, target: Path) -> FileRepair:
 def _write(found: FileRepair, draft: Path, name: str) -> None:
     """Write the draft of a file that has been read through, so that every channel is known."""
     file = McapFile(
-        draft, found.header.profile, found.header.library, attachments=found.attachments
+        draft, found.header.profile, found.header.library, summary_offsets=found.attachments
     )
     open_record, channels = True, None
     try:

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import IO, Any, cast
 
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, Writer
 
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import rosbag2, schemas
@@ -77,7 +77,8 @@ class McapFile:
     Every method that writes may raise OSError; the file then ends with the last whole chunk.
     Nothing in it depends on the wall clock or the machine. The compression level is zstd's own, 3.
 
-    attachments : whether it gets any; an index of none is an error to `mcap doctor`
+    summary_offsets : whether the summary says where its groups are. The library lists empty groups
+        too, an error to `mcap doctor`: so not for a file without attachments or messages
     """
 
     def __init__(
@@ -86,7 +87,7 @@ class McapFile:
         profile: str = PROFILE,
         library: str = LIBRARY,
         *,
-        attachments: bool = True,
+        summary_offsets: bool = True,
     ) -> None:
         try:
             self._sink = _Sink(path)
@@ -103,7 +104,7 @@ class McapFile:
             cast(IO[Any], self._sink),
             chunk_size=_UNLIMITED,
             compression=CompressionType.ZSTD,
-            index_types=IndexType.ALL if attachments else IndexType.ALL & ~IndexType.ATTACHMENT,
+            use_summary_offsets=summary_offsets,
             enable_data_crcs=True,
         )
         self._writer.start(profile=profile, library=library)

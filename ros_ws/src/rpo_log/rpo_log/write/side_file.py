@@ -44,7 +44,7 @@ class SideFile:
         self._stamps = (0, 0)
         self._path, self._name = path, name
         self.name = path.name
-        self._file = McapFile(path, attachments=False)
+        self._file = McapFile(path, summary_offsets=False)
         try:
             self._add_rosbag2_record()
             self._channel = self._file.add_topic(BagTopic.of(name, ARRAY_TYPE, LOCKSTEP))

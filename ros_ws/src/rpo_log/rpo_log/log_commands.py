@@ -1,0 +1,103 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run rpo_log verify`, `info` and `repair`: the commands of `rpo`, where only ROS 2 is."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Protocol
+
+from rpo_core import missing
+from rpo_core.validation import InputError, printable
+from rpo_log.errors import ExitCode
+
+_DESCRIPTIONS = {
+    'verify': 'Compute a logged flight again, bit for bit; print what is proven and what is not.',
+    'info': 'Print what a log holds, and whether it is complete.',
+    'repair': 'Rebuild a complete log from one that ends early.',
+}
+_EPILOG = """example:
+  ros2 run rpo_log {} runs/demo
+
+exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete
+"""
+
+
+class Finding(Protocol):
+    """What a command found."""
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Exit code of the command."""
+
+    def lines(self) -> Iterable[str]:
+        """Return what the command prints."""
+
+
+def parser(command: str) -> argparse.ArgumentParser:
+    """Return the parser of the command line of one command."""
+    found = argparse.ArgumentParser(
+        prog=f'ros2 run rpo_log {command}',
+        description=_DESCRIPTIONS[command],
+        epilog=_EPILOG.format(command),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    found.add_argument('run', type=Path, help='run folder or .mcap file')
+    if command == 'verify':
+        found.add_argument(
+            '--trusted',
+            type=Path,
+            metavar='KEYS',
+            help='public key, or folder of them (*.pem): one must have signed the run',
+        )
+    if command == 'repair':
+        found.add_argument('--output', type=Path, help='where the repaired log goes')
+        found.add_argument(
+            '--in-place',
+            action='store_true',
+            help='replace the log; the damaged one is set aside',
+        )
+    return found
+
+
+def show(found: Finding) -> int:
+    """Print what a command found; return its exit code. Names in a log may be anything."""
+    for line in found.lines():
+        print(printable(line))
+    return int(found.exit_code)
+
+
+def _find(command: str, options: argparse.Namespace) -> Finding:
+    if command == 'verify':
+        from rpo_log.verify import verify
+
+        return verify(options.run, options.trusted)
+    if command == 'info':
+        from rpo_log.tools.info import inspect
+
+        return inspect(options.run)
+    from rpo_log.tools.repair import repair
+
+    return repair(options.run, options.output, in_place=options.in_place)
+
+
+def main(command: str) -> int:
+    """Entry point of `ros2 run rpo_log` with the name of the command."""
+    options = parser(command).parse_args()
+    try:
+        found = _find(command, options)
+    except InputError as error:
+        print(f'{command}: {error}', file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    except ModuleNotFoundError as error:
+        sentence = missing.sentence(error.name)
+        if sentence is None:
+            raise
+        print(f'{command}: {sentence}', file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    except KeyboardInterrupt:
+        return 130
+    return show(found)
