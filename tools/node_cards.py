@@ -20,6 +20,8 @@ Outcomes = tuple[tuple[str, str], ...]
 MEANINGS = {
     **{row.topic: row.meaning for row in interfaces.rows()},
     names.MARKERS: 'target, chaser, thrust, trail, corridor',
+    names.TF: 'from target LVLH to the chaser, where `tf2_msgs` is installed'
+    f' (namespaces: remap it to `{names.TF[1:]}`)',
     names.CHASER_POSE: 'pose of the chaser in target LVLH',
     f'{names.CONTROL_FORCE}_raw': 'messages of the sender, before the faults (`from_topic`)',
     '~/transition_event': 'each change of the lifecycle state',
@@ -69,6 +71,7 @@ class Card:
     cls : name of its class in the module <executable>_node
     trial : parameters for its start by `node_pages`, to find its topics
     listens : its topics, for a node that needs an optional layer and is not started
+    publishes_tf : it does where `tf2_msgs` is installed, which the ROS 2 wheels lack
     """
 
     package: str
@@ -78,6 +81,7 @@ class Card:
     exit_codes: Mapping[int, str] = field(default_factory=lambda: _CODES)
     trial: Mapping[str, Any] = field(default_factory=dict)
     listens: tuple[str, ...] = ()
+    publishes_tf: bool = False
 
     @property
     def module(self) -> ModuleType:
@@ -172,7 +176,8 @@ CARDS = (
         ('the reaction is refused', 'logged as a warning'), _SIGNAL)),
     Card('rpo_view', 'visualizer', 'VisualizerNode', (
         _BAD_OUTCOME, ('`tf2_msgs` is not installed', 'says so; `/tf` is not published'),
-        ('messages faster than `rate_hz`', 'only the latest is shown'), _SIGNAL)),
+        ('messages faster than `rate_hz`', 'only the latest is shown'), _SIGNAL),
+         publishes_tf=True),
     Card('rpo_view', 'web', 'WebNode', (
         _BAD_OUTCOME, ('the port is taken', 'one sentence, exit code 2'), _SIGNAL),
          trial={'port': 0}),

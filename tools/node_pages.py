@@ -24,7 +24,7 @@ from rpo_core import cdr, controller, files, scenario
 from rpo_core.flight import fly
 from rpo_log.format import run
 from rpo_log.write.writer import RunLogWriter
-from rpo_ros import names
+from rpo_ros import names, qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode
 from tools.node_cards import CARDS, MEANINGS, Card
@@ -32,7 +32,7 @@ from tools.node_cards import CARDS, MEANINGS, Card
 INDEX = 'index.md'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
 _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
-"""Topics of every node, and a topic that not every machine has."""
+"""Topics of every node, and a topic that not every machine has: its row comes from the card."""
 
 _STOCK_SERVICES = ('parameter', 'get_type_description')
 
@@ -136,7 +136,11 @@ def _found(card: Card, folder: Path) -> tuple[list[tuple[str, ...]], list[tuple[
         return [('listens', f'`{name}`', '', '', _meaning(name)) for name in card.listens], []
     node = _make(card, folder)
     try:
-        return list(_topics(node)), list(_services(node))
+        topics = list(_topics(node))
+        if card.publishes_tf:
+            row = (f'`{names.TF}`', '`tf2_msgs/TFMessage`', _qos(qos.TF), _meaning(names.TF))
+            topics.insert(0, ('publishes', *row))
+        return topics, list(_services(node))
     finally:
         node.close()
         node.destroy_node()

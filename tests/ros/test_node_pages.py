@@ -9,7 +9,7 @@ from tools import node_pages
 from tools.node_cards import CARDS, MEANINGS
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = {'final_approach', 'trial', 'node_pages', 'ping_pong'}
+COMMANDS = {'final_approach', 'trial', 'node_pages', 'ping_pong', 'verify', 'info', 'repair'}
 """Executables that are no nodes."""
 
 
@@ -19,6 +19,7 @@ def test_the_pages_are_not_stale(ros_env):
     stale = sorted(name for name in {*written, *found} if written.get(name) != found.get(name))
     assert not stale, 'write them anew: ros2 run rpo_bringup node_pages docs/nodes'
     said = ''.join(found.values())
+    assert '| publishes | `/tf` | `tf2_msgs/TFMessage` |' in found['visualizer.md']
     unused = [name for name in MEANINGS if f'`{name}`' not in said]
     assert not unused, 'no node has them any more'
 

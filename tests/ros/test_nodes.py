@@ -123,6 +123,7 @@ def test_bad_input_is_one_sentence_and_nothing_starts(ros, case):
     lines = [line for line in node.output.splitlines() if line.strip()]
     assert len(lines) == 1, node.output
     assert all(text in lines[0] for text in said), lines[0]
+    assert f'[{name}]: ' in lines[0]
 
 
 def test_a_bad_controller_file_is_named_with_its_field(ros):

@@ -69,7 +69,10 @@ class FlightNode(Node):
 
     done : the node sets it at the end of its work
     exit_code : of the process; 0 unless the node changes it
+    newest : name of the logger of the node that was made last: if it cannot be made, it says why
     """
+
+    newest = ''
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         self._complaints: Counter[str] = Counter()
@@ -79,6 +82,7 @@ class FlightNode(Node):
                 Parameter(key, value=value) for key, value in (overrides or {}).items()
             ],
         )
+        FlightNode.newest = self.get_logger().name
         self.done = False
         self.exit_code = 0
 
@@ -254,6 +258,7 @@ def run(
     executor_kind : SingleThreadedExecutor for nodes that need callback groups
     """
     stop = StopSignal()  # first: loading and compiling take seconds
+    FlightNode.newest = Path(sys.argv[0]).stem or 'rpo'
     nodes: Sequence[FlightNode] = ()
     try:
         nodes = _begin(make, args)
@@ -261,7 +266,7 @@ def run(
         return next((node.exit_code for node in nodes if node.exit_code), 0)
     except InputError as error:
         if rclpy.ok():
-            get_logger('rpo').error(str(error))
+            get_logger(FlightNode.newest).error(str(error))
         else:
             print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
