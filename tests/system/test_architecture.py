@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from catkin_pkg.changelog import Changelog, populate_changelog_from_rst
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / 'ros_ws' / 'src'
@@ -160,6 +161,24 @@ def test_version_is_said_once(package):
     manifest = ElementTree.parse(PACKAGES[package] / 'package.xml').getroot()
     setup = (PACKAGES[package] / 'setup.py').read_text()
     assert re.search(r"version='([^']+)'", setup).group(1) == manifest.findtext('version')
+
+
+@pytest.mark.parametrize('package', sorted(PACKAGES))
+def test_a_package_has_what_a_release_needs(package):
+    folder = PACKAGES[package]
+    manifest = ElementTree.parse(folder / 'package.xml').getroot()
+    kinds = {tag.get('type') for tag in manifest.findall('url')}
+    assert kinds == {'website', 'repository', 'bugtracker'}
+    assert manifest.find('maintainer').get('email')
+    licence = manifest.find('license')
+    assert (folder / licence.get('file')).read_bytes() == (ROOT / 'LICENSE').read_bytes()
+    assert (folder / 'README.md').read_text().startswith(f'# {package}\n')
+    changes = (folder / 'CHANGELOG.rst').read_text()
+    assert f'\nChangelog for package {package}\n' in changes
+    found = Changelog(package)  # the parser passes over what is not released
+    released = changes.replace('Forthcoming\n-----------', '9.9.9 (2026-01-01)\n------------------')
+    populate_changelog_from_rst(found, released)
+    assert found.get_content_of_version('9.9.9')
 
 
 def test_every_source_file_names_owner_and_licence():
