@@ -5,15 +5,18 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import shlex
 import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
 import typer
+import yaml
 from doc_blocks import (
     DOCS,
     PAGES,
@@ -27,7 +30,7 @@ from doc_blocks import (
     run_line,
 )
 
-from rpo_core import baselines, controller
+from rpo_core import baselines, controller, missing
 from rpo_core.disturbance import Disturbance, Harmonic
 from rpo_core.fuzzy import MembershipFunctions
 from rpo_core.navigation import Navigation
@@ -112,6 +115,57 @@ def test_the_site_leads_to_every_page():
         name = page.relative_to(DOCS).as_posix()
         folder = f'{page.parent.name}/'
         assert f' {name}\n' in f'{nav}\n' or f' {folder}\n' in f'{nav}\n', f'{name} is not in nav'
+
+
+# --- the page of the ROS workspace, and the files that do the same for a machine --------------
+
+WORKFLOW = yaml.safe_load((ROOT / '.github/workflows/ros.yml').read_text())
+DOCKERFILE = (ROOT / 'Dockerfile').read_text().replace('\\\n', ' ')
+SCRIPTS = {
+    job: [step['run'] for step in document['steps'] if 'run' in step]
+    for job, document in WORKFLOW['jobs'].items()
+}
+
+
+def understood(script: str) -> bool:
+    """Whether bash can read a script; nothing is run."""
+    done = subprocess.run(['bash', '-n'], input=script, text=True, capture_output=True)
+    return done.returncode == 0 and not done.stderr
+
+
+def test_machines_build_a_ros_workspace_as_the_page_does(monkeypatch):
+    """Docker and GitHub are not here: these files are read, not run."""
+    blocks_of_page = [block for block in BLOCKS if block.page.name == 'ros_workspace.md']
+    page = {line for block in blocks_of_page for line in block.lines}
+    assert all(understood(script) for scripts in SCRIPTS.values() for script in scripts)
+    workspace = '\n'.join(SCRIPTS['workspace'])
+    steps = [line for line in page if re.match(r'rosdep install|colcon (build|test)$', line)]
+    steps += [line for line in page if '--break-system-packages' in line]
+    assert len(steps) == 4
+    assert all(re.search(f'^{re.escape(line)}', workspace, re.MULTILINE) for line in steps)
+    for word in ('rosdep install', 'colcon build', '--break-system-packages'):
+        assert word in DOCKERFILE
+    monkeypatch.setattr('sys.prefix', sys.base_prefix)  # no virtual environment
+    assert any(line in missing.sentence('mcap.writer') for line in page if 'pip install' in line)
+    used = {tuple(shlex.split(line)[2:4]) for line in workspace.splitlines() if 'ros2 run' in line}
+    assert used == {('rpo_bringup', 'final_approach'), ('rpo_log', 'verify')}
+
+
+def test_the_container_files_can_be_read():
+    instructions = [line.partition(' ') for line in DOCKERFILE.splitlines() if line.strip('# ')]
+    instructions = [parts for parts in instructions if not parts[0].startswith('#')]
+    assert {word for word, _, _ in instructions} <= {
+        *('FROM', 'SHELL', 'WORKDIR', 'COPY', 'RUN', 'CMD')
+    }
+    assert all(understood(rest) for word, _, rest in instructions if word == 'RUN')
+    assert all(json.loads(rest) for word, _, rest in instructions if word in ('CMD', 'SHELL'))
+    copied = [rest.split()[0] for word, _, rest in instructions if word == 'COPY']
+    assert all((ROOT / path).is_dir() for path in copied)
+    stages = [rest.rpartition(' AS ')[2] for word, _, rest in instructions if word == 'FROM']
+    container = json.loads((ROOT / '.devcontainer/devcontainer.json').read_text())
+    assert container['build']['target'] in stages
+    assert (ROOT / '.devcontainer' / container['build']['dockerfile']).is_file()
+    assert understood(container['postCreateCommand'])
 
 
 # --- the page of requirements ----------------------------------------------------------------
