@@ -168,7 +168,8 @@ class _Verifier:
                 made, known = self.controllers.any_of(
                     block, link.stage.outputs[0], (made, known),
                     lambda other, names: other.run(
-                        block.ticks, [signals[name] for name in names], active, began),  # noqa: B023
+                        block.ticks, [signals[name] for name in names],
+                        active, began),  # noqa: B023
                     active)  # fmt: skip
             if link.place is Place.DYNAMICS:
                 yield self._next_states(block, made[0], known)
