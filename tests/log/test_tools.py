@@ -6,8 +6,11 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -85,6 +88,17 @@ def test_the_commands_of_the_ros_package_are_those_of_rpo(
     monkeypatch.setattr('sys.argv', [command, str(tmp_path / 'run')])
     assert getattr(commands, command)() == expected.exit_code
     assert capsys.readouterr().out == expected.output != ''
+
+
+def test_nobody_reads_on(log):
+    """`ros2 run rpo_log info runs/demo | head` ends without a traceback."""
+    read, write = os.pipe()
+    os.close(read)
+    start = 'import sys; from rpo_log import commands; sys.exit(commands.info())'
+    command = [sys.executable, '-c', start, str(log)]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=50)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, '')
 
 
 def test_a_bad_log_is_one_sentence(monkeypatch, capsys):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -100,4 +101,10 @@ def main(command: str) -> int:
         return ExitCode.BAD_INPUT
     except KeyboardInterrupt:
         return 130
-    return show(found)
+    try:
+        code = show(found)
+        sys.stdout.flush()
+    except BrokenPipeError:  # as by `| head`: nobody reads on, at exit neither
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = int(found.exit_code)
+    return code
