@@ -15,11 +15,12 @@ import signal
 import sys
 import threading
 import time
+import weakref
 from collections import Counter
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -70,9 +71,11 @@ class FlightNode(Node):
     done : the node sets it at the end of its work
     exit_code : of the process; 0 unless the node changes it
     newest : name of the logger of the node that was made last: if it cannot be made, it says why
+    alive : the nodes of this process, also those that did not get ready
     """
 
     newest = ''
+    alive: ClassVar[weakref.WeakSet[FlightNode]] = weakref.WeakSet()
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         self._complaints: Counter[str] = Counter()
@@ -83,6 +86,7 @@ class FlightNode(Node):
             ],
         )
         FlightNode.newest = self.get_logger().name
+        FlightNode.alive.add(self)
         self.done = False
         self.exit_code = 0
 
@@ -259,6 +263,7 @@ def run(
     """
     stop = StopSignal()  # first: loading and compiling take seconds
     FlightNode.newest = Path(sys.argv[0]).stem or 'rpo'
+    others = set(FlightNode.alive)
     nodes: Sequence[FlightNode] = ()
     try:
         nodes = _begin(make, args)
@@ -271,7 +276,8 @@ def run(
             print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
     finally:
-        for node in nodes:
+        # Also those that did not get ready: destroyed by Python at its end, they may crash it.
+        for node in set(FlightNode.alive) - others:
             node.destroy_node()
         rclpy.try_shutdown()
         stop.ignore()
