@@ -13,6 +13,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from email.message import Message
 from importlib.util import find_spec
 from pathlib import Path
@@ -35,7 +36,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from rpo_core import files
 from rpo_core.validation import InputError
 from rpo_ros import conversions, names, qos
-from rpo_view import scene, terminal
+from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address
 from rpo_view.live import LiveRun
 from rpo_view.local import refusal
@@ -153,6 +154,8 @@ def test_numbers_beyond_all_floats_are_not_shown():
     run.on_state(START_NS, (0.0, 0.0, 0.0, 1.7e308, 1.7e308, 0.0))
     run.on_decision('x', 'so', {'rule.Z.Z.Z': 'inf', 'rule.SN.Z.Z': '1e999'})
     assert run.position_m == STATE[:3]
+    run.force_n = (1.7e308, 1.7e308, 0.0)
+    run.on_state(START_NS + 10**10, STATE)
     json.dumps(run.snapshot('/relative_state'), allow_nan=False)
 
 
@@ -198,11 +201,62 @@ def test_the_terminal_view_names_units_and_reasons():
     assert '72.8' in terminal.line(heard(), '/relative_state')
 
 
-@pytest.mark.parametrize(('share', 'left', 'right'), [(-1.0, 15, 0), (0.5, 0, 8), (9.0, 0, 15)])
+def test_effort_and_rates_of_a_run_are_shown():
+    """Δv, duty, range rate and arrival: of what was seen, each force held until the next."""
+    run = LiveRun()
+    text = files.read_text(files.find('scenario', 'quick'))
+    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
+    assert run.snapshot('/s')['range_rate_m_s'] is None
+    for tick, x in ((0, 4.0), (10, 3.0), (20, 0.4), (30, 0.3)):
+        run.on_state(START_NS + tick * 100_000_000, (x, 3.0 if x > 1 else 0.0, 0.0, -0.5, 0.0, 0.0))
+        run.force_n = (-0.25, 0.25, 0.0)
+    shown = run.snapshot('/s')
+    assert shown['delta_v_m_s'] == pytest.approx(0.5 * 3.0 / run.scenario.mass_kg)
+    assert shown['duty'] == pytest.approx(0.5 / 3.0 / run.scenario.max_force_n)
+    assert (shown['inside_s'], shown['range_rate_m_s']) == (2.0, -0.5)
+    run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
+    assert run.range_rate_m_s == pytest.approx(-0.4) and run.delta_v_m_s is None
+
+
+def test_a_small_terminal_shows_all_of_it():
+    """At 80 x 24 half of the force bars was cut."""
+    run = heard()
+    run.scenario = replace(run.scenario, goal_position_m=(0.0, 10.0, 0.0))
+    sentence = (
+        'position error is large negative and velocity error is small positive → '
+        'force small negative, 0.94'
+    )
+    rules = {f'rule.{p}.SP.SN': '0.25' for p in ('LN', 'SN', 'Z', 'SP')}
+    for axis in 'xyz':
+        run.on_decision(axis, sentence, rules)
+    run.on_state(START_NS + 2 * 10**9, (-100.0, -100.0, -100.0, -1.0, -1.0, -1.0))
+    console = Console(width=80, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
+    console.print(terminal.view(run, '/relative_state'))
+    lines = console.export_text().splitlines()
+    assert len(lines) <= 24 and max(map(len, lines)) <= 80
+    assert sum('│·' in line or '·│' in line for line in lines) == 3
+    assert not any('…' in line for line in lines)
+    assert 'Δv about' in '\n'.join(lines) and 'range rate' in '\n'.join(lines)
+
+
+def test_zero_has_no_sign():
+    assert terminal.fixed(-0.0001, 3) == '0.000' and terminal.fixed(-0.0001, 4, '+') == '-0.0001'
+
+
+def test_the_page_fits_a_phone_and_shows_rules_as_the_surface_does():
+    """The live test looks at it in a browser, where there is one."""
+    text = web_server.page().decode()
+    assert '@media (max-width: 480px)' in text
+    assert '[...WORDS].reverse().map(v =>' in text  # LP of the velocity error is at the top
+    for words in ('range rate', 'Δv', 'thruster duty', 'Closing speed against range'):
+        assert words in text
+
+
+@pytest.mark.parametrize(('share', 'left', 'right'), [(-1.0, 10, 0), (0.5, 0, 5), (9.0, 0, 10)])
 def test_a_bar_starts_from_the_middle(share, left, right):
     before, after = terminal.bar(share, 'red').plain.split('│')
     assert (before.count('█'), after.count('█')) == (left, right)
-    assert len(before) == len(after) == 15
+    assert len(before) == len(after) == 10
 
 
 def get(url: str, host: str = '', origin: str = '') -> tuple[int, str]:

@@ -87,15 +87,16 @@ def test_the_page_follows_a_flight(ros_env, tmp_path):
             look(page, WIDTH, theme)
             time.sleep(0.5)
             page.screenshot(pictures / f'live_{theme}.png')
-            assert all(ink(page, canvas) > 5 for canvas in ('plane', 'side', 'strip'))
+            assert all(ink(page, canvas) > 5 for canvas in ('plane', 'side', 'strip', 'closing'))
         page.evaluate('el("close").click()')
         until(page, 'now.phase === "finished"')
-        look(page, 600, 'light')  # a narrow window: one column, nothing wider than it
-        time.sleep(0.5)
-        assert page.evaluate('document.documentElement.scrollWidth') <= 600
+        for width in (600, 390):  # a narrow window, a phone: one column, nothing wider than it
+            look(page, width, 'light')
+            time.sleep(0.5)
+            assert page.evaluate('document.documentElement.scrollWidth') <= width
         assert web.stop() == 0
         until(page, 'stale')
-        assert 'does not answer' in page.evaluate('el("sentence").textContent')
+        assert 'no connection to the server' in page.evaluate('el("sentence").textContent')
         assert all(request.startswith((url, 'data:')) for request in page.requests)
         # Not the page's: the server that ended, and this test's looking at the canvases.
         own = [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
@@ -114,7 +115,7 @@ def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
             assert time.monotonic() < end
             executor.spin_once(timeout_sec=0.05)
             node.look()
-    console = Console(width=106, record=True, file=(tmp_path / 'out.txt').open('w'))
+    console = Console(width=80, record=True, file=(tmp_path / 'out.txt').open('w'))
     console.print(terminal.view(node.live, node.topic))
     for name, theme in (('light', DEFAULT_TERMINAL_THEME), ('dark', SVG_EXPORT_THEME)):
         svg = console.export_svg(title='rpo watch', theme=theme, clear=False)

@@ -77,14 +77,17 @@ FORCES = 'Force, and the share of the input square where the rule decides its wo
 
 
 def force_rows(system: FuzzySystem) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the rule table, each cell with the share where it decides."""
+    """Return headings and rows of the rule table, each cell with the share where it decides.
+
+    Large positive velocity errors come first: up, as in the pictures of the surface.
+    """
     shares = activities(system)
     rows = []
     for row, word in enumerate(WORDS):
         cells = shares[5 * row : 5 * row + 5]
         forces = (f'{cell.force} {cell.decides:.0%}' for cell in cells)
         rows.append((f'{word} ({SPOKEN[word]})', *forces))
-    return ('velocity error ↓ position error →', *WORDS), rows
+    return ('velocity error ↑ position error →', *WORDS), rows[::-1]
 
 
 WELL = 'Every rule decides somewhere, no hole, the rules are monotone.'

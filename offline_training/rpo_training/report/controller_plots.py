@@ -41,7 +41,7 @@ def membership_functions(controller: FuzzyController) -> Any:
     ):
         for grades, word, colour in zip(functions.grades(x).T, WORDS, style.WORDS, strict=True):
             axes.plot(scale * x, np.where(grades > 0.0, grades, np.nan), label=word, color=colour)
-        axes.set(xlabel=name, ylabel='grade [1]', xlim=(-scale, scale), ylim=(0.0, 1.05))
+        axes.set(xlabel=name, ylabel='grade', xlim=(-scale, scale), ylim=(0.0, 1.05))
     style.legend_below(figure, panels[0])
     return figure
 
@@ -63,7 +63,7 @@ def rules(controller: FuzzyController) -> Any:
         xticklabels=WORDS,
         yticklabels=WORDS,
         xlim=(-0.5, 4.5),
-        ylim=(4.5, -0.5),
+        ylim=(-0.5, 4.5),
         xlabel='word of the position error',
         ylabel='word of the velocity error',
         title='word of the force',
@@ -102,9 +102,7 @@ def starts(found: Assessment) -> Any:
         share = np.sort(found.metrics[:, column]) / limit
         conditions.step(share, count, where='post', color=colour, label=name)
     conditions.axvline(1.0, **style.LIMIT, label='limit')
-    conditions.set(
-        xlabel='share of its limit [1]', ylabel='starts that stay below [1]', xlim=(0.0, None)
-    )
+    conditions.set(xlabel='share of its limit', ylabel='starts that stay below', xlim=(0.0, None))
     style.legend_below(figure, energy, conditions, columns=3)
     return figure
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from rpo_core import files
 from rpo_core import scenario as scenarios
+from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario import Scenario
 from rpo_core.validation import MOST_NAME, InputError, printable
 from rpo_view.trail import Trail
@@ -61,6 +62,36 @@ def _number(text: str) -> float | None:
 
 
 @dataclass
+class Effort:
+    """Impulse and arrival, of what a viewer sees: it skips messages, so both are approximate.
+
+    impulse_n_s : integral of |f_x| + |f_y| + |f_z|, each force held until the next one seen
+    seconds : over which it is counted; inside_s : since then within 0.5 m per axis, None outside
+    """
+
+    impulse_n_s: float = 0.0
+    seconds: float = 0.0
+    inside_s: float | None = None
+    _last_s: float | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether there is an impulse; foreign forces may add up beyond all floats."""
+        return self.seconds > 0.0 and math.isfinite(self.impulse_n_s)
+
+    def add(self, time_s: float, error_m: Vector, force_n: Vector | None) -> None:
+        """Take the position from the goal at a time, and the force since the time before."""
+        if self._last_s is not None and force_n is not None:
+            self.impulse_n_s += sum(map(abs, force_n)) * (time_s - self._last_s)
+            self.seconds += time_s - self._last_s
+        self._last_s = time_s
+        if max(map(abs, error_m)) > MAX_ARRIVAL_DISTANCE_M:
+            self.inside_s = None
+        elif self.inside_s is None:
+            self.inside_s = time_s
+
+
+@dataclass
 class LiveRun:
     """The run as far as messages came; None where none came. Foreign texts are printable here.
 
@@ -80,6 +111,7 @@ class LiveRun:
     force_n: Vector | None = None
     disturbance_n: Vector | None = None
     decisions: dict[str, AxisDecision] = field(default_factory=dict)
+    effort: Effort = field(default_factory=Effort)
     flights: int = 0
     _stamp_ns: int = 0
     _first_ns: int = 0
@@ -94,6 +126,7 @@ class LiveRun:
         self._stamp_ns, self._heard_s = stamp_ns, self.clock()
         self.position_m, self.velocity_m_s = tuple(state[:3]), tuple(state[3:])
         self.trail.add(self.position_m)
+        self.effort.add(self.time_s, self.errors[:3], self.force_n)
 
     def _begin(self, stamp_ns: int) -> None:
         self.flights += 1
@@ -101,6 +134,7 @@ class LiveRun:
         self.trail.clear()
         self.decisions.clear()
         self.force_n = self.disturbance_n = None
+        self.effort = Effort()
 
     def on_status(self, message: str, values: Mapping[str, str]) -> None:
         """Take a run_status."""
@@ -129,6 +163,40 @@ class LiveRun:
         """Simulated time since the start of the run."""
         begun_ns = self.scenario.epoch_ns if self.scenario is not None else self._first_ns
         return (self._stamp_ns - begun_ns) / _NANOSECONDS
+
+    @property
+    def errors(self) -> Vector:
+        """State (6,) from the goal [m, m/s], target LVLH; empty if none came."""
+        state = (*(self.position_m or ()), *(self.velocity_m_s or ()))
+        return self.scenario.from_goal(state) if self.scenario is not None and state else state
+
+    @property
+    def range_m(self) -> float:
+        """Distance from the goal."""
+        return math.hypot(*self.errors[:3])
+
+    @property
+    def range_rate_m_s(self) -> float:
+        """How fast the distance from the goal grows; negative: it closes."""
+        errors, range_m = self.errors, self.range_m
+        if range_m == 0.0:
+            return 0.0
+        return sum(r / range_m * v for r, v in zip(errors[:3], errors[3:], strict=True))
+
+    @property
+    def delta_v_m_s(self) -> float | None:
+        """Velocity change commanded so far, the sum of the axes, about; None if not known."""
+        if self.scenario is None or not self.effort.known:
+            return None
+        return self.effort.impulse_n_s / self.scenario.mass_kg
+
+    @property
+    def duty(self) -> float | None:
+        """Mean |force| as a share of the limit, of all axes, about; None if not known."""
+        if self.scenario is None or not self.effort.known:
+            return None
+        most_n_s = 3.0 * self.scenario.max_force_n * self.effort.seconds
+        return self.effort.impulse_n_s / most_n_s
 
     @property
     def silent_s(self) -> float | None:
@@ -163,7 +231,12 @@ class LiveRun:
             'time_s': self.time_s if position else None,
             'position_m': position,
             'velocity_m_s': velocity,
-            'range_m': math.hypot(*position) if position else None,
+            'range_m': self.range_m if position else None,
+            'range_rate_m_s': self.range_rate_m_s if position else None,
+            'of_goal': self.scenario is not None and self.scenario.goal is not None,
+            'delta_v_m_s': self.delta_v_m_s,
+            'duty': self.duty,
+            'inside_s': self.effort.inside_s,
             'speed_m_s': math.hypot(*velocity) if velocity else None,
             'force_n': self.force_n,
             'disturbance_n': self.disturbance_n,

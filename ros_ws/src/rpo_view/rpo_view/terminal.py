@@ -15,7 +15,9 @@ from rich.text import Text
 from rpo_view.live import LiveRun
 
 AXES = (('x', 'R-bar', 'bright_blue'), ('y', 'V-bar', 'dark_orange'), ('z', 'H-bar', 'green'))
-BAR_WIDTH = 31
+BAR_WIDTH = 21
+"""So that a terminal of 80 columns shows all of it."""
+
 _HALF = BAR_WIDTH // 2
 _RULES = 3
 
@@ -30,13 +32,19 @@ def bar(share: float, colour: str) -> Text:
     return text + Text('│') + Text(f'{right:<{_HALF}}'.replace(' ', '·'), style=colour)
 
 
+def fixed(value: float, digits: int, sign: str = '') -> str:
+    """Return a number with so many digits; zero has no sign."""
+    return f'{round(value, digits) + 0.0:{sign}.{digits}f}'
+
+
 def line(run: LiveRun, topic: str) -> str:
     """Return the run in one line, for an output that is no terminal."""
     if run.position_m is None or run.velocity_m_s is None:
         return run.sentence(topic)
-    forces = ' '.join(f'{force:+.4f}' for force in run.force_n or ())
+    forces = ' '.join(fixed(force, 4, '+') for force in run.force_n or ())
     return (
-        f'{run.time_s:8.1f} s  range {math.hypot(*run.position_m):9.3f} m  '
+        f'{run.time_s:8.1f} s  range {run.range_m:9.3f} m  '
+        f'rate {fixed(run.range_rate_m_s, 4):>7} m/s  '
         f'speed {math.hypot(*run.velocity_m_s):7.4f} m/s  force {forces or "none"} N  '
         f'{run.sentence(topic)}'
     )
@@ -59,18 +67,30 @@ def _bad(run: LiveRun) -> bool:
 
 
 def _progress(run: LiveRun) -> Table:
-    """Return time, range, speed and progress of the run."""
-    position, velocity = run.position_m or (), run.velocity_m_s or ()
+    """Return time, range, rates, effort and progress of the run."""
     grid = Table.grid(padding=(0, 3))
     whole = f' of {run.scenario.duration_s:g}' if run.scenario else ''
+    goal = ' from the goal' if run.scenario is not None and run.scenario.goal is not None else ''
+    speed_mm_s = 1000.0 * math.hypot(*(run.velocity_m_s or ()))
     grid.add_row(
         f'time {run.time_s:.1f}{whole} s',
-        f'range [bold]{math.hypot(*position):.3f}[/] m',
-        f'speed [bold]{1000.0 * math.hypot(*velocity):.1f}[/] mm/s',
-        ProgressBar(total=run.scenario.duration_s, completed=run.time_s, width=24)
-        if run.scenario
-        else '',
+        f'range{goal} [bold]{run.range_m:.3f}[/] m',
+        f'speed [bold]{speed_mm_s:.1f}[/] mm/s',
     )
+    used = ('–', '–')
+    if run.delta_v_m_s is not None and run.duty is not None:
+        used = (f'{run.delta_v_m_s:.2f} m/s', f'{100.0 * run.duty:.1f} %')
+    inside_s = run.effort.inside_s
+    grid.add_row(
+        f'Δv about {used[0]}',
+        f'range rate {fixed(1000.0 * run.range_rate_m_s, 1)} mm/s',
+        f'duty about {used[1]}',
+    )
+    arrived = 'not within 0.5 m yet' if inside_s is None else f'within 0.5 m since {inside_s:.1f} s'
+    share = ''
+    if run.scenario:
+        share = ProgressBar(total=run.scenario.duration_s, completed=run.time_s, width=24)
+    grid.add_row(arrived, share)
     return grid
 
 
@@ -86,9 +106,9 @@ def _axes(run: LiveRun) -> Table:
         force_n = run.force_n[i] if run.force_n else None
         table.add_row(
             Text(f'{axis} {name}', style=colour),
-            f'{position[i]:.3f}',
-            f'{1000.0 * velocity[i]:.1f}',
-            'none' if force_n is None else f'{force_n:.4f}',
+            fixed(position[i], 3),
+            fixed(1000.0 * velocity[i], 1),
+            'none' if force_n is None else fixed(force_n, 4),
             bar((force_n or 0.0) / limit_n, colour),
         )
     return table
