@@ -152,16 +152,17 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
     data = mapping(
         '',
         document,
-        ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference', 'provenance'],
-        ['kind', 'description'],
+        ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference'],
+        ['kind', 'description', 'provenance'],
     )
     scales = mapping('scales', data['scales'], _SCALES)
     position_scale, velocity_scale, force_scale = (
         _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
     )
     functions = mapping('membership_functions', data['membership_functions'], _VARIABLES)
-    if not isinstance(data['provenance'], Mapping):
-        raise InputError(f'`provenance` must be a mapping; got {shown(data["provenance"])}')
+    provenance = data.get('provenance', {})
+    if not isinstance(provenance, Mapping):
+        raise InputError(f'`provenance` must be a mapping; got {shown(provenance)}')
     return FuzzyController(
         name=data['name'],
         description=data.get('description', ''),
@@ -173,7 +174,7 @@ def _parse_fuzzy(document: Any) -> FuzzyController:
         position_scale_m=position_scale,
         velocity_scale_m_s=velocity_scale,
         force_scale_n=force_scale,
-        provenance=dict(data['provenance']),
+        provenance=dict(provenance),
     )
 
 

@@ -154,7 +154,7 @@ def kinds() -> Mapping[str, type[ControllerFile]]:
 def parse(document: Mapping[str, Any]) -> ControllerFile:
     """Return the controller of a document that names its kind; raises InputError."""
     kind = kinds()[choice('kind', document['kind'], kinds())]
-    needed = {f.name for f in fields(kind)} - {'description'}
+    needed = {f.name for f in fields(kind)} - {'description', 'provenance'}
     body = {key: value for key, value in document.items() if key not in ('schema', 'kind')}
     return codec.from_mapping(kind, '', body, needed=needed)
 
