@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,6 +29,10 @@ def plain_console(stderr: bool = False) -> Console:
 
 EVERY_S = 10.0
 """Time between lines where there is no terminal."""
+
+PATIENCE_S = 2.0
+COMPILING = 'Code that runs for the first time here is compiled: up to a minute, once.'
+"""Said where work shows no progress for so long."""
 
 _STYLES = {'held': 'green', 'holds': 'green', 'MISSED': 'bold red'}
 
@@ -93,18 +99,26 @@ class Display:
         self._task = self._bar.add_task('', total=None, left='?')
         self._live = Live(console=self.console, refresh_per_second=4)
         self._last = -EVERY_S
+        self._silence = threading.Timer(PATIENCE_S, self.console.print, (COMPILING,))
+        self._silence.daemon = True
 
     def __enter__(self: Self) -> Self:
+        self._silence.start()
         if self.console.is_terminal:
             self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._silence.cancel()
         self._live.stop()
 
     def draw(self, what: str, done: int, total: int, left_s: float, sentence: str) -> None:
-        """Show how much is done of how much, the time left [s], and a sentence about results."""
-        left = f'{int(left_s) // 60}:{int(left_s) % 60:02d}'
+        """Show how much is done of how much, the time left [s], and a sentence about results.
+
+        left_s : infinite where it is not known yet
+        """
+        self._silence.cancel()
+        left = f'{int(left_s) // 60}:{int(left_s) % 60:02d}' if math.isfinite(left_s) else '?'
         if self.console.is_terminal:
             self._bar.update(self._task, description=what, total=total, completed=done, left=left)
             self._live.update(Group(self._bar, sentence))

@@ -34,7 +34,10 @@ from rpo_training.outputs import digest_of
 from rpo_training.report import approach, campaign, logged, page, recognise, run, sensitivity
 from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
 
-UNITLESS = {'word of the position error', 'word of the velocity error', ''}
+UNITLESS = {
+    'word of the position error', 'word of the velocity error', 'grade', 'number of runs',
+    'rank correlation', 'share of its limit', 'starts that stay below', 'controllers evaluated', '',
+}  # fmt: skip
 
 
 def invoke(*arguments):
@@ -191,6 +194,9 @@ def test_a_campaign_where_every_run_succeeds_or_none(store, limit, kept):
         for section in (made.sections[0], made.sections[4])
     )
     assert rates.rows[0][:2] == ('success', kept)
+    assert rates.rows[1][0] == f'hold error per axis ≤ {limit:g} m'  # no raw column name
+    assert not any('_' in row[0] for s in made.sections for b in s.blocks
+                   if isinstance(b, Table) for row in b.rows)  # fmt: skip
     run = int(np.argmax(store.column('energy_n2s')))
     assert worst.rows[1][-1] == f'rpo campaign {store.folder} --run {run}'
 

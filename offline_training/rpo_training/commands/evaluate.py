@@ -38,6 +38,7 @@ def evaluate(
 ) -> None:
     """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
 
+    Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
     With --scenario, judge any controllers by what that scenario requires.
     """
     from rpo_core.controller import load_fuzzy
@@ -96,6 +97,7 @@ def _judge(controllers: list[str], scenario: str) -> bool:
 
 def _print_targets(found: Assessment) -> None:
     from rpo_training.display import print_table
+    from rpo_training.evaluation.assessment import QUESTIONS
 
     rows = [
         (
@@ -109,6 +111,7 @@ def _print_targets(found: Assessment) -> None:
     ]
     headings = ('', 'what', 'limit', 'reached', '')
     print_table(headings, rows, f'{found.controller.name}: targets', left=2)
+    typer.echo(QUESTIONS)
 
 
 def _bindings(found: Assessment) -> str:

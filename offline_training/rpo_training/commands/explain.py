@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXAMPLES = """
 Examples: `rpo explain handmade` | `rpo explain handmade --certify` |
 `rpo explain runs/first --at 37.5` | `rpo explain --state 10,60,-40,0,0,0` |
-`rpo explain --state=-5,0,0,0.02,0,0 --controller mine.yaml`
+`rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
 """
 
 
@@ -51,9 +51,9 @@ def explain(
 
     console = plain_console()
     if state is not None:
-        if target or at is not None or certify:
-            raise InputError('`--state` takes `--controller` and nothing else')
-        loaded = load_fuzzy(controller or DEFAULT_CONTROLLER)
+        if at is not None or certify or (target and controller is not None):
+            raise InputError('`--state` takes one controller, and nothing else')
+        loaded = load_fuzzy(controller or target or DEFAULT_CONTROLLER)
         _print_decisions(console, decisions(loaded, state_of(state)))
         return
     if controller is not None:
@@ -61,13 +61,22 @@ def explain(
     if at is not None:
         if certify or not target:
             raise InputError('`--at` needs a run, and nothing else')
+        if not _is_run(target):
+            raise InputError(
+                f'`--at` needs a run, a folder or a .mcap file; got {target}. To explain a '
+                'controller, leave out `--at`; to explain one state, give `--state`'
+            )
         _explain_run(console, target, at)
         return
     if not target:
         raise InputError('say what to explain: a controller, a run with --at, or --state')
-    if os.path.isdir(target) or target.endswith('.mcap'):
+    if _is_run(target):
         raise InputError(f'{target}: say which instant of the run, like --at 37.5')
     _explain_controller(console, load_fuzzy(target), certify)
+
+
+def _is_run(target: str) -> bool:
+    return os.path.isdir(target) or target.endswith('.mcap')
 
 
 def _explain_run(console: Console, path: str, at: float) -> None:

@@ -28,10 +28,11 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     with interruptible(sentence), TrainingDisplay(run.folder) as display:
         best = run.run(display.show)
     made = best.provenance
+    missed = ', '.join(f'{name} {count}' for name, count in made['starts_that_miss'].items())
     echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
     typer.echo(
         f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
-        f'N^2 s, starts that miss: {made["starts_that_miss"]}'
+        f'N^2 s, starts that miss: {missed}'
     )
     echo(f'{run.folder / best.name}.yaml')
     return best

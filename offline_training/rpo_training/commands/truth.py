@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -49,12 +50,11 @@ def truth(
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
     flight, title = _flight(run, scenario, controller)
     found = compare(flight, title, names)
-    text = markdown(found)
-    typer.echo(text, nl=False)
+    _print(found)
     folder = Path('runs') if run is None else folder_of(run)
     _draw(found, plot or folder / 'truth.png')
     if write is not None:
-        outputs.put(write, 'rpo truth --write', text)
+        outputs.put(write, 'rpo truth --write', markdown(found))
         typer.echo(write)
 
 
@@ -71,35 +71,49 @@ def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, s
     return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'
 
 
-def markdown(found: Comparison) -> str:
-    """Return the tables in the form of the documentation."""
+Cells = Sequence[Sequence[str]]
+
+
+def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
+    """Return title, headings and rows, and what follows, of both tables."""
     from rpo_training.truth.two_body import AXIS_NAMES
 
-    scenario = found.scenario
+    duration = f'{found.scenario.duration_s:g} s'
     heads = ('time', *(h for n in found.errors for h in (f'linear − {n}, position', 'velocity')))
     errors = [
         (f'{t_s:g} s', *(cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s')))
         for t_s, *pairs in found.moments()
     ]
-    apart_m, differ = found.disagreement_m, []
-    if apart_m is not None:
-        differ = ['', f'The two truths differ by at most {apart_m:.1e} m.']
     drifts = [
         (f'{growth.distance_m:g} m', *(f'{error:.2g} m' for error in growth.position_m))
         for growth in found.growth
     ]
-    lines = [
-        f'{found.title}: {scenario.duration_s:g} s under the same forces, open loop.',
-        '',
-        *outputs.markdown_table(heads, errors),
-        *differ,
-        '',
-        f'Drifting freely for {scenario.duration_s:g} s from rest at a distance, error of the '
-        'linear plant (SciPy):',
-        '',
-        *outputs.markdown_table(('distance', *(f'along {a}' for a in AXIS_NAMES)), drifts),
-    ]
-    return '\n'.join(lines) + '\n'
+    apart_m = found.disagreement_m
+    differ = '' if apart_m is None else f'The two truths differ by at most {apart_m:.1e} m.'
+    flown = f'{found.title}: {duration} under the same forces, open loop.'
+    drifted = (
+        f'Drifting freely for {duration} from rest at a distance, error of the linear plant '
+        '(SciPy):'
+    )
+    along = ('distance', *(f'along {name}' for name in AXIS_NAMES))
+    return [(flown, [heads, *errors], differ), (drifted, [along, *drifts], '')]
+
+
+def _print(found: Comparison) -> None:
+    from rpo_training.display import print_table
+
+    for title, (heads, *rows), after in _tables(found):
+        print_table(heads, rows, title)
+        if after:
+            typer.echo(f'{after}\n')
+
+
+def markdown(found: Comparison) -> str:
+    """Return the tables in the form of the documentation."""
+    parts = []
+    for title, (heads, *rows), after in _tables(found):
+        parts += [title, '\n'.join(outputs.markdown_table(heads, rows)), *filter(None, [after])]
+    return '\n\n'.join(parts) + '\n'
 
 
 def _draw(found: Comparison, path: Path) -> None:

@@ -33,6 +33,13 @@ MAX_MEAN_ENERGY_N2S = 3.7
 """Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
 
 
+QUESTIONS = (
+    "Q1: every start meets all conditions. Q2: little energy. Q3: the paper's test, held. "
+    'Q4: no limit cycle. Q5: rules that a person can read.'
+)
+"""What the targets are for, where they are shown."""
+
+
 class Target(NamedTuple):
     """A target: its limit, and the number reached; the smaller, the better."""
 

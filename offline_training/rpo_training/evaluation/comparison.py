@@ -120,6 +120,10 @@ class Comparison:
         report: Report = lambda what, done, total: None,
     ) -> None:
         self.folder, self.workers, self.report = folder, workers, report
+        for name in names:
+            controllers.load_controller(
+                name
+            )  # so that a wrong one is not blamed on the campaign file
         changes: dict[str, Any] = {} if runs is None else {'runs': runs}
         self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
         doubled = {c.controller.name for c in self.campaigns}

@@ -52,6 +52,8 @@ def report_of(folder: Path) -> Report:
     config = store.campaign.config
     success = successes(config, {name: store.column(name) for name in config.success})
     found_rates, found_spreads = rates(store), spreads(store)
+    found_rates = [rate._replace(name=_condition(rate)) for rate in found_rates]
+    found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
     with style.applied():
         sections = (
             Section('Success', tuple(_success(found_rates))),
@@ -68,6 +70,36 @@ def report_of(folder: Path) -> Report:
         f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}.',
         sections,
     )
+
+
+_SUFFIXES = {
+    '_m_s': 'm/s',
+    '_n_s': 'N/s',
+    '_n2s': 'N²s',
+    '_rad': 'rad',
+    '_deg': 'deg',
+    '_kg': 'kg',
+    '_ticks': 'ticks',
+    '_share': 'share',
+    '_m': 'm',
+    '_s': 's',
+    '_n': 'N',
+}
+
+
+def words(column: str, unit: bool = True) -> str:
+    """Return the name of a column for people: `initial_vx_m_s` is 'initial vx [m/s]'."""
+    for suffix, shown in _SUFFIXES.items():
+        if column.endswith(suffix):
+            name = column.removesuffix(suffix).replace('_', ' ')
+            return f'{name} [{shown}]' if unit else name
+    return column.replace('_', ' ')
+
+
+def _condition(rate: Rate) -> str:
+    """Return what a rate counts: success, or that a limit is kept."""
+    name, keeps, limit = rate.name.partition(' <= ')
+    return f'{words(name, unit=False)} ≤ {_unit(limit)}' if keeps else name
 
 
 def _unit(ascii_unit: str) -> str:
@@ -145,7 +177,7 @@ def _clouds(store: Store, success: Bools) -> Picture:
 
 
 def _what_matters(store: Store, success: Bools) -> list[Block]:
-    drawn = {name: store.column(name) for name in PARAMETERS}
+    drawn = {words(name): store.column(name) for name in PARAMETERS}
     outcomes = {
         'failing': (~success).astype(np.float64),
         'energy J': store.column('energy_n2s'),
@@ -164,7 +196,8 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
     white = [
         n for n in store.campaign.config.dispersions if QUANTITIES[n].distributions == ('white',)
     ]
-    note = f' Not shown: {", ".join(white)}, new at each tick.' if white else ''
+    unseen = ', '.join(words(name, unit=False) for name in white)
+    note = f' Not shown: {unseen}, new at each tick.' if white else ''
     return [
         Picture(
             'sensitivity',
@@ -236,7 +269,7 @@ def _configuration(store: Store) -> list[Block]:
     config = store.campaign.config
     rows = tuple(
         (
-            name,
+            words(name, unit=False),
             dispersion.distribution,
             ', '.join(f'{s:g}' for s in sorted(set(dispersion.spread))),
             QUANTITIES[name].unit,
@@ -244,7 +277,8 @@ def _configuration(store: Store) -> list[Block]:
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (name, f'≤ {limit:g} {_unit(METRICS[name])}') for name, limit in config.success.items()
+        (words(name, unit=False), f'≤ {limit:g} {_unit(METRICS[name])}')
+        for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
     return [

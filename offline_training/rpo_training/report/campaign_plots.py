@@ -92,7 +92,7 @@ def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
             label=['success', 'failure'],
         )
         axes.axvline(np.median(values), **style.LIMIT, label='median')
-        axes.set(xlabel=label, ylabel='runs [1]', xlim=span)
+        axes.set(xlabel=label, ylabel='number of runs', xlim=span)
         axes.grid(axis='x', visible=False)
     style.legend_below(figure, panels[0][0])
     return figure
@@ -118,7 +118,7 @@ def sensitivity(found: Mapping[str, Sequence[Influence]], level: float) -> Any:
         axes.plot(signed, places, 'o', color=_KEPT, markersize=5, label='of the deviation')
         hollow = {'markerfacecolor': 'none', 'markeredgecolor': _FAILED, 'markersize': 5}
         axes.plot(size, places, 'D', **hollow, label='of its size')
-        axes.set(title=outcome, xlabel='rank correlation [1]', xlim=(-1.0, 1.0))
+        axes.set(title=outcome, xlabel='rank correlation', xlim=(-1.0, 1.0))
         axes.set_xticks([-0.5, 0.0, 0.5])
         axes.axvline(0.0, color=style.LIGHT['muted'], linewidth=0.8)
     panels[0].set_yticks(places, columns)

@@ -18,7 +18,7 @@ from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_training.analysis.certificate import Certificate, certify
 from rpo_training.analysis.rule_base import FORCES, WELL, force_rows, warnings
-from rpo_training.evaluation.assessment import Assessment, assess
+from rpo_training.evaluation.assessment import QUESTIONS, Assessment, assess
 from rpo_training.report import controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 from rpo_training.report.surface_plots import axis_forces
@@ -105,6 +105,7 @@ def _flights(found: Assessment) -> list[Block]:
     worst = found.metrics[:, ENERGY].max()
     return [
         Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
+        Text(QUESTIONS),
         Picture(
             'starts',
             controller_plots.starts(found),

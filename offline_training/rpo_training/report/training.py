@@ -49,7 +49,7 @@ def _convergence(history: Path) -> Any:
         strict=True,
     ):
         axes.semilogy(columns['evaluations'], columns[name], color=colour, label=label)
-    axes.set(xlabel='controllers evaluated [1]', ylabel='fitness, J [N²s]')
+    axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')
     style.legend_below(figure, axes)
     return figure
 

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rpo_training.display import Display
 from rpo_training.search.fitness import CONDITIONS
 from rpo_training.search.run import Progress
@@ -14,15 +16,17 @@ class TrainingDisplay(Display):
 
     def show(self, progress: Progress) -> None:
         """Show the state of the run, and the longest time that the present phase can still take."""
-        rate = progress.evaluated / max(progress.seconds, 1e-9)
         missed = ' '.join(f'{c} {n}' for c, n in zip(CONDITIONS, progress.failures, strict=True))
-        each_s = progress.seconds / max(progress.evaluated, 1)
-        left_s = each_s * progress.left * progress.evaluations / (progress.generation + 1)
+        left_s, rate = math.inf, ''
+        if progress.evaluated:
+            each_s = progress.seconds / progress.evaluated
+            left_s = each_s * progress.left * progress.evaluations / (progress.generation + 1)
+            rate = f'  {1.0 / max(each_s, 1e-9):.0f} controllers/s'
         self.draw(
             progress.phase,
             progress.generation,
             progress.generation + progress.left,
             left_s,
             f'best {progress.best:.4f} (J {progress.energy:.4f}; misses {missed}) '
-            f'mean {progress.mean:.1f} ± {progress.spread:.1f}  {rate:.0f} controllers/s',
+            f'mean {progress.mean:.1f} ± {progress.spread:.1f}{rate}',
         )

@@ -42,7 +42,8 @@ class Progress:
 
     mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
     failures : starts that miss each of the conditions, for the best so far
-    evaluated : controllers that this process has simulated; seconds : since it began
+    evaluated : controllers that this process has simulated; seconds : since its
+    first generation, which may have waited for the compiler, and is not counted
     """
 
     phase: str
@@ -79,7 +80,8 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint = Checkpoint(self.dumps(), self.inputs())
         self.best = np.full(6, np.inf)
         self.best_genes: Floats = np.empty(0)
-        self._evaluated, self._began = 0, time.monotonic()
+        self._evaluated = 0
+        self._began: float | None = None
 
     @classmethod
     def load(cls, path: Path) -> Config:
@@ -177,13 +179,16 @@ class SearchRun(Generic[Config, Found]):
         InputError
             If another process runs it, or a file cannot be written.
         """
-        self._began = time.monotonic()
+        self._began = None
         doing = f'goes on with this {self.kind}'
         with alone(self.folder / self.config_file, doing), self.fitness.simulator:
             while not self.search.stopped:
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))
-                self._evaluated += len(genes)
+                if self._began is None:  # the first generation may have waited for the compiler
+                    self._began = time.monotonic()
+                else:
+                    self._evaluated += len(genes)
                 self._enter(genes, scores)
                 self.checkpoint.save(self.folder / CHECKPOINT)
                 report(self.progress())
@@ -212,5 +217,5 @@ class SearchRun(Generic[Config, Found]):
             float(fitness.mean()),
             float(fitness.std()),
             self._evaluated,
-            time.monotonic() - self._began,
+            time.monotonic() - (self._began or 0.0),
         )

@@ -15,6 +15,7 @@ AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
 SHADES = 13
 """Steps of the scale from the most negative force to the most positive."""
 
+_MARGIN = 0.012
 WIDTH_IN = 9.0
 """Width of a picture; printed on A4 its text is then about 7 pt."""
 
@@ -113,10 +114,15 @@ def applied() -> Any:
 
 
 def new_figure(height_in: float) -> Any:
-    """Return an empty figure of full width that keeps its parts apart."""
-    from matplotlib.figure import Figure
+    """Return an empty figure of full width that keeps its parts apart.
 
-    return Figure(figsize=(WIDTH_IN, height_in), layout='constrained')
+    A margin at both sides: a browser may draw a label in a wider font than the one measured here.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    layout = ConstrainedLayoutEngine(rect=(_MARGIN, 0.0, 1.0 - 2.0 * _MARGIN, 1.0))
+    return Figure(figsize=(WIDTH_IN, height_in), layout=layout)
 
 
 def new_panels(height_in: float, rows: int = 1, columns: int = 1, **options: Any) -> Any:
