@@ -8,6 +8,7 @@ import os
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -235,3 +236,22 @@ def test_interpreted_and_compiled_agree(log):
         env={**os.environ, 'RPO_JIT': jit},
     )  # fmt: skip
     assert done.stdout.strip() == '0', done.stderr
+
+
+def test_a_log_without_its_controller_verifies_all_else(short_run, tmp_path):
+    """A controller of somebody else's has no file of ours: what it commands is a premise."""
+    carried = {k: v for k, v in short_run.attachments.items() if k != 'controller.yaml'}
+    replace(short_run, attachments=carried).write(tmp_path)
+    found = verify(tmp_path)
+    assert found.exit_code == ExitCode.INCOMPLETE and found.difference is None
+    assert len(found.gaps) == 1 and 'no controller.yaml' in found.gaps[0]
+    assert 'disturbance' in found.stages and 'controller' not in found.stages
+
+    def push(topic, tick, data):
+        if topic != FORCE or tick != 20:
+            return data
+        base = short_run.base
+        return cdr.encode_wrench(base.stamp_ns(tick), 'target_lvlh', [0.1, 0.1, 0.1])
+
+    forged = verify(forge(tmp_path / 'run.mcap', tmp_path, push))
+    assert forged.exit_code == ExitCode.DIFFERENT and forged.difference.tick == 21

@@ -31,6 +31,7 @@ Made = tuple[list[Floats], NDArray[np.bool_]]
 class Controllers:
     """The controllers of a run, each recomputed; the first is that of controller.yaml.
 
+    first : None if the log carries none: no command is then recomputed
     decisions : beside the log; they may be those of any controller
     """
 
@@ -38,13 +39,13 @@ class Controllers:
         self,
         reader: RunReader,
         scenario: Scenario,
-        first: AnyController,
+        first: AnyController | None,
         decisions: Decisions | None,
     ) -> None:
         self._decisions = decisions
         self._reader, self._scenario = reader, scenario
         self._files = [CONTROLLER]
-        self._names = [first.name]
+        self._names = [first.name if first else '']
         self._ticks = [0]
         self._more: list[tuple[Recomputation, Sequence[str]]] = []
         self._owner = 0

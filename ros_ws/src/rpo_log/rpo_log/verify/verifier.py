@@ -67,7 +67,9 @@ class _Verifier:
     """Computes the blocks of a log anew; keeps what one hands to the next."""
 
     def __init__(self, reader: RunReader) -> None:
-        self.scenario, controller = scenario_of(reader), controller_of(reader)
+        self.scenario = scenario_of(reader)
+        known = CONTROLLER in reader.attachments
+        controller = controller_of(reader) if known else None
         try:
             self.chain = Chain.of(self.scenario, controller)
         except InputError as error:
@@ -93,9 +95,12 @@ class _Verifier:
         self.statuses = Statuses(self.scenario, status, self.free)
         self.decisions = self._decisions(reader, controller)
         self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
+        self._controller_known = known
 
-    def _decisions(self, reader: RunReader, controller: AnyController) -> Decisions | None:
+    def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:
         """Return the decisions beside the log; None if there are none."""
+        if controller is None:
+            return None
         self._controller = next(x for x in self.chain.links if x.place is Place.CONTROLLER)
         if not (reader.path / run.DECISIONS_FILE).is_file():
             return None
@@ -134,6 +139,16 @@ class _Verifier:
                 f'to {MOST_HELD_TICKS} ticks, the plant held a force'
             )
         return found
+
+    @property
+    def unknown_controller(self) -> list[str]:
+        """Say that the commands do not follow from anything that the log carries."""
+        if self._controller_known:
+            return []
+        return [
+            f'{interfaces.CONTROL_FORCE} could not be recomputed: the log carries no {CONTROLLER}, '
+            'and all else follows from the commands as logged'
+        ]
 
     def first_difference(self, block: TickBlock) -> Difference | None:
         """Return the first difference in a block, None if there is none."""
@@ -294,6 +309,7 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
             )
     gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
     gaps += verifier.statuses.gaps if not gaps else []
+    gaps += verifier.unknown_controller
     evidence.of_log(verifier.statuses, free=verifier.free)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, completeness.last + 1)
     last = min(completeness.last, answered - 1)
