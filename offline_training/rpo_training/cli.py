@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -30,6 +30,14 @@ from rpo_training.commands import (
 )
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from rpo_log.format import code
+
+        typer.echo(f'rpo {code.version()}, sources of core and logs {code.digest()}')
+        raise typer.Exit
+
+
 class _Commands(TyperGroup):
     """Subcommands; a bad input or log of any is one sentence and exit code 2."""
 
@@ -48,6 +56,23 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={'help_option_names': ['-h', '--help']},
 )
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            '--version',
+            callback=_version,
+            is_eager=True,
+            help='print the version and the digest that `rpo verify` prints, and end',
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
 app.command(epilog=train.EXAMPLES)(train.train)
 app.command(epilog=tune.EXAMPLES)(tune.tune)
 app.command(epilog=simulate.EXAMPLES)(simulate.simulate)

@@ -93,6 +93,14 @@ def test_without_mcap_one_sentence_names_the_command_that_installs_it(module, fu
     assert re.search(r'is missing: `python3 -m pip install .*mcap` installs it$', done.stderr)
 
 
+def test_the_version_names_the_code():
+    main = 'from rpo_training.entry import main; main()'
+    command = [sys.executable, '-c', f'import sys; sys.argv[:] = ["rpo", "--version"]; {main}']
+    done = subprocess.run(command, capture_output=True, text=True, timeout=50)
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r'rpo \d+\.\d+\.\d+, sources of core and logs [0-9a-f]{64}\n', done.stdout)
+
+
 @pytest.mark.parametrize('words', [(), ('train',), ('report',), ('log',)])
 def test_rpo(words):
     assert 'Usage' in help_of('rpo_training.entry', 'main', 'rpo', *words)
