@@ -45,6 +45,7 @@ bench:  ## targets P1 to P4: speed beside the peers, in one table (some minutes;
 docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and follows edits)
 	$(SETUP) docs
 	$(ENV) NO_MKDOCS_2_WARNING=1 mkdocs $(if $(SERVE),serve,build --quiet) --strict
+	@echo '$(CURDIR)/site/index.html: open it in a browser; its search needs a server: make docs SERVE=1'
 
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train

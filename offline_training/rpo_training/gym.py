@@ -66,10 +66,11 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     Parameters
     ----------
     scenario : shipped name, path, Scenario or ScenarioSet; of a set, each reset draws a member
-    render_mode : None, or 'ansi' for a line of text
+    render_mode : None; 'ansi' for a line of text; 'rgb_array' for a picture of the flight so far,
+        which needs matplotlib
     """
 
-    metadata = {'render_modes': ['ansi'], 'render_fps': 10}  # noqa: RUF012 (as Gymnasium wants it)
+    metadata = {'render_modes': ['ansi', 'rgb_array'], 'render_fps': 10}  # noqa: RUF012 (as Gymnasium wants it)
 
     def __init__(
         self,
@@ -198,16 +199,38 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
             'force_n': np.array(self._signals[SATURATED_FORCE]),
         }
 
-    def render(self) -> str | None:
-        """Return time, position, velocity and force as a line of text ('ansi')."""
+    def render(self) -> Any:
+        """Return a line of text ('ansi'), or a picture (height, width, 3) uint8 ('rgb_array')."""
         if self.render_mode is None:
             return None
+        if self.render_mode == 'rgb_array':
+            return self._picture()
         x, y, z, vx, vy, vz = self._signals[RELATIVE_STATE]
         fx, fy, fz = self._signals[SATURATED_FORCE]
         return (
             f't = {self.scenario.time_s(self.tick):7.1f} s   r = [{x:8.3f} {y:8.3f} {z:8.3f}] m   '
             f'v = [{vx:7.4f} {vy:7.4f} {vz:7.4f}] m/s   f = [{fx:7.4f} {fy:7.4f} {fz:7.4f}] N'
         )
+
+    def _picture(self) -> NDArray[np.uint8]:
+        """Return the path so far in both planes, and the commands over time."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(9.0, 3.0), dpi=80, layout='constrained')
+        canvas = FigureCanvasAgg(figure)
+        planes, states = figure.subplots(1, 3), self._states[: self.tick + 1]
+        for axes, up, name in zip(planes, (0, 2), ('x, R-bar [m]', 'z, H-bar [m]'), strict=False):
+            axes.plot(states[:, 1], states[:, up], color='0.5')
+            axes.plot(*states[-1, [1, up]], 'o')
+            axes.plot(*np.array(self.scenario.goal_position_m)[[1, up]], 's', color='black')
+            axes.set(xlabel='y, V-bar [m]', ylabel=name)
+        limit = 1.05 * self.scenario.max_force_n
+        planes[2].plot(self.scenario.times_s[: self.tick], self._commands[: self.tick])
+        planes[2].set(xlabel='time [s]', ylabel='force [N]', ylim=(-limit, limit))
+        planes[2].set_title(f't = {self.scenario.time_s(self.tick):.1f} s', fontsize=9)
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _members(scenario: str | Path | Scenario | ScenarioSet) -> list[Scenario]:

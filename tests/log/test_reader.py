@@ -16,6 +16,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
+from doc_blocks import DOCS, code
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import FORCE, STATE, STATUS, make_run, rewrite
@@ -544,3 +545,12 @@ def test_a_version_that_is_no_number_is_no_newer_one(log, tmp_path, version):
 def test_parts_of_a_split_log_are_numbered_in_plain_digits(log, tmp_path):
     shutil.copy(log, tmp_path / 'run_²0.mcap')
     assert 'holds no run.mcap' in refusal(tmp_path, Fault.NOT_FOUND)
+
+
+def test_the_recipe_of_the_python_page_reads_a_log(short_run, tmp_path, capsys):
+    short_run.write(tmp_path)
+    (recipe,) = [body for body in code(DOCS / 'python.md', 'python') if 'def look' in body]
+    names: dict[str, object] = {}
+    exec(compile(recipe, 'documentation', 'exec'), names)
+    assert names['look'](tmp_path) == 0
+    assert 'control_force' in capsys.readouterr().out

@@ -3,6 +3,7 @@
 """Replay: the logged bytes on the topics again, and a live controller held against a log."""
 
 import json
+import re
 import subprocess
 import sys
 import time
@@ -73,6 +74,15 @@ def test_the_same_controller_answers_as_logged(ros, run_folder):
     node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0)
     assert node.wait() == 0, node.output
     node.says('51 ticks replayed; 0 answers differ from the log')
+
+
+def test_a_driven_replay_says_how_far_it_is(ros, run_folder):
+    """It was silent from tick 0 to its end, and while no controller was there."""
+    node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=1.0)
+    node.says('waiting for control_force')
+    ros.node('rpo_ctrl', 'fuzzy_controller')
+    assert node.wait() == 0, node.output
+    assert re.search(r'tick \d+ of 50', node.output)
 
 
 def test_a_long_pause_times_out_no_controller(ros, run_folder):

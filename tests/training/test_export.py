@@ -24,7 +24,7 @@ from rpo_core.controller import FuzzyController, load_controller, parse
 from rpo_core.fuzzy import FuzzySystem
 from rpo_core.validation import InputError
 from rpo_training.cli import app
-from rpo_training.export import FORMATS, SUFFIXES, importing, text_of
+from rpo_training.export import FORMATS, SUFFIXES, c, importing, text_of
 
 CONTROLLERS = ['trained', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 201)
@@ -88,8 +88,7 @@ def test_python_gives_the_bits_without_us(controller, tmp_path):
 
 MAIN = """
 #include <stdio.h>
-void NAME_force(const double r[3], const double v[3], double f[3]);
-double NAME_axis_force(double r, double v);
+#include "force.h"
 int main(void)
 {
     double r, v;
@@ -108,6 +107,7 @@ int main(void)
 @pytest.mark.parametrize('optimise', ['-O0', '-O2'])
 def test_c99_gives_the_bits(controller, optimise, tmp_path):
     (tmp_path / 'force.c').write_text(text_of(controller, 'c'))
+    (tmp_path / 'force.h').write_text(c.header(controller, 'force.c'))
     (tmp_path / 'main.c').write_text(MAIN.replace('NAME', controller.name))
     flags = ['-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-ffp-contract=off', optimise]
     built = subprocess.run(
@@ -187,9 +187,14 @@ def run(*arguments):
 
 @pytest.mark.parametrize('name', FORMATS)
 def test_the_command_writes_the_text(name, tmp_path):
-    path = tmp_path / f'mine{SUFFIXES[name]}'
+    path = tmp_path / 'new' / f'mine{SUFFIXES[name]}'
     done = run('export', 'handmade', '--to', name, '--output', path)
-    assert (done.exit_code, done.stdout) == (0, f'{path}\n')
+    beside = [path.with_suffix('.h')] if name == 'c' else []
+    assert (done.exit_code, done.stdout.split()) == (0, [str(p) for p in (path, *beside)])
+    if beside:
+        header = beside[0].read_text()
+        assert f'cc -std=c99 -O2 -ffp-contract=off -c {path.name}' in header
+        assert 'handmade_force((double[]){' in header
     assert path.read_text() == text_of(load_controller('handmade'), name)
     assert run('export', 'handmade', '--to', name, '-o', '-').stdout == path.read_text()
 
@@ -319,7 +324,7 @@ def test_spoilt_texts_are_read_or_refused(data, case):
             '`--to` must be one of fis, fll, fcl, json, python',
         ),
         (['export', 'nobody', '--to', 'fis'], '`controller` must be one of'),
-        (['export', 'handmade', '--to', 'c', '-o', '/no/such/place.c'], 'cannot be written'),
+        (['export', 'handmade', '--to', 'c', '-o', '/dev/null/place.c'], 'cannot be made'),
         (['import', '/no/such.fis', '-o', 'x.yaml'], '/no/such.fis: No such file or directory'),
     ],
 )

@@ -188,3 +188,14 @@ def test_the_example_learns():
     by_name = {row[1]: row for row in rows}
     assert set(by_name) >= {'`linear`', '`profile`', '`trained`'}
     assert by_name['`trained`'][4:7] == ['3.579', '3.579', '216']
+
+
+def test_a_picture_of_the_flight_so_far():
+    env = gymnasium.make('rpo/FinalApproach-v0', scenario='quick', render_mode='rgb_array')
+    env.reset(seed=1)
+    first = env.render()
+    for _ in range(5):
+        env.step(np.array([1.0, 0.0, -1.0]))
+    later = env.render()
+    assert first.shape == later.shape == (240, 720, 3) and later.dtype == np.uint8
+    assert (first != later).any()

@@ -19,7 +19,10 @@ Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output 
 
 def export(
     controller: Annotated[str, typer.Argument(help='shipped name or file')],
-    to: Annotated[str, typer.Option(help='fis, fll, fcl, json, python or c')],
+    to: Annotated[
+        str,
+        typer.Option(help='fis (MATLAB), fll (FuzzyLite), fcl (IEC 61131-7), json, python or c'),
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -29,12 +32,13 @@ def export(
 ) -> None:
     """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.
 
-    The Python and the C function need nothing else, and give the bits of the flown controller.
+    The Python and the C function need nothing else, and give the bits of the flown controller. The
+    header beside the C file shows how to call and compile it.
     """
     from rpo_core.controller import load_fuzzy
-    from rpo_training.export import SUFFIXES, text_of
+    from rpo_training.export import SUFFIXES, c, text_of
     from rpo_training.export.parts import identifier
-    from rpo_training.outputs import writing
+    from rpo_training.outputs import make_folder, writing
 
     loaded = load_fuzzy(controller)
     text = text_of(loaded, to)
@@ -42,6 +46,11 @@ def export(
         typer.echo(text, nl=False)
         return
     path = output or Path(identifier(loaded.name) + SUFFIXES[to])
-    with writing(path):
-        path.write_text(text, encoding='utf-8')
-    echo(path)
+    make_folder(path.parent)
+    written = {path: text}
+    if to == 'c':
+        written[path.with_suffix('.h')] = c.header(loaded, path.name)
+    for name, content in written.items():
+        with writing(name):
+            name.write_text(content, encoding='utf-8')
+        echo(name)

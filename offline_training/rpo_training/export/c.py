@@ -107,6 +107,45 @@ void {name}_force(const double position_m[3], const double velocity_m_s[3], doub
 """
 
 
+_HEADER = """{facts}
+/* Exported by `rpo export`, with {source}. Units: m, m/s, N; axes: target LVLH.
+
+   Compile:  cc -std=c99 -O2 -ffp-contract=off -c {source}
+   Use:      double force_n[3];
+             {name}_force((double[]){{10.0, 60.0, -40.0}}, (double[]){{0.0, 0.0, 0.0}}, force_n);
+*/
+#ifndef {guard}
+#define {guard}
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+/* Commanded force [N] on one axis, of the position [m] and velocity [m/s] on it. */
+double {name}_axis_force(double position_m, double velocity_m_s);
+
+/* Commanded force [N] of a finite relative state. */
+void {name}_force(const double position_m[3], const double velocity_m_s[3], double force_n[3]);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def header(controller: FuzzyController, source: str) -> str:
+    """Return the C header of the source file of that name, with an example of its use."""
+    name = parts.identifier(controller.name)
+    return _HEADER.format(
+        facts='\n'.join(f'/* {line} */' for line in parts.facts(controller)),
+        source=source.replace('*/', '* /'),
+        name=name,
+        guard=f'{name.upper()}_H',
+    )
+
+
 def text(controller: FuzzyController) -> str:
     """Return the C source of a controller: `NAME_axis_force` and `NAME_force`."""
     tables = controller.system.tables

@@ -87,8 +87,9 @@ class RecorderNode(FlightNode):
         try:
             run_log.prepare_folder(self.folder, self.values['overwrite'])
         except LogError as error:
-            name = 'overwrite' if error.fault == Fault.EXISTS else 'output'
-            raise InputError(f'{error} (parameter `{name}`)') from None
+            if error.fault == Fault.EXISTS:
+                raise
+            raise InputError(f'{error} (parameter `output`)') from None
         self._status = self.create_publisher(DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED)
         self._announce('waiting')
         self._subscribe()

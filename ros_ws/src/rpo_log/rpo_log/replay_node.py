@@ -31,6 +31,9 @@ _FASTEST_S = 1e-4
 _SETTLED_S = 0.5
 """Topics of a listener are found one by one; after so long without a new one, all are found."""
 
+_SAY_EVERY_S = 2.0
+"""A driven replay that is under way, or waits, says so as often."""
+
 Tick = list[Message]
 
 
@@ -50,6 +53,7 @@ class ReplayNode(FlightNode):
         self._logged_force: tuple[float, ...] | None = None
         self._awaited_ns: int | None = None
         self._sent = self._begun = self._found_s = time.monotonic()
+        self._said = time.monotonic()
         self._found = 0
         self._played = 0
         self.differences = 0
@@ -101,6 +105,7 @@ class ReplayNode(FlightNode):
         if self.done or self._paused:
             return
         if not self._played and not self._has_listeners():
+            self._say(f'waiting for {names.CONTROL_FORCE}')
             if time.monotonic() - self._begun > self.values['answer_timeout_s']:
                 self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
@@ -129,7 +134,14 @@ class ReplayNode(FlightNode):
             self._end(f'{self._played} ticks replayed', 0)
             return
         self._played += 1
+        self._say(f'tick {self._current[0].tick} of {self._range[-1]}')
         self._send()
+
+    def _say(self, sentence: str) -> None:
+        """Log how it goes, now and then, where a controller is driven."""
+        if self.values['drive'] and time.monotonic() - self._said > _SAY_EVERY_S:
+            self._said = time.monotonic()
+            self.get_logger().info(sentence)
 
     def _send(self) -> None:
         for message in self._current:

@@ -89,7 +89,7 @@ def _warn_of_unknown(node: Node, names: Sequence[str], known: Sequence[str]) -> 
         if name not in known and name not in _STANDARD and not name.startswith('qos_overrides.'):
             near = difflib.get_close_matches(name, known, n=1)
             hint = f'; did you mean `{near[0]}`?' if near else ''
-            node.get_logger().warning(f'this node has no parameter `{name}`{hint}')
+            node.get_logger().warning(f'this node has no parameter `{name}`{hint}; ignored')
 
 
 def _follow_changes(node: Node, rows: dict[str, ParameterRow], values: dict[str, Any]) -> None:
