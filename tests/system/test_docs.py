@@ -239,6 +239,12 @@ def test_a_name_that_does_not_exist_is_noticed():
     assert not holds_symbol('rpo_core.fuzy')
 
 
+def test_the_api_reference_names_what_exists():
+    names = re.findall(r'^::: (\S+)$', (DOCS / 'api.md').read_text(), re.MULTILINE)
+    assert len(names) > 25
+    assert [name for name in names if not holds_symbol(name)] == []
+
+
 # --- the page of file formats ----------------------------------------------------------------
 
 
