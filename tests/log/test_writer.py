@@ -137,6 +137,7 @@ def test_an_existing_log_is_never_overwritten_without_being_asked_to(short_run, 
     with pytest.raises(LogError, match='holds a log already') as found:
         short_run.write(tmp_path)
     assert found.value.fault is Fault.EXISTS
+    assert '`--overwrite`' in str(found.value) and '-p overwrite:=true' in str(found.value)
     assert digests(tmp_path) == before
     short_run.write(tmp_path, split_s=2.0, overwrite=True)
     assert sorted(digests(tmp_path)) == [

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Campaigns on disk and by command: the same bytes, interrupted or killed; bad input."""
 
+import io
 import os
 import re
 import resource
@@ -12,20 +13,24 @@ import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from campaign_documents import SHORT, write_campaign
+from rich.console import Console
 from typer.testing import CliRunner
 
 from rpo_core.validation import InputError
 from rpo_core.verdicts import verdicts
 from rpo_training.campaign import config, execution, run_batch
+from rpo_training.campaign.progress import CampaignDisplay
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.statistics import successes
 from rpo_training.campaign.store import Store
 from rpo_training.cli import app
+from rpo_training.display import COMPILING
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml'
@@ -367,3 +372,23 @@ def test_the_shipped_campaign_is_valid():
     again = config.Campaign.of_texts(campaign.texts, ('a', 'b', 'c'))
     assert again.config == campaign.config
     assert replace(again.config, seed=2) != campaign.config
+
+
+def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
+    """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
+    now = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr('rpo_training.campaign.progress.time', clock)
+    monkeypatch.setattr('rpo_training.display.EVERY_S', -1.0)
+    monkeypatch.setattr('rpo_training.display.PATIENCE_S', 0.01)
+    out = io.StringIO()
+    store = Store.create(tmp_path / 'flown', config.load(write(runs=900)))
+    with CampaignDisplay(store, Console(file=out, width=200)) as display:
+        while COMPILING not in out.getvalue():
+            time.sleep(0.01)
+        for at in (130.0, 130.1, 131.0, 132.0):
+            now[0] = at
+            display.advance(200, 100)
+    *_, first, second, third, last = out.getvalue().splitlines()
+    assert all('runs/s' not in line and '? left' in line for line in (first, second, third))
+    assert '50.00 % succeed  200 runs/s  0:00 left' in last
