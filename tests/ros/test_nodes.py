@@ -16,6 +16,7 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_log.read.run_log import read_flight, read_run
+from rpo_log.verify import verify
 from tools.node_processes import node_processes
 
 NODES = {
@@ -145,6 +146,22 @@ def test_an_existing_run_is_not_overwritten(ros):
     assert node.wait() == 2
     assert (output / 'run.mcap').read_bytes() == b'precious'
     assert 'overwrite' in node.output
+
+
+def test_a_flight_over_an_older_one_verifies_after_its_report(ros):
+    """The digests listed the picture of the older flight, which the report draws again."""
+    output = ros.folder / 'run'
+    (output / 'report').mkdir(parents=True)
+    picture = output / 'report' / 'time_histories.png'
+    picture.write_bytes(b'of an older flight')
+    (output / 'run.mcap').write_bytes(b'an older flight')
+    arguments = ['final_approach', '--scenario', 'quick', '--output', str(output)]
+    refused = ros.node('rpo_bringup', *arguments)
+    assert refused.wait() == 2 and '`--overwrite`' in refused.output
+    again = ros.node('rpo_bringup', *arguments, '--overwrite', '--no-report')
+    assert again.wait() == 0, again.output
+    picture.write_bytes(b'of this flight')
+    assert verify(output).exit_code == 0
 
 
 def test_arguments_that_are_not_parameters_are_refused(ros):

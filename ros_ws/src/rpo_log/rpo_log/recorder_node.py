@@ -342,7 +342,7 @@ class RecorderNode(FlightNode):
     def _seal(self) -> str:
         """Write the digest of every file of the folder, sign them; return why not, '' if done."""
         try:
-            sums.write_sums(self.folder)
+            sums.write_sums(self.folder, without=run_log.REPORT)
             if self._key is not None:
                 signature.sign(self.folder, self._key)
         except LogError as error:

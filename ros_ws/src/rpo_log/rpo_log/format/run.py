@@ -45,6 +45,9 @@ INFO_FILE = 'run_info.yaml'
 SUMS_FILE = 'SHA256SUMS'
 SIGNATURE_FILE = 'SHA256SUMS.sig'
 
+REPORT = 'report'
+"""Folder of pictures and a page, which are drawn after the recording, again and again."""
+
 _BESIDE = (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE, SUMS_FILE, SIGNATURE_FILE)
 
 MAX_CHUNK_TICKS = 512

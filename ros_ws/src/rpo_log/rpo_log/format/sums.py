@@ -48,16 +48,17 @@ def files_below(folder: Path) -> Iterator[str]:
             yield name
 
 
-def write_sums(folder: Path, known: Mapping[str, str] | None = None) -> None:
+def write_sums(folder: Path, known: Mapping[str, str] | None = None, without: str = '') -> None:
     """Write SHA256SUMS of a run folder, whole or not at all; raises LogError.
 
     A signature of older sums is removed.
 
     known : digests that are not computed again
+    without : folder below that is not listed
     """
     known = known or {}
-    lines = [f'{known.get(name) or digest_of(folder / name)}  {name}\n' for name in
-             files_below(folder)]  # fmt: skip
+    names = [name for name in files_below(folder) if name.partition('/')[0] != without]
+    lines = [f'{known.get(name) or digest_of(folder / name)}  {name}\n' for name in names]
     draft = folder / f'{SUMS_FILE}.part'
     try:
         (folder / SIGNATURE_FILE).unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import printable
 from rpo_core.verdicts import Verdict, verdicts
-from rpo_log.format.run import CONTROLLER
+from rpo_log.format.run import CONTROLLER, REPORT
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.show import style
 
@@ -56,7 +56,7 @@ def title_of(log: RunLog) -> str:
 
 def folder_of(run: Path) -> Path:
     """Return where the report of a run folder or .mcap file goes."""
-    return (run if run.is_dir() else run.parent) / 'report'
+    return (run if run.is_dir() else run.parent) / REPORT
 
 
 def rows(flight: Flight) -> dict[str, list[TableLine]]:
