@@ -30,7 +30,7 @@ from rpo_core.interfaces import (
 )
 from rpo_core.kernels import Vector, saturate
 from rpo_core.metrics import PENALTY, of_flight
-from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
+from rpo_core.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.stage import Place, Signal
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
 

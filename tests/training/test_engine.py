@@ -13,6 +13,7 @@ from rpo_core import kernels, metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
+from rpo_core.starts import Cube
 from rpo_core.validation import InputError
 from rpo_training.engine import lanes, parts, tick
 from rpo_training.engine.cases import case_of_flights, case_of_set
@@ -161,6 +162,6 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
 
 
 def test_more_starts_than_lanes_are_refused():
-    many = replace(TRAINING, axis_positions_m=tuple(map(float, range(1, 10))))
+    many = replace(TRAINING, starts=Cube(tuple(map(float, range(1, 10)))))
     with pytest.raises(InputError, match='axis loops; at most'):
         case_of_set(many).full  # noqa: B018

@@ -17,6 +17,7 @@ from rpo_core.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.stage import Place, Section, Stage
+from rpo_core.starts import Cube
 from rpo_training.campaign import config, run_batch, single
 from rpo_training.engine import support
 from rpo_training.engine.cases import case_of_flights, case_of_set
@@ -143,7 +144,7 @@ def test_both_ways_give_the_same_rows(elsewhere, tmp_path, monkeypatch):
     campaign = replace(campaign, scenario=replace(campaign.scenario, **elsewhere))
     base = replace(load_set('paper_training').base, duration_s=20.0, **elsewhere)
     training = case_of_set(
-        replace(load_set('paper_training'), base=base, axis_positions_m=(50.0, -100.0)),
+        replace(load_set('paper_training'), base=base, starts=Cube((50.0, -100.0))),
         horizon_s=30.0,
         late_s=5.0,
     )

@@ -16,6 +16,7 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_set
+from rpo_core.starts import Cube
 from rpo_core.validation import InputError
 from rpo_training.cli import app
 from rpo_training.engine.population import population_of
@@ -26,7 +27,7 @@ from rpo_training.search import corners
 from rpo_training.search.fitness import Fitness, FitnessSettings, excess
 
 TRAINING = load_set('paper_training')
-SMALL = replace(TRAINING, axis_positions_m=(-50.0, 5.0, 100.0))
+SMALL = replace(TRAINING, starts=Cube((-50.0, 5.0, 100.0)))
 HANDMADE = load_controller('handmade')
 
 

@@ -16,7 +16,7 @@ from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
 from rpo_training.search import config as configs
-from rpo_training.search import corners
+from rpo_training.search import corners, fitting
 from rpo_training.search.training import Training
 
 EXPECTED = Path(__file__).with_name('expected')
@@ -85,7 +85,7 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     shipped = load_controller(name)
     *_, preset, _, seed = shipped.provenance['command'].split()
     config = replace(configs.PRESETS[preset], seed=int(seed))
-    assert configs.command(config) == shipped.provenance['command']
+    assert fitting.command(config) == shipped.provenance['command']
     trained = Training.create(config, tmp_path / 'run').run()
     assert trained.system == shipped.system
     assert trained.scales == shipped.scales

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.baselines import Baseline, Model
-from rpo_core.scenario import load_set
-from rpo_core.validation import choice, mapping, real, whole
+from rpo_core.validation import MOST_PATH, choice, mapping, real, text, whole
 from rpo_training.baselines.tuning_spaces import TUNING_SPACES, TuningSpace
 from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.search.checkpoint import versions
-from rpo_training.search.fitness import CONDITIONS, Fitness, FitnessSettings
+from rpo_training.search.fitness import Fitness, FitnessSettings
+from rpo_training.search.fitting import penalty_n2s, units_of
 from rpo_training.search.genetic import GaSettings
 from rpo_training.search.run import SearchRun
 
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""
 
-SCENARIO = 'paper_training'
+PAPER = 'paper_training'
 CONFIG = 'tuning.yaml'
 
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
@@ -54,19 +54,22 @@ class TuningConfig:
     evaluations: int = BUDGET
     disturbance: float = 0.0
     sigma: float = 0.2
+    scenario: str = PAPER
 
     def __post_init__(self) -> None:
         choice('kind', self.kind, TUNING_SPACES)
         whole('seed', self.seed, least=0, most=2**63 - 1)
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
         real('disturbance', self.disturbance, 'N^2 s', least=0.0, most=1e6)
+        text('scenario', self.scenario, most=MOST_PATH)
 
     @property
     def command(self) -> str:
         """The command that repeats it."""
         less = '' if self.evaluations == BUDGET else f' --evaluations {self.evaluations}'
         test = f' --disturbance {self.disturbance:g}' if self.disturbance else ''
-        return f'rpo tune {self.kind} --seed {self.seed}{less}{test}'
+        mission = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
+        return f'rpo tune {self.kind}{mission} --seed {self.seed}{less}{test}'
 
     @property
     def name(self) -> str:
@@ -89,13 +92,18 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """Return the configuration of a file; raises InputError."""
         return files.load(path, parse)
 
+    @property
+    def scenario(self) -> str:
+        """The scenario or set that is tuned for."""
+        return self.config.scenario
+
     def dumps(self) -> str:
         """Return the configuration as the text of its file."""
         return yaml.safe_dump(asdict(self.config), sort_keys=False)
 
     def inputs(self) -> list[str]:
         """Return the text of the scenario."""
-        return [files.read_text(files.find('scenario', SCENARIO))]
+        return [files.read_text(files.find('scenario', self.config.scenario))]
 
     def make_search(self) -> Search:
         """Return the search over the space, from the middle of each."""
@@ -105,19 +113,29 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
-        searched = replace(SEARCHED, disturbance=self.config.disturbance)
-        return Fitness(load_set(SCENARIO), searched, workers)
+        searched = replace(self.flat, penalty='graded', margin=SEARCHED.margin)
+        if self.config.scenario == PAPER:
+            searched = replace(SEARCHED, disturbance=self.config.disturbance)
+        return Fitness(self.starts, searched, workers)
+
+    @property
+    def flat(self) -> FitnessSettings:
+        """The flat penalty; of another scenario than the paper's, in its unit of energy."""
+        if self.config.scenario == PAPER:
+            return FitnessSettings()
+        return FitnessSettings(penalty_n2s=penalty_n2s(self.starts))
 
     @property
     def space(self) -> TuningSpace:
-        """The tuning space of the kind."""
-        return TUNING_SPACES[self.config.kind]
+        """The tuning space of the kind; of another scenario, in its units."""
+        space = TUNING_SPACES[self.config.kind]
+        return space if self.config.scenario == PAPER else space.scaled(units_of(self.starts))
 
     @cached_property
     def model(self) -> Model:
         """The model of the plant for baselines."""
-        base = load_set(SCENARIO).base
-        return Model(base.orbit_radius_m, base.mass_kg, base.dt_s)
+        base = self.starts.base
+        return Model(base.orbit_radius_m, base.mass_kg, base.dt_s, base.body)
 
     @property
     def phase(self) -> str:
@@ -131,12 +149,13 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
     def make(self, genes: Floats) -> Baseline:
         """Return the baseline of a chromosome, without provenance."""
         made = self.space.make(self.space.values(genes), self.model)
-        return replace(made, name=self.config.name)
+        most_n = self.starts.base.max_force_n
+        return replace(made, name=self.config.name, max_force_n=most_n)
 
     def found(self) -> Baseline:
         """Return the best so far, its provenance filled in."""
         found = self.make(self.best_genes)
-        judge = Fitness(load_set(SCENARIO), FitnessSettings(), 1)
+        judge = Fitness(self.starts, self.flat, 1)
         with judge.simulator:
             scores = judge.score([found])
         provenance = {
@@ -144,13 +163,13 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
             'command': self.config.command,
             'algorithm': 'cmaes',
             'seed': self.config.seed,
-            'scenario': SCENARIO,
+            'scenario': self.config.scenario,
             'evaluations': self.checkpoint.evaluations,
             'stopped': self.search.stopped,
             'searched_fitness_n2s': float(self.best[0]),
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
-            'starts_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
+            'starts_that_miss': self.misses(found, scores),
             'versions': versions(),
         }
         return replace(found, description=self.space.description, provenance=provenance)

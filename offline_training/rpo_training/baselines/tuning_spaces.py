@@ -22,11 +22,17 @@ PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 
 
 class Parameter(NamedTuple):
-    """A tuned number and its range, searched on a logarithmic scale."""
+    """A tuned number and its range, searched on a logarithmic scale.
+
+    metres, seconds, newtons : powers of its unit; a weight is in the units of the cost, N^2
+    """
 
     name: str
     least: float
     most: float
+    metres: int = 0
+    seconds: int = 0
+    newtons: int = 0
 
 
 class TuningSpace(NamedTuple):
@@ -35,6 +41,15 @@ class TuningSpace(NamedTuple):
     parameters: tuple[Parameter, ...]
     make: Callable[[Mapping[str, float], Model], Baseline]
     description: str
+
+    def scaled(self, units: tuple[float, float, float]) -> TuningSpace:
+        """Return the space with its ranges in other units of length, time and force."""
+        metre, second, newton = units
+        scaled = []
+        for p in self.parameters:
+            unit = metre**p.metres * second**p.seconds * newton**p.newtons
+            scaled.append(p._replace(least=p.least * unit, most=p.most * unit))
+        return self._replace(parameters=tuple(scaled))
 
     def values(self, genes: Floats) -> dict[str, float]:
         """Return the numbers of a chromosome (parameters,) in [0, 1]."""
@@ -71,26 +86,35 @@ def _lqr(values: Mapping[str, float], model: Model) -> Lqr:
 
 TUNING_SPACES: Mapping[str, TuningSpace] = {
     Pd.kind: TuningSpace(
-        (Parameter('position_gain_n_m', 1e-4, 1.0), Parameter('velocity_gain_n_s_m', 1e-2, 20.0)),
+        (
+            Parameter('position_gain_n_m', 1e-4, 1.0, -1, 0, 1),
+            Parameter('velocity_gain_n_s_m', 1e-2, 20.0, -1, 1, 1),
+        ),
         lambda values, _model: Pd(name='pd', **values),  # type: ignore[arg-type]
         'Saturated proportional-derivative law, axis by axis.',
     ),
     Lqr.kind: TuningSpace(
-        (Parameter('position_weight', 1e-9, 1e-2), Parameter('velocity_weight', 1e-7, 10.0)),
+        (
+            Parameter('position_weight', 1e-9, 1e-2, -2, 0, 2),
+            Parameter('velocity_weight', 1e-7, 10.0, -2, 2, 2),
+        ),
         _lqr,
         'Infinite-horizon linear quadratic regulator of the discrete relative dynamics.',
     ),
     Mpc.kind: TuningSpace(
-        (Parameter('horizon_s', 100.0, 200.0), Parameter('least_time_to_go_s', 2.0, 60.0)),
+        (
+            Parameter('horizon_s', 100.0, 200.0, 0, 1),
+            Parameter('least_time_to_go_s', 2.0, 60.0, 0, 1),
+        ),
         lambda values, model: Mpc(name='mpc', model=model, **values),  # type: ignore[arg-type]
         'Shrinking-horizon least-energy transfer to rest, planned anew at every tick.',
     ),
     PotentialField.kind: TuningSpace(
         (
-            Parameter('approach_speed_m_s', 0.1, 10.0),
-            Parameter('rounding_radius_m', 0.1, 500.0),
-            Parameter('switching_gain_n', 1e-3, 1.0),
-            Parameter('boundary_layer_m_s', 1e-3, 10.0),
+            Parameter('approach_speed_m_s', 0.1, 10.0, 1, -1),
+            Parameter('rounding_radius_m', 0.1, 500.0, 1),
+            Parameter('switching_gain_n', 1e-3, 1.0, 0, 0, 1),
+            Parameter('boundary_layer_m_s', 1e-3, 10.0, 1, -1),
         ),
         lambda values, model: PotentialField(
             name='apf_smc',

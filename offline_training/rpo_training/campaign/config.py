@@ -73,7 +73,7 @@ QUANTITIES = {
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
-METRICS = {name: unit for name, unit in metrics.UNITS.items() if name != 'hold_speed_bound_m_s'}
+METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of a run, over the forces applied."""
 
 

@@ -28,11 +28,27 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     with interruptible(sentence), TrainingDisplay(run.folder) as display:
         best = run.run(display.show)
     made = best.provenance
-    missed = ', '.join(f'{name} {count}' for name, count in made['starts_that_miss'].items())
     echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
+    count = len(run.starts.initial_positions_m)
+    missed = ', '.join(f'{name} {n}' for name, n in made['starts_that_miss'].items())
     typer.echo(
         f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
-        f'N^2 s, starts that miss: {missed}'
+        f'N^2 s; of {count} starts miss: {missed}'
     )
     echo(f'{run.folder / best.name}.yaml')
     return best
+
+
+def end(run: SearchRun[Config, Found], best: Found) -> None:
+    """End with exit code 1 and a sentence if the best controller misses a condition."""
+    misses = {name: n for name, n in best.provenance['starts_that_miss'].items() if n}
+    if not misses:
+        return
+    count = len(run.starts.initial_positions_m)
+    which = ', '.join(f'{name} from {n} of {count} starts' for name, n in misses.items())
+    echo(
+        f'The best controller misses conditions of {run.scenario}: {which}. It is written. Try '
+        'another seed or more evaluations; or give the scenario more time, force or weaker limits.',
+        err=True,
+    )
+    raise typer.Exit(1)

@@ -10,22 +10,29 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.validation import InputError, choice
-from rpo_training.commands.searching import fly
+from rpo_training.commands.searching import end, fly
 from rpo_training.commands.shared import Cluster, Workers, echo
 
 if TYPE_CHECKING:
+    from rpo_core.controller import FuzzyController
     from rpo_training.search.config import TrainingConfig
     from rpo_training.search.training import Training
 
 EXAMPLES = """
-Examples: `rpo train` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
+Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
 `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd` | `rpo train --show > mine.yaml`
 then `rpo train --config mine.yaml` | `rpo train --cluster tcp://127.0.0.1:8786`
 """
 
 
 def train(
-    preset: Annotated[str, typer.Option(help='paper, best, robust or front')] = 'paper',
+    preset: Annotated[
+        str | None,
+        typer.Option(help='paper, best, robust, front or mission  [paper; with --scenario, mission]'),
+    ] = None,
+    scenario: Annotated[
+        str, typer.Option(help='train for this scenario or set (name or file); scales are fitted')
+    ] = '',
     config: Annotated[Path | None, typer.Option(help='YAML file, instead of a preset')] = None,
     seed: Annotated[int | None, typer.Option(help='seed of the random numbers')] = None,
     algorithm: Annotated[
@@ -46,38 +53,51 @@ def train(
 ) -> None:
     """Train a controller; the same configuration and seed give the same bits anywhere.
 
-    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. Exit code 1:
+    the best controller, which is written, misses a condition.
     """
     from rpo_training.search import config as configs
     from rpo_training.search.training import Training
 
     if resume is not None:
-        if any(option is not None for option in (config, seed, algorithm, settings, output)):
+        given = (preset, scenario or None, config, seed, algorithm, settings, output)
+        if any(option is not None for option in given):
             raise InputError('`--resume` takes its configuration from the run folder: give none')
         _fly(Training.resume(resume, workers, cluster), plots)
         return
     options = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in options.items() if value is not None]
-    chosen = configs.override(_base(preset, config), [*named, *(settings or [])])
+    for setting in settings or []:
+        if setting.startswith('scenario='):
+            raise InputError('`--set scenario=...` would keep the scales: use `--scenario`')
+    chosen = configs.override(_base(preset, scenario, config), [*named, *(settings or [])])
+    folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
+    if not any(setting.startswith('name=') for setting in settings or []):
+        chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(configs.dumps(chosen), nl=False)
         return
-    folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
     _fly(Training.create(chosen, folder, workers, cluster), plots)
 
 
-def _base(preset: str, path: Path | None) -> TrainingConfig:
+def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfig:
     from rpo_training.search import config as configs
+    from rpo_training.search.fitting import fitted
 
-    if path is not None:
-        return configs.load(path)
-    return configs.PRESETS[choice('--preset', preset, configs.PRESETS)]
+    name = preset or ('mission' if scenario else 'paper')
+    known = configs.PRESETS[choice('--preset', name, configs.PRESETS)]
+    base = known if path is None else configs.load(path)
+    return fitted(base, scenario) if scenario else base
 
 
 def _fly(training: Training, plots: bool) -> None:
     best = fly(training)
-    if not plots:
-        return
+    if plots:
+        _draw(training, best)
+    end(training, best)
+
+
+def _draw(training: Training, best: FuzzyController) -> None:
     try:
         from rpo_training.report.training import draw_run
     except ImportError:

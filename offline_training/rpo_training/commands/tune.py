@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rpo_core.validation import InputError
-from rpo_training.commands.searching import fly
+from rpo_training.commands.searching import end, fly
 from rpo_training.commands.shared import Workers
 
 EXAMPLES = """
@@ -25,6 +25,9 @@ def tune(
     evaluations: Annotated[
         int | None, typer.Option(help="at most, and no more than the paper's 60 x 301")
     ] = None,
+    scenario: Annotated[
+        str, typer.Option(help='tune for this scenario or set (name or file)')
+    ] = 'paper_training',
     disturbance: Annotated[
         float, typer.Option(help="weight [N² s] of the paper's test, which training does not see")
     ] = 0.0,
@@ -36,15 +39,18 @@ def tune(
 ) -> None:
     """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
 
-    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on.
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. Exit code 1:
+    the best one, which is written, misses a condition.
     """
     from rpo_training.baselines.tuning import BUDGET, Tuning, TuningConfig
 
     if (kind is None) == (resume is None):
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
     if resume is not None:
-        fly(Tuning.resume(resume, workers))
+        tuning = Tuning.resume(resume, workers)
+        end(tuning, fly(tuning))
         return
     budget = BUDGET if evaluations is None else evaluations
-    config = TuningConfig(str(kind), seed, budget, disturbance)
-    fly(Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers))
+    config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
+    tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
+    end(tuning, fly(tuning))

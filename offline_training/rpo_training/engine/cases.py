@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.disturbance import Disturbance
-from rpo_core.metrics import ARRIVAL_WINDOW_S, Windows, window_ticks
+from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_training.engine import lanes
@@ -37,6 +37,7 @@ class Case:
     starts : (n, 6) states
     disturbances : all that occur; disturbance : (n,) index of the one of each start
     late_s : extremes are taken over the last `late_s` of `horizon_s`
+    arrival_m : error of an axis that counts as arrived
     """
 
     name: str
@@ -46,6 +47,7 @@ class Case:
     disturbance: Ints
     horizon_s: float
     late_s: float
+    arrival_m: float = MAX_ARRIVAL_DISTANCE_M
 
     @cached_property
     def longer(self) -> Scenario:
@@ -55,12 +57,9 @@ class Case:
     @cached_property
     def windows(self) -> Windows:
         """Windows in ticks."""
-        return Windows(
-            self.base.ticks,
-            window_ticks(self.base, ARRIVAL_WINDOW_S),
-            self.longer.ticks,
-            window_ticks(self.longer, self.late_s),
-        )
+        judged = windows_of(self.base)
+        late = window_ticks(self.longer, self.late_s)
+        return Windows(judged.ticks, judged.tail, self.longer.ticks, late, self.arrival_m)
 
     @property
     def plant(self) -> Plant:
@@ -138,7 +137,7 @@ def _crossed(case: Case, *, odd: bool) -> Crossed:
     if axes > lanes.STRIDE:
         raise InputError(
             f'scenario {case.base.name} has {axes} axis loops; at most '
-            f'{lanes.STRIDE} fit, as with eight positions per axis'
+            f'{lanes.STRIDE} fit, as of eight positions per axis, or of 45 random starts'
         )
     d = case.forces
     table = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
@@ -153,6 +152,7 @@ def case_of_set(
     mass_kg: float | None = None,
     horizon_s: float = 0.0,
     late_s: float = 100.0,
+    arrival_m: float = MAX_ARRIVAL_DISTANCE_M,
 ) -> Case:
     """Return the case of a scenario set; it ends at `horizon_s` if that is later."""
     base = scenarios.base if mass_kg is None else replace(scenarios.base, mass_kg=mass_kg)
@@ -166,6 +166,7 @@ def case_of_set(
         np.zeros(len(starts), np.int64),
         max(horizon_s, base.duration_s),
         late_s,
+        arrival_m,
     )
 
 

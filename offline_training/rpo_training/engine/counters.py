@@ -78,7 +78,7 @@ def count_state(w, n, tick, windows, goal):  # type: ignore[no-untyped-def]
 def _count_state(w, n, tick, windows, r):  # type: ignore[no-untyped-def]
     if tick < windows.ticks:
         for s in range(n):
-            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s])
+            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s], windows.arrival_m)
     if tick >= windows.horizon - windows.late:
         for s in range(n):
             w[LATE_R + s] = larger(w[LATE_R + s], w[r + s])

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from rpo_core.controller import AnyController
-from rpo_core.flight import fly
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_core.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
+from rpo_training.engine.flights import flights_of
 
 
 class Judgement(NamedTuple):
@@ -43,18 +43,17 @@ def judge(
 
     Raises InputError if the scenario has no requirements.
     """
-    base, members = (
-        (found.base, found.scenarios()) if isinstance(found, ScenarioSet) else (found, [found])
-    )
+    is_set = isinstance(found, ScenarioSet)
+    base, count = (found.base, len(found.initial_positions_m)) if is_set else (found, 1)
     if base.requirements is None:
         raise InputError(
             f'scenario {found.name} has no requirements to judge by: add the section '
             '`requirements` (docs/file_formats.md)'
         )
     columns: list[list[Verdict]] = []
-    for number, scenario in enumerate(members):
-        report(f'{controller.name}: flights of {found.name}', number, len(members))
-        columns.append(verdicts(fly(scenario, controller)))
+    for number, flight in enumerate(flights_of(controller, found)):
+        report(f'{controller.name}: flights of {found.name}', number, count)
+        columns.append(verdicts(flight))
     return [
         Judgement(max(rows, key=_badness), sum(v.holds is False for v in rows), len(rows))
         for rows in zip(*columns, strict=True)

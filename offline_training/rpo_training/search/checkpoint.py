@@ -42,7 +42,7 @@ class Checkpoint:
 
     config : text of the configuration
     inputs : texts of the files that it names
-    scores : per generation (n, 6): fitness, energy, failures of the three conditions, arrival time
+    scores : per generation (n, 3 + k): fitness, energy, failures of k conditions, arrival time
     digests : of the chromosomes of each
     """
 
@@ -71,7 +71,7 @@ class Checkpoint:
             'inputs': np.array(digest_of(*self.inputs)),
             'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
             'sizes': np.array([len(s) for s in self.scores]),
-            'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 6)),
+            'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 3)),
             'digests': np.array(self.digests, dtype='U16'),
         }
         write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
@@ -120,8 +120,9 @@ class Checkpoint:
 
 
 def _split(rows: Floats, sizes: list[int]) -> list[Floats]:
-    """Return the rows (n, 6) of each generation; raises ValueError if they do not fit."""
-    if rows.shape != (sum(sizes), 6) or rows.dtype != np.float64 or min(sizes, default=1) < 1:
+    """Return the rows (n, 3 + k) of each generation; raises ValueError if they do not fit."""
+    fits = rows.ndim == 2 and len(rows) == sum(sizes) and rows.shape[1] >= 3
+    if not fits or rows.dtype != np.float64 or min(sizes, default=1) < 1:
         raise ValueError(f'{rows.shape} scores of {len(sizes)} generations')
     return np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
 

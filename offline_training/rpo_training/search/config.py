@@ -13,7 +13,7 @@ import yaml
 
 from rpo_core import files
 from rpo_core.codec import to_mapping
-from rpo_core.validation import MOST_PATH, InputError, choice, mapping, shown, text, whole
+from rpo_core.validation import MOST_PATH, InputError, choice, mapping, real, shown, text, whole
 from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings
 from rpo_training.search.fitness import FitnessSettings
@@ -33,6 +33,7 @@ class TrainingConfig:
     """All that determines the outcome of a run; the defaults are the preset `paper`.
 
     start : controllers of the first generation; CMA-ES starts from the first of them
+    start_scales : position [m] and velocity [m/s] scale of these; empty: those of their files
     ga : its population and generations are also those of NSGA-II
     """
 
@@ -41,6 +42,7 @@ class TrainingConfig:
     scenario: str = 'paper_training'
     algorithm: str = 'ga'
     start: tuple[str, ...] = ('handmade',)
+    start_scales: tuple[float, ...] = ()
     genes: GeneSpace = field(default_factory=GeneSpace)
     fitness: FitnessSettings = field(default_factory=FitnessSettings)
     ga: GaSettings = field(default_factory=GaSettings)
@@ -54,6 +56,12 @@ class TrainingConfig:
         choice('algorithm', self.algorithm, ALGORITHMS)
         for i, name in enumerate(self.start):
             text(f'start[{i}]', name, most=MOST_PATH)
+        if len(self.start_scales) not in (0, 2):
+            raise InputError(
+                f'`start_scales` must be empty or two numbers; got {list(self.start_scales)}'
+            )
+        for scale, unit in zip(self.start_scales, ('m', 'm/s'), strict=False):
+            real('start_scales', scale, unit, above=0.0)
         if self.algorithm in ('cmaes', 'race') and not self.start:
             raise InputError(
                 f'`start` must name a controller for {self.algorithm} to start from; got none'
@@ -78,6 +86,15 @@ PRESETS = {
         fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0, robustness=100.0),
         cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
     ),
+    'mission': TrainingConfig(
+        name='mission',
+        algorithm='race',
+        start=('trained',),
+        genes=_READABLE,
+        fitness=FitnessSettings(penalty='graded', margin=0.05),
+        cmaes=CmaSettings(population=20, evaluations=3000, descents=2),
+        race=RaceSettings(rounds=1, entrants=4, evaluations=700),
+    ),
     'front': TrainingConfig(
         name='front',
         algorithm='nsga2',
@@ -87,21 +104,14 @@ PRESETS = {
     ),
 }
 """`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
-with the limits of the paper under dispersions. `front`: a Pareto front."""
+with the limits of the paper under dispersions. `mission`: in minutes, for a scenario of one's own
+(`search.fitting`). `front`: a Pareto front."""
 
 
 def dumps(config: TrainingConfig) -> str:
     """Return the YAML text of a configuration, every default visible."""
     document = {'schema': SCHEMA, **to_mapping(config)}
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
-
-
-def command(config: TrainingConfig) -> str:
-    """Return the command that trains this configuration."""
-    for preset, known in PRESETS.items():
-        if replace(known, seed=config.seed) == config:
-            return f'rpo train --preset {preset} --seed {config.seed}'
-    return f'rpo train --config {config.name}.yaml, the config.yaml of its run folder'
 
 
 def parse(document: Any) -> TrainingConfig:

@@ -3,7 +3,7 @@
 """Fitness of a controller: the paper's, and optional terms.
 
 The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
-met (`rpo_core.metrics`). Graded: 10 just beyond the limit, rising to 100 far from it, which shows a
+met. The conditions are what the scenario requires (`search.conditions`). Graded: 10 just beyond the limit, rising to 100 far from it, which shows a
 search which way is better. Optional terms, weighted by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
@@ -15,8 +15,9 @@ search which way is better. Optional terms, weighted by how far a limit is excee
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ from rpo_training.engine.cases import Case, case_of_flights, case_of_set
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
+from rpo_training.search.conditions import FINAL, HOLD, JUDGED, conditions_of
 
 Floats = NDArray[np.float64]
 
@@ -72,13 +74,15 @@ class FitnessSettings:
     """Settings of the fitness.
 
     penalty : 'flat', the paper's, or 'graded'
-    arrival : whether the third condition counts
+    penalty_n2s : of a condition that is not met
+    arrival : whether the mean error counts, the third condition
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     """
 
     penalty: str = 'flat'
+    penalty_n2s: float = PENALTY
     arrival: bool = True
     margin: float = 0.0
     limit_cycle: float = 0.0
@@ -94,6 +98,7 @@ class FitnessSettings:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
         for name in ('limit_cycle', 'disturbance', 'robustness'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
+        real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
         for i, mass in enumerate(self.mass_kg):
             real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
 
@@ -103,8 +108,8 @@ class Scores(NamedTuple):
 
     fitness : (n,) the minimised number [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
-    failures : (n, 3) starts that miss each of `CONDITIONS`
-    arrival : (n,) mean time [s] after which every axis stays within 0.5 m
+    failures : (n, k) starts that miss each of the conditions
+    arrival : (n,) mean time [s] after which every axis stays within 0.5 m, or what is required
     """
 
     fitness: Floats
@@ -114,7 +119,7 @@ class Scores(NamedTuple):
 
 
 def failures(rows: Floats) -> NDArray[np.int64]:
-    """Return how many starts (..., 3) of metrics (..., starts, columns) miss each condition."""
+    """Return how many starts (..., 3) of metrics (..., starts, columns) miss each of the paper's."""
     return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 
@@ -146,17 +151,24 @@ class Fitness:
         workers: int = 0,
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
-        self.settings = settings
+        self.settings, self.conditions = settings, conditions_of(scenarios.base)
+        self._windows = [w for w in (HOLD, FINAL) if w in self.conditions.windows]
         self.simulator = make_simulator(self._cases(scenarios), workers)
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
-        settings = self.settings
-        late = SETTLED_UNTIL_S - SETTLED_FROM_S
-        horizon = SETTLED_UNTIL_S if settings.limit_cycle else 0.0
-        cases = [
-            case_of_set(scenarios, horizon_s=horizon, late_s=late),
-            *(case_of_set(scenarios, mass_kg=mass) for mass in settings.mass_kg),
-        ]
+        """Return the cases: the training, once for each late window; its masses; other terms."""
+        settings, late_s = self.settings, self.conditions.late_s
+        make = partial(case_of_set, scenarios, arrival_m=self.conditions.arrival_m)
+        windows = [make(late_s=late_s[w]) for w in self._windows]
+        late, cases = SETTLED_UNTIL_S - SETTLED_FROM_S, []
+        if settings.limit_cycle:
+            cases.append(make(horizon_s=SETTLED_UNTIL_S, late_s=late))
+        cases += windows
+        if not cases:
+            cases.append(make(late_s=late))
+        for mass in settings.mass_kg:
+            lates = [late_s[w] for w in self._windows] or [late]
+            cases += [make(mass_kg=mass, late_s=seconds) for seconds in lates]
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
         if settings.robustness:
@@ -167,29 +179,41 @@ class Fitness:
         """Return the scores of a population."""
         settings = self.settings
         outcomes = iter(self.simulator.fly(population))
-        training = next(outcomes)
-        masses = [next(outcomes) for _ in settings.mass_kg]
-        energy = mean(training[..., ENERGY])
-        fitness = energy + mean(self._penalties(training))
-        for outcome in masses:
-            fitness = fitness + mean(self._penalties(outcome))
+        cycling = [next(outcomes)] if settings.limit_cycle else []
+        judged = self._judged(outcomes, cycling)
+        training = judged[JUDGED]
+        energy, values = mean(training[..., ENERGY]), self.conditions.values(judged)
+        fitness = energy + mean(self._penalties(values))
+        for _ in settings.mass_kg:
+            heavier = self.conditions.values(self._judged(outcomes, []))
+            fitness = fitness + mean(self._penalties(heavier))
         if settings.limit_cycle:
-            fitness = fitness + settings.limit_cycle * self._cycling(training)
+            fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
         if settings.disturbance:
             fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
         if settings.robustness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
-        return Scores(fitness, energy, failures(training), mean(training[..., ARRIVAL_TIME]))
+        missed = (values > self.conditions.limits).sum(axis=-2)
+        return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
 
-    def _penalties(self, rows: Floats) -> Floats:
-        """Return the penalty (n, starts) of rows of metrics (n, starts, columns)."""
-        used = 3 if self.settings.arrival else 2
-        limits = LIMITS[:used] * (1.0 - self.settings.margin)
-        values = rows[..., _COLUMNS[:used]]
+    def _judged(self, outcomes: Iterator[Floats], first: list[Floats]) -> dict[str, Floats]:
+        """Return the metrics (n, starts, columns) of each window of the training."""
+        rows = {w: next(outcomes) for w in self._windows}
+        if not rows and not first:
+            first = [next(outcomes)]
+        return {JUDGED: [*first, *rows.values()][0], **rows}
+
+    def _penalties(self, values: Floats) -> Floats:
+        """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
+        limits = self.conditions.limits * (1.0 - self.settings.margin)
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':
             missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
-        return PENALTY * (missed[..., 0] + missed[..., 1] + (missed[..., 2] if used == 3 else 0.0))
+        total = np.zeros(values.shape[:-1])
+        for index, name in enumerate(self.conditions.labels):
+            if self.settings.arrival or name != 'arrival':
+                total = total + missed[..., index]
+        return self.settings.penalty_n2s * total
 
     def _cycling(self, training: Floats) -> Floats:
         keep = 1.0 - self.settings.margin

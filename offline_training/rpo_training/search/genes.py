@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from math import floor, log10
 
 import numpy as np
 
@@ -83,8 +84,9 @@ class GeneSpace:
         for column, (least, most) in enumerate(self._scales):
             scales[:, column] = least
             if least < most:
-                scales[:, column] += np.round((most - least) * genes[:, used], _DECIMALS)
-                scales[:, column] = np.round(scales[:, column], _DECIMALS)
+                decimals = max(_DECIMALS, _DECIMALS - floor(log10(most)))  # of a small scale, more
+                scales[:, column] += np.round((most - least) * genes[:, used], decimals)
+                scales[:, column] = np.round(scales[:, column], decimals)
                 used += 1
         scales[:, 2] = self.force_scale_n
         functions = _decode_functions(genes[:, used : used + FUNCTIONS], self.complete)

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 
 from rpo_training.display import Display
-from rpo_training.search.fitness import CONDITIONS
 from rpo_training.search.run import Progress
 
 
@@ -16,7 +15,7 @@ class TrainingDisplay(Display):
 
     def show(self, progress: Progress) -> None:
         """Show the state of the run, and the longest time that the present phase can still take."""
-        missed = ' '.join(f'{c} {n}' for c, n in zip(CONDITIONS, progress.failures, strict=True))
+        missed = ' '.join(f'{c} {n}' for c, n in progress.failures.items())
         left_s, rate = math.inf, ''
         if progress.evaluated:
             each_s = progress.seconds / progress.evaluated

@@ -22,10 +22,13 @@ from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
+from rpo_training.evaluation.judgement import judge
 from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search
 from rpo_training.search.checkpoint import Checkpoint, digest
+from rpo_training.search.conditions import label
 from rpo_training.search.fitness import Fitness, Scores
+from rpo_training.search.fitting import training_set
 
 Floats = NDArray[np.float64]
 
@@ -41,7 +44,7 @@ class Progress:
     """The state of a run after a generation.
 
     mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
-    failures : starts that miss each of the conditions, for the best so far
+    failures : condition -> starts that miss it, for the best so far
     evaluated : controllers that this process has simulated; seconds : since its
     first generation, which may have waited for the compiler, and is not counted
     """
@@ -52,7 +55,7 @@ class Progress:
     evaluations: int
     best: float
     energy: float
-    failures: tuple[int, int, int]
+    failures: dict[str, int]
     arrival_s: float
     mean: float
     spread: float
@@ -75,10 +78,11 @@ class SearchRun(Generic[Config, Found]):
 
     def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
         self.config, self.folder = config, folder
+        self.starts = training_set(self.scenario)
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
         self.checkpoint = Checkpoint(self.dumps(), self.inputs())
-        self.best = np.full(6, np.inf)
+        self.best = np.full(3, np.inf)
         self.best_genes: Floats = np.empty(0)
         self._evaluated = 0
         self._began: float | None = None
@@ -86,6 +90,11 @@ class SearchRun(Generic[Config, Found]):
     @classmethod
     def load(cls, path: Path) -> Config:
         """Return the configuration of a file; raises InputError."""
+        raise NotImplementedError
+
+    @property
+    def scenario(self) -> str:
+        """The scenario or set that is searched for."""
         raise NotImplementedError
 
     def dumps(self) -> str:
@@ -112,6 +121,14 @@ class SearchRun(Generic[Config, Found]):
     def decode(self, genes: Floats) -> Any:
         """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
+
+    def misses(self, controller: Found, scores: Scores) -> dict[str, int]:
+        """Return condition -> starts at which a controller misses it, by exact values."""
+        conditions = self.fitness.conditions
+        if conditions.exact:
+            return dict(zip(conditions.labels, map(int, scores.failures[0]), strict=True))
+        judged = judge(controller, self.starts, lambda *_: None)
+        return {label(j.worst.key): j.missed for j in judged}
 
     def objectives(self, genes: Floats, scores: Scores) -> Floats:
         """Return the objectives (n, objectives) of a generation."""
@@ -158,8 +175,8 @@ class SearchRun(Generic[Config, Found]):
                     f'{folder / CHECKPOINT}: generation {number} does not repeat on '
                     'this machine; resume it on the machine where it began'
                 )
-            failures = rows[:, 2:5].astype(np.int64)
-            again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, 5]))
+            failures = rows[:, 2:-1].astype(np.int64)
+            again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, -1]))
         return again
 
     def _enter(self, genes: Floats, scores: Scores) -> None:
@@ -212,7 +229,7 @@ class SearchRun(Generic[Config, Found]):
             self.checkpoint.evaluations,
             best,
             energy,
-            (int(failures[0]), int(failures[1]), int(failures[2])),
+            dict(zip(self.fitness.conditions.labels, map(int, failures), strict=True)),
             arrival,
             float(fitness.mean()),
             float(fitness.std()),

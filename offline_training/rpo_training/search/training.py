@@ -20,42 +20,32 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.controller import FuzzyController, load_fuzzy
-from rpo_core.scenario import load_set
 from rpo_training.cluster.simulator import ClusterSimulator
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.assessment import assess
 from rpo_training.outputs import write_text
 from rpo_training.search import config as configs
+from rpo_training.search import fitting
 from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.config import TrainingConfig
-from rpo_training.search.fitness import CONDITIONS, Fitness, Scores
+from rpo_training.search.fitness import Fitness, Scores
 from rpo_training.search.race import TableRace
 from rpo_training.search.run import SearchRun
 
 Floats = NDArray[np.float64]
 
 CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
-
-_COLUMNS = (
-    'generation',
-    'evaluations',
-    'best_fitness',
-    'mean_fitness',
-    'fitness_spread',
-    'best_energy_n2s',
-    *(f'best_misses_{c}' for c in CONDITIONS),
-    'best_arrival_s',
-)
+PAPER = 'paper_training'
 
 
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
-    """Return a start with the scales of the search where those are fixed."""
+    """Return a start with the scales of the search where those are fixed or given."""
     start, space = load_fuzzy(name), config.genes
     scales = []
     for value, (least, most) in zip(
-        start.scales, (space.position_scale_m, space.velocity_scale_m_s), strict=False
+        config.start_scales or start.scales, (space.position_scale_m, space.velocity_scale_m_s), strict=False
     ):
         scales.append(value if least < most else least)
     return replace(start, position_scale_m=scales[0], velocity_scale_m_s=scales[1])
@@ -76,6 +66,11 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
     def load(cls, path: Path) -> TrainingConfig:
         """Return the configuration of a file; raises InputError."""
         return configs.load(path)
+
+    @property
+    def scenario(self) -> str:
+        """The scenario or set that is trained for."""
+        return self.config.scenario
 
     def dumps(self) -> str:
         """Return the configuration as the text of its file."""
@@ -105,7 +100,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the fitness of the configuration, on threads or on a cluster."""
         make = partial(ClusterSimulator, address=address) if address else Simulator
-        return Fitness(load_set(self.config.scenario), self.config.fitness, workers, make)
+        return Fitness(self.starts, self.config.fitness, workers, make)
 
     def decode(self, genes: Floats) -> Population:
         """Return the controllers of a generation."""
@@ -125,8 +120,19 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def save_more(self) -> None:
         """Write `history.csv`, a row for each generation; for a front, its controllers."""
-        history: list[Sequence[object]] = [_COLUMNS]
-        best, evaluations = np.full(6, np.inf), 0
+        history: list[Sequence[object]] = [
+            (
+                'generation',
+                'evaluations',
+                'best_fitness',
+                'mean_fitness',
+                'fitness_spread',
+                'best_energy_n2s',
+                *(f'best_misses_{name}' for name in self.fitness.conditions.labels),
+                'best_arrival_s',
+            )
+        ]
+        best, evaluations = np.full(1, np.inf), 0
         for number, scores in enumerate(self.checkpoint.scores):
             evaluations += len(scores)
             first = scores[int(scores[:, 0].argmin())]
@@ -139,8 +145,8 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                     float(scores[:, 0].mean()),
                     float(scores[:, 0].std()),
                     float(best[1]),
-                    *best[2:5].astype(int),
-                    float(best[5]),
+                    *best[2:-1].astype(int),
+                    float(best[-1]),
                 ]
             )
         self._write_csv(HISTORY, history)
@@ -157,9 +163,10 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         config = self.config
         population = config.genes.decode(genes[None])
         scores = self.fitness.score(population)
+        found = population.controller(0, name)
         provenance: dict[str, object] = {
             'method': 'rpo train',
-            'command': configs.command(config),
+            'command': fitting.command(config),
             'algorithm': config.algorithm,
             'seed': config.seed,
             'scenario': config.scenario,
@@ -169,23 +176,24 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
             'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': dict(zip(CONDITIONS, map(int, scores.failures[0]), strict=True)),
+            'starts_that_miss': self.misses(found, scores),
             'versions': versions(),
         }
-        found = population.controller(0, name)
-        provenance['targets'] = {target.what: target.reached for target in assess(found).targets()}
+        if config.scenario == PAPER:
+            targets = assess(found).targets()
+            provenance['targets'] = {target.what: target.reached for target in targets}
         return replace(found, provenance=provenance)
 
     def _save_front(self) -> None:
         """Write the controllers without penalty that no other beats in both objectives."""
         genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
-        clean = np.flatnonzero(scores[:, 2:5].sum(axis=1) == 0)
-        order = clean[np.lexsort((scores[clean, 5], scores[clean, 1]))]
+        clean = np.flatnonzero(scores[:, 2:-1].sum(axis=1) == 0)
+        order = clean[np.lexsort((scores[clean, -1], scores[clean, 1]))]
         front: list[Sequence[object]] = [('controller', 'mean_energy_n2s', 'mean_arrival_s')]
         soonest = np.inf
         for index in order:
-            if scores[index, 5] < soonest:
-                soonest = scores[index, 5]
+            if scores[index, -1] < soonest:
+                soonest = scores[index, -1]
                 name = f'{self.config.name}_{len(front) - 1:03d}'
                 self.save(self.controller(genes[index], name))
                 front.append((name, float(scores[index, 1]), float(soonest)))

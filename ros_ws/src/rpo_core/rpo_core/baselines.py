@@ -13,14 +13,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
+from rpo_core import codec, cw
 from rpo_core.baseline_kernels import GAINS, BaselineLaw, baseline_force, least_energy_gains
 from rpo_core.controller_file import ControllerFile, ControllerStage, register
 from rpo_core.jit import as_table
@@ -36,19 +36,24 @@ _SCALE = np.array([100.0, 100.0, 100.0, 1.0, 1.0, 1.0])  # of states [m, m/s], f
 
 @dataclass(frozen=True)
 class Model:
-    """The relative dynamics that a design takes for true."""
+    """The relative dynamics that a design takes for true.
 
-    orbit_radius_m: cw.OrbitRadius
+    body : what the target orbits; a file names one of `cw.BODIES`, or has a mapping
+    """
+
+    orbit_radius_m: float
     mass_kg: cw.Mass
     dt_s: cw.TickLength
+    body: Annotated[Any, cw.body_of] = field(default=cw.EARTH, metadata=codec.UNLESS_DEFAULT)
 
     def __post_init__(self) -> None:
         check_fields(self)
+        store(self, orbit_radius_m=cw.orbit_radius(self.orbit_radius_m, self.body))
 
     @property
     def mean_motion_rad_s(self) -> float:
         """Mean motion of the target."""
-        return cw.mean_motion(self.orbit_radius_m)
+        return cw.mean_motion(self.orbit_radius_m, self.body)
 
     def matrices(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return A_d (6, 6) and B_d (6, 3) of a tick."""

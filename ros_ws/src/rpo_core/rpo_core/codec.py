@@ -17,6 +17,9 @@ from rpo_core.validation import InputError, mapping, shown, within
 
 Record = TypeVar('Record')
 
+UNLESS_DEFAULT = {'written': 'unless it is the default'}
+"""Metadata of a field that `to_mapping` leaves out where it has its default."""
+
 
 def from_mapping(
     kind: type[Record], place: str, value: Any, *, needed: Collection[str] = ()
@@ -56,7 +59,11 @@ def _nested(hint: Any, place: str, value: Any) -> Any:
 def to_mapping(record: Any) -> Any:
     """Return a dataclass as what YAML has: mappings, lists, texts and numbers."""
     if is_dataclass(record) and not isinstance(record, type):
-        return {f.name: to_mapping(getattr(record, f.name)) for f in fields(record) if f.init}
+        return {
+            f.name: to_mapping(getattr(record, f.name))
+            for f in fields(record)
+            if f.init and not (f.metadata and getattr(record, f.name) == f.default)
+        }
     if isinstance(record, dict):
         return {key: to_mapping(item) for key, item in record.items()}
     return [to_mapping(item) for item in record] if isinstance(record, (list, tuple)) else record

@@ -13,21 +13,22 @@ target's velocity; z H-bar, along the orbit's angular momentum. State: (x, y, z,
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.kernels import CwStep, Vector, sin_cos
-from rpo_core.validation import check_fields, real
+from rpo_core import codec
+from rpo_core.validation import InputError, check_fields, real, shown
 
 MU_EARTH_M3_S2 = 3.986004418e14
 """Standard gravitational parameter of the Earth (WGS 84)."""
 
 MAX_ORBIT_RADIUS_M = 1e9
-OrbitRadius = Annotated[float, partial(real, unit='m', least=6.4e6, most=MAX_ORBIT_RADIUS_M)]
 Mass = Annotated[float, partial(real, unit='kg', least=1e-3, most=1e9)]
 TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
 """Annotations of the fields of a dataclass, see `rpo_core.validation.check_fields`."""
@@ -54,6 +55,31 @@ BODIES = {
     'mars': Body(4.282837e13, 3.3962e6),
 }
 """Bodies by name; no orbit about the Earth is lower than 6400 km."""
+
+
+def body_of(name: str, value: Any) -> Body:
+    """Return the body of a name, a mapping or itself; raises InputError."""
+    if isinstance(value, Body):
+        return value
+    if isinstance(value, Mapping):
+        return codec.from_mapping(Body, name, value)
+    if not isinstance(value, str) or value not in BODIES:
+        raise InputError(
+            f'`{name}` must be one of {", ".join(BODIES)}, or a mapping with mu_m3_s2, radius_m; '
+            f'got {shown(value)}'
+        )
+    return BODIES[value]
+
+
+def document_of(body: Body) -> Any:
+    """Return a body as a file has it: its name, or a mapping."""
+    names = [name for name, known in BODIES.items() if known == body]
+    return names[0] if names else codec.to_mapping(body)
+
+
+def orbit_radius(radius_m: Any, body: Body) -> float:
+    """Return the radius of an orbit about a body; raises InputError."""
+    return real('orbit_radius_m', radius_m, 'm', least=body.radius_m, most=MAX_ORBIT_RADIUS_M)
 
 
 def mean_motion(orbit_radius_m: float, body: Body = EARTH) -> float:

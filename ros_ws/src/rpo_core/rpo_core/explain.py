@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from rpo_core import kernels
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.fuzzy import WORDS, FuzzySystem
-from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S
+from rpo_core.scenario import MAX_VELOCITY_M_S
+from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, real
 
 AXES = ('x', 'y', 'z')

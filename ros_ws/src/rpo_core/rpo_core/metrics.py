@@ -42,6 +42,7 @@ UNITS = {
     'arrival_time_s': 's',
     'delta_v_axis_sum_m_s': 'm/s',
     'hold_speed_bound_m_s': 'm/s',
+    'hold_error_bound_m': 'm',
 }
 """Metric -> unit, in the order of a row; the smaller, the better. A requirement has the same name.
 
@@ -52,9 +53,11 @@ UNITS = {
   step from rest to the first command that acts is not counted (`first_slew_tick`);
 - hold error, speed, force: largest absolute value of any axis in the late window: the last 200 s,
   or from the `hold_from_s` that the scenario requires;
-- arrival time: after it every axis stays within 0.5 m, as far as the judged flight goes;
+- arrival time: after it every axis stays within 0.5 m, as far as the judged flight goes; the
+  search of a controller takes the error that its scenario requires (`Windows.arrival_m`);
 - delta-v: integral of |f_x| + |f_y| + |f_z| over the mass;
-- hold speed, bound: norm of the axes' largest |velocity|, never less than the largest norm.
+- hold speed, error, bound: norm of the axes' largest |velocity|, |position|; never less than the
+  largest norm.
 """
 
 (
@@ -68,6 +71,7 @@ UNITS = {
     ARRIVAL_TIME,
     DELTA_V,
     LATE_SPEED,
+    LATE_DISTANCE,
 ) = range(len(UNITS))
 """Columns of a row of metrics."""
 
@@ -79,12 +83,14 @@ class Windows(NamedTuple):
     tail : last states of it whose norms are averaged
     horizon : flight in all, >= ticks
     late : last ticks of the horizon whose extremes are kept
+    arrival_m : error of an axis [m] that counts as arrived
     """
 
     ticks: int
     tail: int
     horizon: int
     late: int
+    arrival_m: float = MAX_ARRIVAL_DISTANCE_M
 
 
 class AxisSums(NamedTuple):
@@ -93,7 +99,7 @@ class AxisSums(NamedTuple):
     energy, effort : sums of f^2 [N^2] and |f| [N]
     step : largest change of force between ticks [N]
     position, velocity, force : largest absolute values in the late window
-    outside : number of the last tick after which |r| > 0.5 m, from 1; 0 if none
+    outside : number of the last tick after which |r| > `arrival_m`, from 1; 0 if none
     """
 
     energy: float
@@ -119,9 +125,9 @@ def with_square(total: float, force: float) -> float:
 
 
 @kernel
-def last_outside(last: float, tick: int, r: float) -> float:
+def last_outside(last: float, tick: int, r: float, arrival_m: float) -> float:
     """Return the number of the last tick, from 1, after which |r| [m] is beyond arrival."""
-    return tick + 1.0 if abs(r) > MAX_ARRIVAL_DISTANCE_M else last
+    return tick + 1.0 if abs(r) > arrival_m else last
 
 
 @kernel
@@ -152,6 +158,7 @@ def fill_row(
     row[ARRIVAL_DISTANCE] = distances / tail
     row[LATE_POSITION] = max(x.position, y.position, z.position)
     row[LATE_SPEED] = norm(x.velocity, y.velocity, z.velocity)
+    row[LATE_DISTANCE] = norm(x.position, y.position, z.position)
     row[LATE_FORCE] = max(x.force, y.force, z.force)
     row[ARRIVAL_TIME] = max(x.outside, y.outside, z.outside) * dt
     row[LATE_VELOCITY] = max(x.velocity, y.velocity, z.velocity)
@@ -173,7 +180,7 @@ def axis_sums(states: Any, forces: Any, axis: int, windows: Windows, first_slew:
             effort += abs(force)
             step = larger(step, force - before) if tick >= first_slew else step
             before = force
-            outside = last_outside(outside, tick, r)
+            outside = last_outside(outside, tick, r, windows.arrival_m)
         if tick >= windows.horizon - windows.late:
             position, velocity = larger(position, r), larger(velocity, v)
             largest = larger(largest, force)

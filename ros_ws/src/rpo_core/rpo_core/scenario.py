@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import datetime
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -16,12 +15,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import codec, cw, files, requirements
+from rpo_core import codec, cw, files, requirements, starts
 from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.navigation import Navigation
 from rpo_core.requirements import Requirements
 from rpo_core.stage import section_of, sections
+from rpo_core.starts import MAX_POSITION_M, Starts
 from rpo_core.thrusters import Thrusters
 from rpo_core.validation import (
     Description,
@@ -48,11 +48,8 @@ DISTURBANCES = ('none', 'paper_offset', 'paper_phase')
 """Presets of the field `disturbance`."""
 
 MAX_TICKS = 10_000_000
-MAX_POSITION_M = 100_000.0
 MAX_VELOCITY_M_S = 1_000.0
 AT_TARGET: Vector = (0.0, 0.0, 0.0)
-MAX_SET_POSITIONS = 100
-"""Positions per axis of a set: a million starts."""
 
 _STAMP_END_NS = 2**31 * NANOSECONDS  # the seconds of a ROS stamp are an int32
 
@@ -100,9 +97,7 @@ class Scenario:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        least, most = self.body.radius_m, cw.MAX_ORBIT_RADIUS_M
-        radius_m = real('orbit_radius_m', self.orbit_radius_m, 'm', least=least, most=most)
-        store(self, orbit_radius_m=radius_m)
+        store(self, orbit_radius_m=cw.orbit_radius(self.orbit_radius_m, self.body))
         self._check_sections()
         self._check_ticks()
         self._check_angles()
@@ -233,28 +228,10 @@ class Scenario:
 
 @dataclass(frozen=True)
 class ScenarioSet:
-    """Scenarios that differ in their initial position: all combinations of one list per axis."""
+    """Scenarios that differ in their initial position."""
 
     base: Scenario
-    axis_positions_m: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        field_name = 'initial_position_axis_m'
-        positions = self.axis_positions_m
-        if not isinstance(positions, (list, tuple)) or not 0 < len(positions) <= MAX_SET_POSITIONS:
-            raise InputError(
-                f'`{field_name}` must be a list of 1 to {MAX_SET_POSITIONS} positions '
-                f'in m; got {shown(positions)}'
-            )
-        store(
-            self,
-            axis_positions_m=tuple(
-                real(
-                    f'{field_name}[{i}]', position, 'm', least=-MAX_POSITION_M, most=MAX_POSITION_M
-                )
-                for i, position in enumerate(positions)
-            ),
-        )
+    starts: Starts
 
     @property
     def name(self) -> str:
@@ -263,8 +240,8 @@ class ScenarioSet:
 
     @property
     def initial_positions_m(self) -> NDArray[np.float64]:
-        """Starts (len^3, 3) [m], target LVLH, z fastest."""
-        return np.array(list(itertools.product(self.axis_positions_m, repeat=3)))
+        """Starts (n, 3) [m], target LVLH."""
+        return self.starts.positions_m
 
     def scenarios(self) -> list[Scenario]:
         """Return every member, named <set>_<index>."""
@@ -277,7 +254,7 @@ class ScenarioSet:
 def parse(document: Any) -> Scenario | ScenarioSet:
     """Return the scenario, or set, of a parsed YAML document; raises InputError."""
     is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
-    start = 'initial_position_axis_m' if is_set else 'initial_position_m'
+    start = starts.field_of(document) if is_set else 'initial_position_m'
     known = {} if is_set else sections()  # the flights of a set have no stages of their own
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     _refuse_ellipses(document)
@@ -294,11 +271,11 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         ),
         requirements=(requirements.parse(data['requirements']) if 'requirements' in data else None),
         goal_position_m=data.get('goal_position_m', AT_TARGET),
-        body=_body(data.get('body', 'earth')),
+        body=cw.body_of('body', data.get('body', 'earth')),
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
-    return ScenarioSet(base, data[start]) if is_set else base
+    return ScenarioSet(base, starts.parse(start, data[start])) if is_set else base
 
 
 def to_document(scenario: Scenario) -> dict[str, Any]:
@@ -318,8 +295,7 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
     if scenario.goal is not None:
         document['goal_position_m'] = scenario.goal_position_m
     if scenario.body != cw.EARTH:
-        names = [name for name, body in cw.BODIES.items() if body == scenario.body]
-        document['body'] = names[0] if names else scenario.body
+        document['body'] = cw.document_of(scenario.body)
     if scenario.requirements is not None:
         document['requirements'] = scenario.requirements.to_document()
     return {key: codec.to_mapping(value) for key, value in document.items()}
@@ -337,17 +313,6 @@ def _refuse_ellipses(document: Any) -> None:
             '`eccentricity` is not modelled: the relative motion is that of Clohessy and '
             'Wiltshire, about a target on a circular orbit of radius `orbit_radius_m`'
         )
-
-
-def _body(value: Any) -> cw.Body:
-    if isinstance(value, Mapping):
-        return codec.from_mapping(cw.Body, 'body', value)
-    if not isinstance(value, str) or value not in cw.BODIES:
-        raise InputError(
-            f'`body` must be one of {", ".join(cw.BODIES)}, or a mapping with mu_m3_s2, radius_m; '
-            f'got {shown(value)}'
-        )
-    return cw.BODIES[value]
 
 
 def _epoch_ns(value: Any) -> int:
@@ -376,7 +341,7 @@ def load_scenario(name: str | Path) -> Scenario:
     """Return one scenario; a set is refused, since one run flies one start."""
     found = load(name)
     if isinstance(found, ScenarioSet):
-        count = len(found.axis_positions_m) ** 3
+        count = len(found.initial_positions_m)
         raise InputError(f'`scenario` must be a single flight; {name} is a set of {count}')
     return found
 
