@@ -32,7 +32,10 @@ from rpo_core.kernels import Vector, saturate
 from rpo_core.metrics import PENALTY, of_flight
 from rpo_core.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
 from rpo_core.stage import Place, Signal
+from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
+from rpo_core.verdicts import verdicts
+from rpo_training.search.conditions import LABELS, PAPER
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +64,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     the saturated command of the tick before / maximum force; the share of the flight that is over.
 
     Reward: -f.f dt [N^2 s] of the saturated command, and with the last one -100 for each condition
-    missed. The episode terminates at the end of the flight; it is never truncated.
+    missed: what the scenario requires, or the paper's conditions if it requires nothing. The episode terminates at the end of the flight; it is never truncated.
 
     Parameters
     ----------
@@ -158,12 +161,23 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         info = self._info()
         over = self.tick == scenario.ticks
         if over:
-            metrics = of_flight(self.flight)
+            metrics, held = of_flight(self.flight), self._held()
+            missed = list(held.values()).count(False)
             info['figures'] = asdict(metrics)
-            info['conditions'] = metrics.conditions
-            info['fitness_n2s'] = metrics.fitness
-            reward -= PENALTY * metrics.conditions.count(False)
+            info['conditions'] = tuple(held.values())
+            info['requirements'] = held
+            info['fitness_n2s'] = metrics.energy_n2s + PENALTY * missed
+            reward -= PENALTY * missed
         return self._observation(), reward, over, False, info
+
+    def _held(self) -> dict[str, bool]:
+        """Return requirement -> whether the flight keeps it; of the paper's training, without."""
+        flight = self.flight
+        if self.scenario.requirements is None:
+            flight = replace(flight, scenario=replace(self.scenario, requirements=PAPER))
+        held = {v.key: v.holds is not False for v in verdicts(flight)}
+        first = [key for key in LABELS if key in held]
+        return {**{key: held[key] for key in first}, **held}
 
     @property
     def flight(self) -> Flight:

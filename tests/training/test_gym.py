@@ -77,12 +77,19 @@ def test_a_policy_that_plays_a_controller_flies_its_bits(scenario: Scenario):
     total, info = played(env, 'trained')
     flight = fly(scenario, load_controller('trained'))
     assert bits(env.flight) == bits(flight)
-    expected = of_flight(flight)
+    expected, found = of_flight(flight), verdicts(flight)
+    missed = sum(verdict.holds is False for verdict in found)
     assert info['figures']['energy_n2s'] == expected.energy_n2s
-    assert info['fitness_n2s'] == expected.fitness
-    assert info['conditions'] == expected.conditions
-    assert total == pytest.approx(-expected.fitness, rel=1e-12)
-    assert not all(expected.conditions), 'the return must hold a penalty'
+    assert info['fitness_n2s'] == expected.energy_n2s + 100.0 * missed
+    assert info['requirements'] == {v.key: v.holds is not False for v in found}
+    assert total == pytest.approx(-info['fitness_n2s'], rel=1e-12)
+    assert missed, 'the return must hold a penalty'
+
+
+def test_without_requirements_the_conditions_are_those_of_the_papers_training():
+    scenario = replace(SHORT, requirements=None)
+    _, info = played(make(scenario=scenario), 'trained')
+    assert info['conditions'] == of_flight(fly(scenario, load_controller('trained'))).conditions
 
 
 def test_a_member_of_the_training_set_has_the_return_of_training():

@@ -22,6 +22,7 @@ from rpo_core import files
 from rpo_core.baselines import Baseline, Model
 from rpo_core.validation import MOST_PATH, choice, mapping, real, text, whole
 from rpo_training.baselines.tuning_spaces import TUNING_SPACES, TuningSpace
+from rpo_training.evaluation.assessment import PAPER
 from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.fitness import Fitness, FitnessSettings
@@ -34,7 +35,6 @@ Floats = NDArray[np.float64]
 BUDGET = GaSettings().population * (GaSettings().generations + 1)
 """Evaluations of the paper's genetic algorithm: 60 x 301."""
 
-PAPER = 'paper_training'
 CONFIG = 'tuning.yaml'
 
 SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)

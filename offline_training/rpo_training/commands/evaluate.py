@@ -15,6 +15,7 @@ from rpo_training.commands.shared import Workers
 from rpo_training.outputs import writing
 
 if TYPE_CHECKING:
+    from rpo_core.controller import AnyController
     from rpo_training.evaluation.assessment import Assessment
 
 EXAMPLES = """
@@ -27,7 +28,11 @@ Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
 def evaluate(
     controllers: Annotated[list[str], typer.Argument(help='shipped names or files')],
     scenario: Annotated[
-        str, typer.Option(help='judge by what this scenario or set requires (name or file)')
+        str,
+        typer.Option(
+            help='judge by what this scenario or set requires (name or file)  [what each was '
+            'trained for; the targets for paper_training]'
+        ),
     ] = '',
     starts: Annotated[bool, typer.Option('--starts', help='print all 216 starts')] = False,
     csv: Annotated[Path | None, typer.Option(help='write the starts to this file')] = None,
@@ -39,20 +44,24 @@ def evaluate(
     """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
 
     Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
-    With --scenario, judge any controllers by what that scenario requires.
+    A controller that was trained for another scenario than the paper's is judged by what that
+    requires; with --scenario, all are.
     """
-    from rpo_core.controller import load_fuzzy
+    from rpo_core.controller import load_controller, only_fuzzy
     from rpo_training.display import print_table
-    from rpo_training.evaluation.assessment import assess
+    from rpo_training.evaluation.assessment import PAPER, assess
+    from rpo_training.evaluation.judgement import trained_for
 
     missed = False
-    if scenario:
-        if starts or csv:
-            raise InputError('`--starts` and `--csv` go with the targets: leave out `--scenario`')
-        missed = _judge(controllers, scenario)
-        controllers = []
     for name in controllers:
-        found = assess(load_fuzzy(name), workers)
+        loaded = load_controller(name)
+        of = scenario or trained_for(loaded)
+        if of and (scenario or of != PAPER):
+            if starts or csv:
+                raise InputError(f'`--starts` and `--csv` go with the targets, not with {of}')
+            missed |= _judge(loaded, name, of)
+            continue
+        found = assess(only_fuzzy(loaded), workers)
         missed |= not all(target.holds for target in found.targets())
         _print_targets(found)
         typer.echo(_bindings(found))
@@ -67,32 +76,17 @@ def evaluate(
         raise typer.Exit(1)
 
 
-def _judge(controllers: list[str], scenario: str) -> bool:
-    """Print how controllers keep the requirements of a scenario; return whether one misses any."""
-    from rpo_core.controller import load_controller
+def _judge(controller: AnyController, name: str, scenario: str) -> bool:
+    """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
     from rpo_core.scenario import load
-    from rpo_log.show.report import shown
     from rpo_training.display import print_table, progress
-    from rpo_training.evaluation.judgement import judge
+    from rpo_training.evaluation.judgement import HEADINGS, judge, rows_of
 
-    found, missed = load(scenario), False
-    for name in controllers:
-        with progress() as show:
-            judgements = judge(load_controller(name), found, show)
-        rows = [
-            (
-                j.worst.statement,
-                f'≤ {shown(j.worst.limit, j.worst.unit)}',
-                shown(j.worst.value, j.worst.unit),
-                f'{j.missed} of {j.flights}',
-                j.word,
-            )
-            for j in judgements
-        ]
-        missed |= any(j.missed for j in judgements)
-        headings = ('requirement', 'limit', 'worst', 'missed by', '')
-        print_table(headings, rows, f'{name}: requirements of {found.name}')
-    return missed
+    found = load(scenario)
+    with progress() as show:
+        judgements = judge(controller, found, show)
+    print_table(HEADINGS, rows_of(judgements), f'{name}: requirements of {found.name}')
+    return any(j.missed for j in judgements)
 
 
 def _print_targets(found: Assessment) -> None:

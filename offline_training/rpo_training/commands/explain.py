@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from rpo_core.controller import FuzzyController
     from rpo_core.explain import Decision
+    from rpo_core.kernels import State
     from rpo_training.analysis.certificate import Certificate
 
 EXAMPLES = """
@@ -40,6 +41,13 @@ def explain(
         str | None,
         typer.Option(help=f'with --state: shipped name or file  [{DEFAULT_CONTROLLER}]'),
     ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='with --state: scenario whose goal the chaser flies to (name or file)  [what the '
+            'controller was trained for]'
+        ),
+    ] = '',
     certify: Annotated[
         bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
     ] = False,
@@ -52,10 +60,13 @@ def explain(
     console = plain_console()
     if state is not None:
         if at is not None or certify or (target and controller is not None):
-            raise InputError('`--state` takes one controller, and nothing else')
+            raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
         loaded = load_fuzzy(controller or target or DEFAULT_CONTROLLER)
-        _print_decisions(console, decisions(loaded, state_of(state)))
+        found = decisions(loaded, _from_goal(console, loaded, state_of(state), scenario))
+        _print_decisions(console, found)
         return
+    if scenario:
+        raise InputError('`--scenario` needs `--state`')
     if controller is not None:
         raise InputError('`--controller` needs `--state`; a run has its own controller')
     if at is not None:
@@ -77,6 +88,29 @@ def explain(
 
 def _is_run(target: str) -> bool:
     return os.path.isdir(target) or target.endswith('.mcap')
+
+
+def _from_goal(
+    console: Console, controller: FuzzyController, state: State, scenario: str
+) -> State:
+    """Return a state relative to the goal of a scenario, of what it was trained for by default."""
+    from rpo_core.scenario import ScenarioSet, load
+    from rpo_training.evaluation.judgement import trained_for
+
+    name = scenario or trained_for(controller)
+    if not name:
+        return state
+    found = load(name)
+    base = found.base if isinstance(found, ScenarioSet) else found
+    if base.goal is None:
+        return state
+    force = ', '.join(f'{f:.6f}' for f in base.goal.force_n)
+    console.print(
+        f'Relative to the goal {list(base.goal_position_m)} m of {base.name}; the command gets '
+        f'[{force}] N on top, which hold a chaser there.',
+        soft_wrap=True,
+    )
+    return base.from_goal(state)
 
 
 def _explain_run(console: Console, path: str, at: float) -> None:

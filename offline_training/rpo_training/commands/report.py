@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_core.validation import printable, within
+from rpo_core.validation import InputError, printable, within
 from rpo_training.commands.shared import echo
 
 if TYPE_CHECKING:
@@ -36,6 +36,13 @@ def report(
             '--output', '-o', help='folder  [report/ in the run or campaign, runs/report_NAME]'
         ),
     ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='of a controller: judge by what this scenario or set requires (name or file)  '
+            '[what it was trained for]'
+        ),
+    ] = '',
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
 ) -> None:
     """Draw a run, a campaign or a controller: PNGs, and one HTML page that needs nothing else."""
@@ -46,9 +53,11 @@ def report(
     from rpo_training.report.page import write
 
     subject = recognise.subject_of(target)
+    if scenario and subject != 'controller':
+        raise InputError(f'`--scenario` is for the report of a controller; {target} is a {subject}')
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
-        made, folder, code = _OF[subject](target)
+        made, folder, code = _OF[subject](target, scenario)
         paths = write(made, output or folder)
     for path in paths:
         echo(path)
@@ -61,7 +70,7 @@ Made = tuple['Report', Path, int]
 """A report, where it goes if nothing else is said, and the exit code."""
 
 
-def _of_run(target: str) -> Made:
+def _of_run(target: str, _: str) -> Made:
     from rpo_log.errors import ExitCode
     from rpo_log.show.report import folder_of, print_table
     from rpo_training.report import run
@@ -74,20 +83,28 @@ def _of_run(target: str) -> Made:
     return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
 
 
-def _of_campaign(target: str) -> Made:
+def _of_campaign(target: str, _: str) -> Made:
     from rpo_training.report import campaign
 
     return campaign.report_of(Path(target)), Path(target) / 'report', 0
 
 
-def _of_controller(target: str) -> Made:
+def _of_controller(target: str, scenario: str) -> Made:
     from rpo_training.report import controller
 
     with within(f'{target}: no run and no campaign; as a controller'):
-        return controller.report_of(target), Path('runs') / f'report_{Path(target).stem}', 0
+        return controller.report_of(target, scenario), Path('runs') / _folder(target), 0
 
 
-_OF: dict[str, Callable[[str], Made]] = {
+def _folder(target: str) -> str:
+    """Return the name of the folder of a controller's report: another for each file."""
+    path = Path(target)
+    parent = path.resolve().parent.name if path.name != target or path.suffix else ''
+    names = [parent, path.stem] if parent and parent != path.stem else [path.stem]
+    return '_'.join(['report', *names])
+
+
+_OF: dict[str, Callable[[str, str], Made]] = {
     'run': _of_run,
     'campaign': _of_campaign,
     'controller': _of_controller,

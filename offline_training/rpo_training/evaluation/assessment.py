@@ -29,6 +29,9 @@ from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
 
+PAPER = 'paper_training'
+"""The set that the targets are about."""
+
 MAX_MEAN_ENERGY_N2S = 3.7
 """Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
 
@@ -109,7 +112,7 @@ class Assessment:
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:
     """Fly a controller through the training set, on to 400 s, and through the paper's tests."""
-    training = load_set('paper_training')
+    training = load_set(PAPER)
     cases = [
         case_of_set(
             training,

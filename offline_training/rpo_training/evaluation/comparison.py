@@ -125,10 +125,10 @@ class Comparison:
                 name
             )  # so that a wrong one is not blamed on the campaign file
         changes: dict[str, Any] = {} if runs is None else {'runs': runs}
+        if len(set(names)) < len(names):
+            raise InputError('each controller can be compared once; one is named twice')
         self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
-        doubled = {c.controller.name for c in self.campaigns}
-        if len(doubled) < len(self.campaigns):
-            raise InputError('each controller can be compared once; two have the same name')
+        self.labels = _labels([c.controller.name for c in self.campaigns], names)
         self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
 
     @cached_property
@@ -139,7 +139,10 @@ class Comparison:
     def rows(self) -> list[ComparedController]:
         """Return all controllers; compute the results that are not kept."""
         least = self.least()
-        return [self._row(campaign, least) for campaign in self.campaigns]
+        return [
+            self._row(campaign, label, least)
+            for campaign, label in zip(self.campaigns, self.labels, strict=True)
+        ]
 
     def least(self) -> float:
         """Return the mean J [N^2 s] of the optima under training's conditions."""
@@ -172,7 +175,7 @@ class Comparison:
         write_text(path, json.dumps(kept, indent=1))
         return found
 
-    def _row(self, campaign: Campaign, least: float) -> ComparedController:
+    def _row(self, campaign: Campaign, label: str, least: float) -> ComparedController:
         controller = campaign.controller
         text = controllers.dumps(controller)
         name = controller.name
@@ -186,7 +189,7 @@ class Comparison:
                 lambda: self._plans(controller, campaign),
             )
         return ComparedController(
-            name=name,
+            name=label,
             kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
             ratio=found['mean_energy_n2s'] / least,
             tests={test: Test(**found['tests'][test]) for test in TESTS},
@@ -241,6 +244,14 @@ class Comparison:
             'starts': plans.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
             'campaign': plans.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
         }
+
+
+def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:
+    """Return the names of controllers; where two have the same, the files that were given."""
+    return [
+        f'{name} ({source})' if own.count(name) > 1 and name != source else name
+        for name, source in zip(own, given, strict=True)
+    ]
 
 
 def _seen(flights: Sequence[Flight]) -> Floats:

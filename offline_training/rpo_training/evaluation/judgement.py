@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from rpo_core.controller import AnyController
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_core.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
+from rpo_log.show.report import shown
 from rpo_training.engine.flights import flights_of
 
 
@@ -32,6 +33,29 @@ class Judgement(NamedTuple):
         if self.missed:
             return MISSED
         return NOT_JUDGED if self.worst.holds is None else HOLDS
+
+
+HEADINGS = ('requirement', 'limit', 'worst', 'missed by', '')
+
+
+def rows_of(judgements: Sequence[Judgement]) -> list[tuple[str, ...]]:
+    """Return the rows of a table of judgements."""
+    return [
+        (
+            j.worst.statement,
+            f'≤ {shown(j.worst.limit, j.worst.unit)}',
+            shown(j.worst.value, j.worst.unit),
+            f'{j.missed} of {j.flights}',
+            j.word,
+        )
+        for j in judgements
+    ]
+
+
+def trained_for(controller: AnyController) -> str:
+    """Return the scenario that a controller was made for, by its provenance; '' if it says none."""
+    name = controller.provenance.get('scenario', '')
+    return name if isinstance(name, str) else ''
 
 
 def judge(

@@ -13,12 +13,14 @@ from rpo_core.explain import SPOKEN
 from rpo_core.flight import fly
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
-from rpo_core.scenario import load_scenario
+from rpo_core.scenario import Scenario, ScenarioSet, load, load_scenario
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_training.analysis.certificate import Certificate, certify
 from rpo_training.analysis.rule_base import FORCES, WELL, force_rows, warnings
-from rpo_training.evaluation.assessment import QUESTIONS, Assessment, assess
+from rpo_training.engine.flights import flights_of
+from rpo_training.evaluation.assessment import PAPER, QUESTIONS, Assessment, assess
+from rpo_training.evaluation.judgement import HEADINGS, judge, rows_of, trained_for
 from rpo_training.report import controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 from rpo_training.report.surface_plots import axis_forces
@@ -27,10 +29,16 @@ SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
 """What a report of a controller without rules flies."""
 
 
-def report_of(name: str) -> Report:
-    """Return the report of a shipped controller or a file; raises InputError."""
+def report_of(name: str, scenario: str = '') -> Report:
+    """Return the report of a shipped controller or a file; raises InputError.
+
+    scenario : what it is judged by; if not given, what it was trained for, else the paper's targets
+    """
     controller, path = load_controller(name), files.find('controller', name)
-    if isinstance(controller, FuzzyController):
+    of = scenario or trained_for(controller)
+    if of and (scenario or of != PAPER):
+        made = _judged(controller, load(of))
+    elif isinstance(controller, FuzzyController):
         made = _fuzzy(controller)
     else:
         made = _without_rules(controller)
@@ -38,15 +46,59 @@ def report_of(name: str) -> Report:
     return replace(made, sections=(*made.sections, last))
 
 
+def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
+    """Return the report of a controller by what a scenario or set requires."""
+    judgements = judge(controller, found, lambda *_: None)
+    flight = next(flights_of(controller, found))
+    table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
+    kept = sum(not j.missed for j in judgements)
+    with style.applied():
+        histories = Picture(
+            'time_histories',
+            flight_report.time_histories(flight),
+            f'{flight.scenario.name}: relative position, velocity and control force in LVLH.',
+            f'Time histories of {flight.scenario.name}.',
+        )
+        if isinstance(controller, FuzzyController):
+            certificate = certify(controller.system)
+            inside: tuple[Section, ...] = _inside(controller, certificate)
+        else:
+            inside = (Section('Force', (_surfaces(controller),)),)
+    flights = judgements[0].flights
+    return Report(
+        f'Controller {controller.name}',
+        f'{controller.description} {kept} of {len(judgements)} requirements of {found.name} held '
+        f'in {"its flight" if flights == 1 else f"all {flights} flights"}.'.strip(),
+        (Section('How it flies', (table, histories)), *inside),
+    )
+
+
+def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Section, ...]:
+    """Return how a fuzzy controller decides, and what is proven of it."""
+    return (
+        Section('Membership functions', (_functions(controller),)),
+        Section('Rules', tuple(_rules(controller))),
+        Section('Control surface', (_surface(controller),)),
+        Section('Certificate', tuple(_certificate(certificate))),
+    )
+
+
+def _surfaces(controller: AnyController) -> Picture:
+    return Picture(
+        'surface',
+        axis_forces(controller),
+        'The force of an axis over its position and velocity at t = 0, the other two axes at '
+        'rest at the target. Later, a controller that plans may command another force.',
+        'Force over position and velocity of each axis.',
+    )
+
+
 def _fuzzy(controller: FuzzyController) -> Report:
     found, certificate = assess(controller), certify(controller.system)
     with style.applied():
         sections = (
             Section('How it flies', tuple(_flights(found))),
-            Section('Membership functions', (_functions(controller),)),
-            Section('Rules', tuple(_rules(controller))),
-            Section('Control surface', (_surface(controller),)),
-            Section('Certificate', tuple(_certificate(certificate))),
+            *_inside(controller, certificate),
         )
     held = sum(target.holds for target in found.targets())
     return Report(
@@ -71,13 +123,7 @@ def _without_rules(controller: AnyController) -> Report:
             f'{SCENARIOS[0]}: relative position, velocity and control force in LVLH.',
             f'Time histories of {SCENARIOS[0]}; the table above has its metrics.',
         )
-        surfaces = Picture(
-            'surface',
-            axis_forces(controller),
-            'The force of an axis over its position and velocity at t = 0, the other two axes at '
-            'rest at the target. Later, a controller that plans may command another force.',
-            'Force over position and velocity of each axis.',
-        )
+        surfaces = _surfaces(controller)
     return Report(
         f'Controller {controller.name}',
         controller.description,

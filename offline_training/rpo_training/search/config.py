@@ -91,7 +91,7 @@ PRESETS = {
         algorithm='race',
         start=('trained',),
         genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.05),
+        fitness=FitnessSettings(penalty='graded', margin=0.2),
         cmaes=CmaSettings(population=20, evaluations=3000, descents=2),
         race=RaceSettings(rounds=1, entrants=4, evaluations=700),
     ),

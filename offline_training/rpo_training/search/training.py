@@ -23,7 +23,7 @@ from rpo_core.controller import FuzzyController, load_fuzzy
 from rpo_training.cluster.simulator import ClusterSimulator
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation.assessment import assess
+from rpo_training.evaluation.assessment import PAPER, assess
 from rpo_training.outputs import write_text
 from rpo_training.search import config as configs
 from rpo_training.search import fitting
@@ -37,7 +37,6 @@ from rpo_training.search.run import SearchRun
 Floats = NDArray[np.float64]
 
 CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
-PAPER = 'paper_training'
 
 
 def _start(name: str, config: TrainingConfig) -> FuzzyController:

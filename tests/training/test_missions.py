@@ -1,0 +1,242 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Training for a mission of one's own: what it starts from, what judges it, what it says."""
+
+import os
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from rpo_core import files
+from rpo_core import scenario as scenarios
+from rpo_core.controller import dumps, load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load, load_set
+from rpo_core.starts import Box, Grid
+from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
+from rpo_training.baselines.tuning import Tuning, TuningConfig
+from rpo_training.cli import app
+from rpo_training.commands.report import _folder
+from rpo_training.engine.flights import flights_of
+from rpo_training.engine.population import population_of
+from rpo_training.evaluation.comparison import _labels
+from rpo_training.search import config as configs
+from rpo_training.search import fitting
+from rpo_training.search.conditions import conditions_of
+from rpo_training.search.fitness import Fitness, FitnessSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+MISSIONS = 'offline_training/examples/missions'
+GEO = str(ROOT / MISSIONS / 'geo_servicer.yaml')
+FEW = ['race.entrants=1', 'race.evaluations=14', 'race.population=14', 'cmaes.evaluations=20']
+
+
+def written(path: Path, base: str = 'paper_training', **changes: object) -> str:
+    """Write a shipped scenario with some fields changed; return its path."""
+    document = yaml.safe_load(files.find('scenario', base).read_text()) | changes
+    document = {key: value for key, value in document.items() if value is not None}
+    path.write_text(yaml.safe_dump(document))
+    return str(path)
+
+
+def invoked(*words: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, list(words))
+    sentence = str(done.exception) if isinstance(done.exception, InputError) else ''
+    return done.exit_code, done.output + sentence
+
+
+def test_a_set_is_a_grid_or_a_box(tmp_path):
+    grid = {'x': [1.0, 2.0], 'y': [0.0], 'z': [-3.0, 3.0]}
+    box = {'least': [0.0, 10.0, -5.0], 'most': [2.0, 20.0, -5.0], 'random': 50, 'seed': 7}
+    mine, none = tmp_path / 'mine.yaml', {'initial_position_axis_m': None}
+    found = load_set(written(mine, initial_position_grid_m=grid, **none))
+    assert found.initial_positions_m.tolist() == [
+        [1.0, 0.0, -3.0], [1.0, 0.0, 3.0], [2.0, 0.0, -3.0], [2.0, 0.0, 3.0],
+    ]  # fmt: skip
+    found = load_set(written(mine, initial_position_box_m=box, **none))
+    places = found.initial_positions_m
+    assert places[:4].tolist() == [
+        [0.0, 10.0, -5.0], [0.0, 20.0, -5.0], [2.0, 10.0, -5.0], [2.0, 20.0, -5.0],
+    ]  # fmt: skip
+    assert len(places) == 54 and len(np.unique(places, axis=0)) == 54
+    assert (places >= box['least']).all() and (places <= box['most']).all()
+    np.testing.assert_array_equal(places, Box(**box).positions_m)
+    assert not np.array_equal(places, Box(**{**box, 'seed': 8}).positions_m)
+
+
+@pytest.mark.parametrize(
+    ('starts', 'message'),
+    [
+        ({'initial_position_grid_m': {'x': [1.0]}}, '`initial_position_axis_m` must be the only'),
+        ({'initial_position_axis_m': None}, '`initial_position_axis_m` is missing'),
+        (
+            {
+                'initial_position_axis_m': None,
+                'initial_position_box_m': {'least': [1, 1, 1], 'most': [0, 2, 2]},
+            },
+            '`least` must not be beyond `most`',
+        ),
+    ],
+)
+def test_bad_starts_are_one_sentence(starts, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        load_set(written(tmp_path / 'mine.yaml', **starts))
+
+
+@pytest.mark.parametrize('name', ['trained', 'handmade', 'pd'])
+def test_flights_of_a_set_have_the_bits_of_the_core(name):
+    base = replace(load(GEO), duration_s=20.0, dt_s=0.5, requirements=None)
+    found = scenarios.ScenarioSet(base, Grid((-5.0, 20.0), (30.0,), (0.0, -4.0, 7.0)))
+    controller = load_controller(name)
+    pairs = zip(flights_of(controller, found), found.scenarios(), strict=True)
+    for flight, scenario in pairs:
+        expected = fly(scenario, controller)
+        np.testing.assert_array_equal(flight.states, expected.states)
+        np.testing.assert_array_equal(flight.forces_n, expected.forces_n)
+
+
+def test_the_search_sees_what_the_verdicts_say():
+    """Each requirement that the engine counts exactly, and bounds where it cannot."""
+    base = replace(load(GEO), duration_s=60.0, dt_s=0.5)
+    required = {
+        'mean_error_norm_m': 60.0, 'mean_speed_norm_m_s': 1.0, 'slew_per_axis_n_s': 2.0,
+        'arrival_time_s': 30.0, 'arrival_error_per_axis_m': 50.0, 'hold_from_s': 40.0,
+        'hold_error_per_axis_m': 60.0, 'hold_speed_per_axis_m_s': 1.2, 'hold_error_norm_m': 90.0,
+        'final_error_per_axis_m': 20.0, 'final_speed_norm_m_s': 0.9, 'energy_n2s': 3000.0,
+        'delta_v_axis_sum_m_s': 1.5, 'hold_force_per_axis_n': 7.0, 'final_error_norm_m': 25.0,
+    }  # fmt: skip
+    base = replace(base, requirements=scenarios.requirements.parse(required))
+    starts = scenarios.ScenarioSet(base, Grid((0.0, 20.0), (20.0, 60.0, 90.0), (0.0, 10.0)))
+    controller = replace(load_controller('trained'), force_scale_n=20.0)
+    conditions, fitness = conditions_of(base), Fitness(starts, FitnessSettings(), 1)
+    assert conditions.unseen == () and not conditions.exact
+    assert set(conditions.keys) == set(base.requirements.limits)
+    with fitness.simulator:
+        seen = fitness.score(population_of(controller)).failures[0]
+    exact = [verdicts(fly(scenario, controller)) for scenario in starts.scenarios()]
+    missed = {v.key: sum(row[i].holds is False for row in exact) for i, v in enumerate(exact[0])}
+    for key, count in zip(conditions.keys, seen.tolist(), strict=True):
+        assert count >= missed[key] if key == 'hold_error_norm_m' else count == missed[key], key
+    assert any(missed.values()) and not all(missed.values())
+
+
+def test_the_papers_training_fits_itself_and_scales_follow_from_range_time_and_force(tmp_path):
+    copy = written(tmp_path / 'copy.yaml')
+    for name in ('paper', 'best'):
+        known = configs.PRESETS[name]
+        found = fitting.fitted(known, copy)
+        assert (found.genes, found.fitness.penalty_n2s) == (known.genes, 100.0), name
+    assert fitting.fitted(configs.PRESETS['mission'], GEO).genes.force_scale_n < 20.0
+    # twice as far in the same time with the same authority: the same flight, in other units
+    far = written(tmp_path / 'far.yaml', initial_position_axis_m=[-200.0, 200.0], max_force_n=1.0)
+    found = fitting.fitted(configs.PRESETS['best'], far)
+    assert found.genes.position_scale_m == (40.0, 400.0)
+    assert found.genes.velocity_scale_m_s == (0.6, 6.0)
+    assert found.genes.force_scale_n == 1.0 and found.fitness.penalty_n2s == 400.0
+
+
+def test_too_little_force_is_said_before_the_search(tmp_path):
+    weak = written(tmp_path / 'weak.yaml', max_force_n=0.02)
+    code, said = invoked('train', '--scenario', weak, '-o', str(tmp_path / 'run'))
+    assert code != 0 and 'no controller can do what scenario paper_training requires' in said
+    assert not (tmp_path / 'run').exists()
+
+
+def test_a_search_that_misses_says_so_and_writes_the_file(tmp_path):
+    """One start, a limit that is out of reach; the controller has the name of its folder."""
+    document = yaml.safe_load(Path(GEO).read_text())
+    document |= {'duration_s': 400.0, 'dt_s': 0.5}
+    document['requirements'] = {'energy_n2s': 1.0, 'mean_error_norm_m': 0.5}
+    (tmp_path / 'mine.yaml').write_text(yaml.safe_dump(document))
+    settings = [word for setting in FEW for word in ('--set', setting)]
+    folder = tmp_path / 'first_try'
+    words = ['--scenario', str(tmp_path / 'mine.yaml'), '-o', str(folder), '--no-plots']
+    code, said = invoked('train', *words, *settings)
+    assert code == 1 and 'misses conditions of' in said and 'of 27 starts' in said
+    found = load_controller(folder / 'first_try.yaml')
+    assert found.name == 'first_try'
+    assert found.provenance['scenario'] == str(tmp_path / 'mine.yaml')
+    code, said = invoked('evaluate', str(folder / 'first_try.yaml'), '--check')
+    assert code == 1 and 'requirements of geo_servicer' in said and 'MISSED' in said
+    (tmp_path / 'mine.yaml').unlink()
+    code, said = invoked('evaluate', str(folder / 'first_try.yaml'))
+    assert code != 0 and 'there is no file' in said
+
+
+def test_a_scenario_by_set_is_refused(tmp_path):
+    code, said = invoked('train', '--set', 'scenario=approach', '-o', str(tmp_path / 'run'))
+    assert code != 0 and 'use `--scenario`' in said
+
+
+def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
+    moon = str(ROOT / MISSIONS / 'lunar_logistics.yaml')
+    tuning = Tuning(TuningConfig('mpc', evaluations=20, scenario=moon), tmp_path / 'run', 1)
+    made = tuning.make(np.full(2, 0.5))
+    assert made.model.body == load(moon).body and made.max_force_n == 40.0
+    assert made.model.mean_motion_rad_s == load(moon).mean_motion_rad_s
+    again = tmp_path / 'mpc.yaml'
+    again.write_text(dumps(made))
+    assert load_controller(again) == made
+    document = yaml.safe_load(again.read_text())
+    document['model']['body'] = 'moon'
+    again.write_text(yaml.safe_dump(document))
+    assert load_controller(again) == made
+    document['model']['body'] = 'pluto'
+    again.write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match='`body` must be one of earth, moon, mars'):
+        load_controller(again)
+
+
+def test_two_controllers_of_one_name_are_told_apart(tmp_path):
+    assert _labels(['a', 'b'], ['a', 'x/b.yaml']) == ['a', 'b']
+    assert _labels(['a', 'a'], ['a', 'x/a.yaml']) == ['a', 'a (x/a.yaml)']
+    folders = [_folder(name) for name in ('a', 'x/a.yaml', 'y/a.yaml', 'a/a.yaml')]
+    assert folders[0] == 'report_a' and len(set(folders[:3])) == 3
+
+
+def test_a_state_is_explained_from_the_goal_of_the_scenario():
+    code, said = invoked('explain', '--state', '0,12,0,0,0,0', '--scenario', GEO)
+    assert code == 0 and 'Relative to the goal [0.0, 10.0, 0.0] m of geo_servicer' in said
+    assert 'position 2 m' in said
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    ('mission', 'flight'),
+    [
+        ('weak_thrusters', 'weak_thrusters_test'),
+        ('geo_servicer', 'geo_servicer'),
+        ('lunar_logistics', 'lunar_logistics'),
+    ],
+)
+def test_a_mission_is_trained_dispersed_reported_flown_and_verified(
+    mission, flight, ros_env, tmp_path
+):
+    for name in ('offline_training', 'ros_ws'):
+        (tmp_path / name).symlink_to(ROOT / name)
+    env = {key: value for key, value in (os.environ | ros_env).items() if key != 'RPO_JIT'}
+    file, scenario = f'runs/{mission}/{mission}.yaml', f'{MISSIONS}/{flight}.yaml'
+    fly_it = f'ros2 run rpo_bringup final_approach --scenario {scenario} --controller {file}'
+    for command in (
+        f'rpo train --scenario {MISSIONS}/{mission}.yaml -o runs/{mission}',
+        f'rpo evaluate {file} --check',
+        f'rpo campaign {MISSIONS}/{mission}_campaign.yaml -o runs/campaign',
+        f'rpo report {file}',
+        'rpo report runs/campaign',
+        f'{fly_it} --output runs/flight',
+        'rpo verify runs/flight',
+        'rpo report runs/flight',
+    ):
+        done = subprocess.run(
+            ['bash', '-c', command], cwd=tmp_path, env=env, capture_output=True, text=True
+        )
+        assert done.returncode == 0, f'{command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}'
+    summary = yaml.safe_load((tmp_path / 'runs/campaign/summary.yaml').read_text())
+    assert summary['rates']['success']['share'] >= 0.99, 'G5'
