@@ -64,7 +64,8 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
     the saturated command of the tick before / maximum force; the share of the flight that is over.
 
     Reward: -f.f dt [N^2 s] of the saturated command, and with the last one -100 for each condition
-    missed: what the scenario requires, or the paper's conditions if it requires nothing. The episode terminates at the end of the flight; it is never truncated.
+    missed: what the scenario requires, or the paper's conditions if it requires nothing. The
+    episode terminates at the end of the flight; it is never truncated.
 
     Parameters
     ----------

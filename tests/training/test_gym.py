@@ -25,6 +25,7 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.thrusters import Thrusters
 from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)

@@ -15,11 +15,12 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, printable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Console
 
     from rpo_core.controller import FuzzyController
     from rpo_core.explain import Decision
-    from rpo_core.kernels import State
     from rpo_training.analysis.certificate import Certificate
 
 EXAMPLES = """
@@ -91,8 +92,8 @@ def _is_run(target: str) -> bool:
 
 
 def _from_goal(
-    console: Console, controller: FuzzyController, state: State, scenario: str
-) -> State:
+    console: Console, controller: FuzzyController, state: Sequence[float], scenario: str
+) -> Sequence[float]:
     """Return a state relative to the goal of a scenario, of what it was trained for by default."""
     from rpo_core.scenario import ScenarioSet, load
     from rpo_training.evaluation.judgement import trained_for

@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from rpo_training.search.training import Training
 
 EXAMPLES = """
-Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` | `rpo train --resume runs/best` |
-`rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd` | `rpo train --show > mine.yaml`
-then `rpo train --config mine.yaml` | `rpo train --cluster tcp://127.0.0.1:8786`
+Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` |
+`rpo train --resume runs/best` | `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd`
+| `rpo train --show > mine.yaml` then `rpo train --config mine.yaml` |
+`rpo train --cluster tcp://127.0.0.1:8786`
 """
 
 
 def train(
     preset: Annotated[
         str | None,
-        typer.Option(help='paper, best, robust, front or mission  [paper; with --scenario, mission]'),
+        typer.Option(help='paper, best, robust, front, mission  [paper; with --scenario, mission]'),
     ] = None,
     scenario: Annotated[
         str, typer.Option(help='train for this scenario or set (name or file); scales are fitted')

@@ -67,9 +67,7 @@ def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> I
             yield _flight(scenario, states, forces, [s, s + parts.RUNS, s + 2 * parts.RUNS])
 
 
-def _fly(
-    case: Case, runs: Runs, control: Control, norms: Floats | None
-) -> tuple[Floats, Floats]:
+def _fly(case: Case, runs: Runs, control: Control, norms: Floats | None) -> tuple[Floats, Floats]:
     """Return states (N+1, lanes, 2) and commands (N+1, lanes) of loops."""
     n = 2 * len(runs.planar) + len(runs.vertical)
     states = np.empty((case.longer.ticks + 1, n, 2))

@@ -67,8 +67,8 @@ def judge(
 
     Raises InputError if the scenario has no requirements.
     """
-    is_set = isinstance(found, ScenarioSet)
-    base, count = (found.base, len(found.initial_positions_m)) if is_set else (found, 1)
+    base = found.base if isinstance(found, ScenarioSet) else found
+    count = len(found.initial_positions_m) if isinstance(found, ScenarioSet) else 1
     if base.requirements is None:
         raise InputError(
             f'scenario {found.name} has no requirements to judge by: add the section '

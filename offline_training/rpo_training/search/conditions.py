@@ -31,7 +31,11 @@ PAPER = Requirements(
 )
 """The conditions of the paper's training, and arrival, ours; for a scenario without its own."""
 
-LABELS = {'mean_speed_norm_m_s': 'speed', 'slew_per_axis_n_s': 'slew', 'mean_error_norm_m': 'arrival'}
+LABELS = {
+    'mean_speed_norm_m_s': 'speed',
+    'slew_per_axis_n_s': 'slew',
+    'mean_error_norm_m': 'arrival',
+}
 """Short names of these three, in the order in which their penalties add up."""
 
 _COLUMNS = {

@@ -3,8 +3,9 @@
 """Fitness of a controller: the paper's, and optional terms.
 
 The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
-met. The conditions are what the scenario requires (`search.conditions`). Graded: 10 just beyond the limit, rising to 100 far from it, which shows a
-search which way is better. Optional terms, weighted by how far a limit is exceeded:
+met. The conditions are what the scenario requires (`search.conditions`). Graded: 10 just beyond the
+limit, rising to 100 far from it, which shows a search which way is better. Optional terms, weighted
+by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
@@ -119,7 +120,7 @@ class Scores(NamedTuple):
 
 
 def failures(rows: Floats) -> NDArray[np.int64]:
-    """Return how many starts (..., 3) of metrics (..., starts, columns) miss each of the paper's."""
+    """Return how many starts of metrics (..., starts, columns) miss each of `CONDITIONS`."""
     return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
 
 

@@ -42,11 +42,12 @@ CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
     """Return a start with the scales of the search where those are fixed or given."""
     start, space = load_fuzzy(name), config.genes
-    scales = []
-    for value, (least, most) in zip(
-        config.start_scales or start.scales, (space.position_scale_m, space.velocity_scale_m_s), strict=False
-    ):
-        scales.append(value if least < most else least)
+    bounds = (space.position_scale_m, space.velocity_scale_m_s)
+    given = config.start_scales or start.scales
+    scales = [
+        value if least < most else least
+        for value, (least, most) in zip(given, bounds, strict=False)
+    ]
     return replace(start, position_scale_m=scales[0], velocity_scale_m_s=scales[1])
 
 

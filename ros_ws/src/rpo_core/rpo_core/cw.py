@@ -21,8 +21,8 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import CwStep, Vector, sin_cos
 from rpo_core import codec
+from rpo_core.kernels import CwStep, Vector, sin_cos
 from rpo_core.validation import InputError, check_fields, real, shown
 
 MU_EARTH_M3_S2 = 3.986004418e14
