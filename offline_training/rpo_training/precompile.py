@@ -17,6 +17,7 @@ from rpo_core.scenario import load_scenario, load_set
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import fly_runs
 from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
 
@@ -30,6 +31,7 @@ def main() -> None:
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    next(flights_of(controller, load_set('paper_training')))
     metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 
 

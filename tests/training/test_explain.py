@@ -146,7 +146,7 @@ def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
         (['--state', '1e9,0,0,0,0,0'], '`x` must be a finite number >= -100000 and <= 100000 m'),
         (
             ['--state', '1,2,3,0,0,0', '--at', '3'],
-            '`--state` takes one controller, and nothing else',
+            '`--state` takes one controller, `--scenario`, and nothing else',
         ),
         (['trained', '--state', '1,2,3,0,0,0', '--controller', 'handmade'], 'takes one controller'),
         (['trained', '--at', '5'], '`--at` needs a run, a folder or a .mcap file; got trained. To'),
