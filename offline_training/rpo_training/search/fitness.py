@@ -77,6 +77,8 @@ class FitnessSettings:
     penalty : 'flat', the paper's, or 'graded'
     penalty_n2s : of a condition that is not met
     arrival : whether the mean error counts, the third condition
+    error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
+        costs more not to fly than to fly badly
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
@@ -85,6 +87,7 @@ class FitnessSettings:
     penalty: str = 'flat'
     penalty_n2s: float = PENALTY
     arrival: bool = True
+    error_weight: float = 1.0
     margin: float = 0.0
     limit_cycle: float = 0.0
     disturbance: float = 0.0
@@ -99,6 +102,7 @@ class FitnessSettings:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
         for name in ('limit_cycle', 'disturbance', 'robustness'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
+        real('fitness.error_weight', self.error_weight, above=0.0)
         real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
         for i, mass in enumerate(self.mass_kg):
             real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
@@ -213,7 +217,9 @@ class Fitness:
         total = np.zeros(values.shape[:-1])
         for index, name in enumerate(self.conditions.labels):
             if self.settings.arrival or name != 'arrival':
-                total = total + missed[..., index]
+                is_error = 'error' in name or 'arrival' in name
+                weight = self.settings.error_weight if is_error else 1.0
+                total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
 
     def _cycling(self, training: Floats) -> Floats:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,7 @@ class RaceSettings:
     entrants : tables in a round that get a descent over feet and scales
     population, sigma, evaluations : of each such descent
     gain : the race ends after a round that gains less [N^2 s]
+    scan : scales between the bounds that are tried first with the start, each with each; 0: none
     """
 
     rounds: int = 3
@@ -40,6 +42,7 @@ class RaceSettings:
     sigma: float = 0.05
     evaluations: int = 2000
     gain: float = 0.01
+    scan: int = 0
 
     def __post_init__(self) -> None:
         whole('race.rounds', self.rounds, least=1)
@@ -48,6 +51,7 @@ class RaceSettings:
         real('race.sigma', self.sigma, above=0.0, most=1.0)
         whole('race.evaluations', self.evaluations, least=self.population)
         real('race.gain', self.gain, 'N^2 s', least=0.0)
+        whole('race.scan', self.scan, least=0, most=100)
 
 
 class TableRace:
@@ -73,7 +77,7 @@ class TableRace:
         """Generations left, at most, of the size of the present one."""
         own = self.settings
         each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
-        most = self.descent.evaluations + own.rounds * each
+        most = self.descent.evaluations + own.rounds * each + own.scan**2
         return -(-max(most - self.evaluations, 0) // len(self._asked))
 
     def ask(self) -> Floats:
@@ -91,6 +95,9 @@ class TableRace:
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""
+        if self.settings.scan and self.space.free_scales:
+            self.phase = 'scales'
+            yield self._scales()
         for number in range(1, self.settings.rounds + 1):
             before = self.best.value
             self.phase = f'round {number}, descent'
@@ -101,6 +108,14 @@ class TableRace:
                 return
         self.phase = 'last descent'
         yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
+
+    def _scales(self) -> Floats:
+        """Return the start, and the start with other scales."""
+        shares = (np.arange(self.settings.scan) + 0.5) / self.settings.scan
+        scales = np.array(list(product(shares, repeat=self.space.free_scales)))
+        entries = np.repeat(self.best.genes[None], len(scales) + 1, axis=0)
+        entries[1:, : self.space.free_scales] = scales**2  # closer where the scales are small
+        return entries
 
     def _enter_tables(self, number: int) -> Script:
         own, rules, best = self.settings, self.space.rule_genes, self.best.genes
