@@ -112,17 +112,13 @@ class Sender:
         Raises NodeProcessError if they are not found in time.
         """
         end, nodes = time.monotonic() + CONNECT_S, ()
-        # Nodes of others may be counted, too: without the plant nothing can begin.
-        while (
-            len(nodes) < expected
-            or 'plant' not in dict(nodes)
-            or not all(map(self._services, nodes))
-        ):
+        # A node that was killed may still be known, without services.
+        while len(nodes) < expected or 'plant' not in dict(nodes):
             if time.monotonic() > end:
                 raise NodeProcessError(f'{len(nodes)} of {expected} nodes found in {CONNECT_S} s')
             self.spin(0.2)
-            known = self._node.get_node_names_and_namespaces()
-            nodes = [node for node in sorted(known) if node[0] != _OWN]
+            known = set(self._node.get_node_names_and_namespaces())
+            nodes = [node for node in sorted(known) if node[0] != _OWN and self._services(node)]
         found = {self._node.resolve_topic_name(r.topic): r.type for r in interfaces.rows()}
         services: dict[str, str] = {}
         for node in nodes:

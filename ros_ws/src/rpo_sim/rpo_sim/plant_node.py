@@ -39,6 +39,9 @@ _LOG_S = 5.0
 _LAST_WORD_S = 5.0
 """Longest wait, after the end of a run, until the recorder has closed its log."""
 _INTERRUPTED_S = 0.2
+_REFUSAL_WAIT_S = 1.0
+"""A node that refuses stays for so long."""
+_MOST_REFUSALS = 64
 
 
 class PlantNode(Loop):
@@ -51,6 +54,8 @@ class PlantNode(Loop):
         self.scenario = scenario.load_scenario(path)
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
+        self._refusals: dict[str, tuple[float, str]] = {}
+        self._doubted_s = 0.0  # when the first of them came
         self._connect()
         self.control = SimulatorControl(self)
         self._manifest(files.read_text(path))
@@ -109,11 +114,32 @@ class PlantNode(Loop):
         self.pacing.on_answer()
 
     def _on_stage_status(self, status: DiagnosticStatus) -> None:
-        """End the run when a node that was started for it takes no part."""
+        """Take the refusal of a node."""
         values = values_of(status)
-        there = status.name in self.get_node_names()
-        if values.get('state') == REFUSED and there and self.phase not in ENDED:
-            self.abort(f'{values.get("stage")} takes no part: {values.get("reason")}')
+        if values.get('state') == REFUSED and len(self._refusals) < _MOST_REFUSALS:
+            reason = f'{values.get("stage")} takes no part: {values.get("reason")}'
+            self._refusals.setdefault(status.name, (time.monotonic(), reason))
+            self._heed_refusals()
+
+    def _heed_refusals(self) -> None:
+        """End the run when a node that was started for it takes no part.
+
+        Its name may be known a moment after its message; a name that is not known is nobody's.
+        """
+        if not self._refusals or self.phase in ENDED:
+            return
+        self._doubted_s = self._doubted_s or time.monotonic()
+        there = self.get_node_names()
+        for name, (said_s, reason) in list(self._refusals.items()):
+            if name in there:
+                self.abort(reason)
+                return
+            if time.monotonic() - said_s > _REFUSAL_WAIT_S:
+                del self._refusals[name]
+
+    def _in_doubt(self, now_s: float) -> bool:
+        """Return whether the run must not begin yet: a node that refuses may still be found."""
+        return bool(self._refusals) and now_s - self._doubted_s < _REFUSAL_WAIT_S
 
     def advance(self) -> None:
         """Pass the current tick."""
@@ -147,8 +173,10 @@ class PlantNode(Loop):
     def _look(self) -> None:
         """Check by wall time: start the run, check the peers, leave at the end."""
         now_s = time.monotonic()
+        self._heed_refusals()
         if self.phase == WAITING:
-            self._wait(now_s)
+            if not self._in_doubt(now_s):
+                self._wait(now_s)
         elif self.phase in ENDED:
             if self.recorder.done or now_s - self.progress_s > _LAST_WORD_S:
                 self._leave()
