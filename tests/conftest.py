@@ -7,6 +7,7 @@ from __future__ import annotations
 import fcntl
 import fnmatch
 import os
+import signal
 import tempfile
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
@@ -54,6 +55,15 @@ def own_domain() -> Iterator[int]:
             yield domain
             return
     raise RuntimeError('all ROS domains are taken by other tests')
+
+
+@pytest.fixture(autouse=True)
+def own_signals() -> Iterator[None]:
+    """Put back what a test does with signals: later tests start processes, which inherit it."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture
