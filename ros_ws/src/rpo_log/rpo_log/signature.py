@@ -17,7 +17,7 @@ from rpo_core.files import open_regular
 from rpo_core.validation import InputError
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import sums
-from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import (
@@ -78,10 +78,8 @@ def sign(folder: Path, key: Ed25519PrivateKey) -> None:
     if data is None:
         raise LogError(Fault.NOT_FOUND, folder, f'holds no {SUMS_FILE} to sign')
     path = folder / SIGNATURE_FILE
-    draft = path.with_name(f'{path.name}.part')
     try:
-        draft.write_bytes(key.sign(data))
-        draft.replace(path)
+        write_whole(path, key.sign(data))
     except OSError as error:
         raise cannot_write(path, error) from None
 

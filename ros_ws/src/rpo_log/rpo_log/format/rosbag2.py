@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +15,7 @@ import yaml
 
 from rpo_core.interfaces import Qos
 from rpo_log.format import schemas
-from rpo_log.format.run import METADATA_FILE
+from rpo_log.format.run import METADATA_FILE, write_whole
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
@@ -149,10 +148,4 @@ def metadata_text(topics: Iterable[BagTopic], files: Sequence[BagFile]) -> str:
 
 def write_metadata(folder: Path, topics: Iterable[BagTopic], files: Sequence[BagFile]) -> None:
     """Write `metadata.yaml`, whole or not at all; raises OSError."""
-    path = folder / METADATA_FILE
-    draft = path.with_suffix('.part')
-    with open(draft, 'w', encoding='utf-8') as stream:
-        stream.write(metadata_text(topics, files))
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(path)
+    write_whole(folder / METADATA_FILE, metadata_text(topics, files).encode())

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -179,6 +180,16 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
             path.unlink()
     except OSError as error:
         raise cannot_write(folder, error) from None
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file, whole or not at all; raises OSError."""
+    draft = path.with_name(f'{path.name}.part')
+    with draft.open('wb') as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.replace(path)
 
 
 def cannot_write(path: Path, error: OSError) -> LogError:

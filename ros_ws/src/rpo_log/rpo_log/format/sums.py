@@ -13,7 +13,7 @@ from pathlib import Path
 from rpo_core.files import open_regular
 from rpo_core.validation import shown
 from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
 
 MAX_SUMS_BYTES = 1 << 20
 
@@ -59,14 +59,9 @@ def write_sums(folder: Path, known: Mapping[str, str] | None = None, without: st
     known = known or {}
     names = [name for name in files_below(folder) if name.partition('/')[0] != without]
     lines = [f'{known.get(name) or digest_of(folder / name)}  {name}\n' for name in names]
-    draft = folder / f'{SUMS_FILE}.part'
     try:
         (folder / SIGNATURE_FILE).unlink(missing_ok=True)
-        with draft.open('w', encoding='utf-8') as stream:
-            stream.writelines(lines)
-            stream.flush()
-            os.fsync(stream.fileno())
-        draft.replace(folder / SUMS_FILE)
+        write_whole(folder / SUMS_FILE, ''.join(lines).encode())
     except OSError as error:
         raise cannot_write(folder / SUMS_FILE, error) from None
 

@@ -18,7 +18,7 @@ from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import CONTROLLER, SCENARIO, TimeBase
+from rpo_log.format.run import CONTROLLER, PARAMETERS, SCENARIO, TimeBase
 from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import Event, NonCanonical
 from rpo_log.read.stream import RunReader
@@ -146,6 +146,15 @@ def scenario_of(log: RunLog | RunReader) -> Scenario:
 def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyController:
     """Return the controller that a log carries, or a later one of its run; raises LogError."""
     return _parsed(log, name, controller.parse)
+
+
+def parameters_of(log: RunLog | RunReader) -> Mapping[str, Any]:
+    """Return the parameters of the nodes by their names; empty if the log does not tell them."""
+    try:
+        found = files.parse_yaml(log.attachments.get(PARAMETERS, b'').decode())
+    except (InputError, UnicodeDecodeError):
+        return {}
+    return found if isinstance(found, Mapping) else {}
 
 
 def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed]) -> _Parsed:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rpo_core import files
-from rpo_core.validation import InputError
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import rosbag2, sums
@@ -28,6 +27,7 @@ from rpo_log.format.run import (
     SIGNATURE_FILE,
     SUMS_FILE,
 )
+from rpo_log.read.run_log import parameters_of
 from rpo_log.read.stream import RunReader
 from rpo_log.verify.decisions import Decisions
 from rpo_log.verify.form import Form, records_of_run
@@ -207,11 +207,12 @@ class Evidence:
 def decision_rate_hz(reader: RunReader) -> float | None:
     """Return how often the controller of a log published decisions; None if that is not known."""
     try:
-        nodes = files.parse_yaml(reader.attachments.get(PARAMETERS, b'').decode())
         rates = [
-            float(node['decision_rate_hz']) for node in nodes.values() if 'decision_rate_hz' in node
+            float(node['decision_rate_hz'])
+            for node in parameters_of(reader).values()
+            if 'decision_rate_hz' in node
         ]
-    except (InputError, UnicodeDecodeError, AttributeError, TypeError, ValueError):
+    except (TypeError, ValueError):
         return None
     return rates[0] if len(rates) == 1 and 0.0 <= rates[0] < 1e6 else None
 

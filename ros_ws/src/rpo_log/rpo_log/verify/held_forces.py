@@ -9,9 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import files
-from rpo_core.validation import InputError
-from rpo_log.format import run
+from rpo_log.read.run_log import parameters_of
 from rpo_log.read.stream import RunReader
 
 MOST_HELD_TICKS = 1000
@@ -20,11 +18,7 @@ MOST_HELD_TICKS = 1000
 
 def held_ticks(reader: RunReader) -> int:
     """Return for how many ticks the plant of a log held a force; -1 if that is not known."""
-    try:
-        parameters = files.parse_yaml(reader.attachments.get(run.PARAMETERS, b'').decode())
-    except (InputError, UnicodeDecodeError):
-        return -1
-    plant = parameters.get('plant') if isinstance(parameters, Mapping) else None
+    plant = parameters_of(reader).get('plant')
     ticks = plant.get('stale_after_ticks') if isinstance(plant, Mapping) else None
     return ticks if type(ticks) is int and 0 <= ticks <= MOST_HELD_TICKS else -1
 
