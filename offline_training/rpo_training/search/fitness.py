@@ -16,7 +16,7 @@ by how far a limit is exceeded:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ from rpo_training.engine.cases import Case, case_of_flights, case_of_set
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
-from rpo_training.search.conditions import FINAL, HOLD, JUDGED, conditions_of
+from rpo_training.search.conditions import conditions_of
 
 Floats = NDArray[np.float64]
 
@@ -157,40 +157,46 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self._windows = [w for w in (HOLD, FINAL) if w in self.conditions.windows]
         self.simulator = make_simulator(self._cases(scenarios), workers)
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
-        """Return the cases: the training, once for each late window; its masses; other terms."""
-        settings, late_s = self.settings, self.conditions.late_s
-        make = partial(case_of_set, scenarios, arrival_m=self.conditions.arrival_m)
-        windows = [make(late_s=late_s[w]) for w in self._windows]
-        late, cases = SETTLED_UNTIL_S - SETTLED_FROM_S, []
+        """Return the cases: the training, on to its limit cycle, its masses; other terms."""
+        settings, conditions = self.settings, self.conditions
+        late = SETTLED_UNTIL_S - SETTLED_FROM_S
+        make = partial(case_of_set, scenarios, arrival_m=conditions.arrival_m)
+        judged = partial(
+            make,
+            late_s=conditions.late_s if conditions.late else late,
+            together=conditions.together,
+        )
+        cases = []
         if settings.limit_cycle:
             cases.append(make(horizon_s=SETTLED_UNTIL_S, late_s=late))
-        cases += windows
-        if not cases:
-            cases.append(make(late_s=late))
-        for mass in settings.mass_kg:
-            lates = [late_s[w] for w in self._windows] or [late]
-            cases += [make(mass_kg=mass, late_s=seconds) for seconds in lates]
+        if self._is_judged_alone:
+            cases.append(judged())
+        cases += [judged(mass_kg=mass) for mass in settings.mass_kg]
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
         if settings.robustness:
             cases += corners.cases()
         return cases
 
+    @property
+    def _is_judged_alone(self) -> bool:
+        """Whether the flights to the limit cycle do not tell all that is judged."""
+        conditions = self.conditions
+        return not self.settings.limit_cycle or conditions.late or conditions.together
+
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
         outcomes = iter(self.simulator.fly(population))
         cycling = [next(outcomes)] if settings.limit_cycle else []
-        judged = self._judged(outcomes, cycling)
-        training = judged[JUDGED]
-        energy, values = mean(training[..., ENERGY]), self.conditions.values(judged)
+        training = next(outcomes) if self._is_judged_alone else cycling[0]
+        energy, values = mean(training[..., ENERGY]), self.conditions.values(training)
         fitness = energy + mean(self._penalties(values))
         for _ in settings.mass_kg:
-            heavier = self.conditions.values(self._judged(outcomes, []))
+            heavier = self.conditions.values(next(outcomes))
             fitness = fitness + mean(self._penalties(heavier))
         if settings.limit_cycle:
             fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
@@ -200,13 +206,6 @@ class Fitness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
         missed = (values > self.conditions.limits).sum(axis=-2)
         return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
-
-    def _judged(self, outcomes: Iterator[Floats], first: list[Floats]) -> dict[str, Floats]:
-        """Return the metrics (n, starts, columns) of each window of the training."""
-        rows = {w: next(outcomes) for w in self._windows}
-        if not rows and not first:
-            first = [next(outcomes)]
-        return {JUDGED: [*first, *rows.values()][0], **rows}
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
