@@ -26,7 +26,7 @@ from rpo_core.requirements import LIMITS
 from rpo_core.validation import InputError
 from rpo_core.verdicts import verdicts
 from rpo_training.campaign import config, execution, run_batch
-from rpo_training.campaign.progress import CampaignDisplay
+from rpo_training.campaign.progress import CampaignDisplay, duration
 from rpo_training.campaign.run_batch import fly_runs
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.statistics import kept, successes
@@ -453,3 +453,21 @@ def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
     *_, first, second, third, last = out.getvalue().splitlines()
     assert all('runs/s' not in line and '? left' in line for line in (first, second, third))
     assert '50.00 % succeed  200 runs/s  0:00 left' in last
+
+
+def test_a_long_campaign_is_announced_after_a_short_batch(write, tmp_path, monkeypatch):
+    """A million runs took half an hour, unannounced; it is told once, and of no short campaign."""
+    now = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now[0])
+    monkeypatch.setattr('rpo_training.campaign.progress.time', clock)
+    for runs, told in ((1_000_000, 'about 83 min to go, at 200 runs/s'), (2000, '')):
+        out = io.StringIO()
+        campaign = config.load(write(runs=runs))
+        store = SimpleNamespace(folder=tmp_path, campaign=campaign, done_runs=0)
+        with CampaignDisplay(store, Console(file=out, width=200)) as display:
+            for _ in range(9):
+                now[0] += 1.0
+                display.advance(200, 100)
+        lines = [line for line in out.getvalue().splitlines() if 'to go' in line]
+        assert len(lines) == bool(told) and all(told in line for line in lines)
+    assert [duration(s) for s in (61.0, 5000.0, 10_000.0)] == ['1 min', '83 min', '2 h 47 min']

@@ -197,8 +197,11 @@ def test_a_baseline_is_tuned_for_a_scenario_and_its_body(tmp_path):
 def test_two_controllers_of_one_name_are_told_apart(tmp_path):
     assert _labels(['a', 'b'], ['a', 'x/b.yaml']) == ['a', 'b']
     assert _labels(['a', 'a'], ['a', 'x/a.yaml']) == ['a', 'a (x/a.yaml)']
-    folders = [_folder(name) for name in ('a', 'x/a.yaml', 'y/a.yaml', 'a/a.yaml')]
-    assert folders[0] == 'report_a' and len(set(folders[:3])) == 3
+    files_ = ['x/a.yaml', 'y/a.yaml', 'a/a.yaml', 'p/x/a.yaml', 'q/x/a.yaml', 'x_a.yaml', 'a.yaml']
+    folders = [_folder(name) for name in ('a', *files_)]
+    assert folders[0] == 'report_a' and len(set(folders)) == 8
+    assert folders[1].startswith('report_x_a_') and folders[3].startswith('report_a_')
+    assert _folder('y/../x/a.yaml') == folders[1]
 
 
 def test_a_state_is_explained_from_the_goal_of_the_scenario():
