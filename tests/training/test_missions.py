@@ -213,15 +213,15 @@ def test_a_state_is_explained_from_the_goal_of_the_scenario():
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
-    ('mission', 'flight', 'options'),
+    ('mission', 'flight'),
     [
-        ('weak_thrusters', 'weak_thrusters_test', ''),
-        ('geo_servicer', 'geo_servicer', ' --set fitness.margin=0.2'),
-        ('lunar_logistics', 'lunar_logistics', ''),
+        ('weak_thrusters', 'weak_thrusters_test'),
+        ('geo_servicer', 'geo_servicer'),
+        ('lunar_logistics', 'lunar_logistics'),
     ],
 )
 def test_a_mission_is_trained_dispersed_reported_flown_and_verified(
-    mission, flight, options, ros_env, tmp_path
+    mission, flight, ros_env, tmp_path
 ):
     for name in ('offline_training', 'ros_ws'):
         (tmp_path / name).symlink_to(ROOT / name)
@@ -229,7 +229,7 @@ def test_a_mission_is_trained_dispersed_reported_flown_and_verified(
     file, scenario = f'runs/{mission}/{mission}.yaml', f'{MISSIONS}/{flight}.yaml'
     fly_it = f'ros2 run rpo_bringup final_approach --scenario {scenario} --controller {file}'
     for command in (
-        f'rpo train --scenario {MISSIONS}/{mission}.yaml{options} -o runs/{mission}',
+        f'rpo train --scenario {MISSIONS}/{mission}.yaml -o runs/{mission}',
         f'rpo evaluate {file} --check',
         f'rpo campaign {MISSIONS}/{mission}_campaign.yaml -o runs/campaign',
         f'rpo report {file}',

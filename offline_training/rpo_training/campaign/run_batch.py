@@ -19,7 +19,7 @@ from rpo_training.campaign.config import LEVEL, METRICS, Campaign, CampaignConfi
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
 from rpo_training.engine import counters, parts, tick
-from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, make_trace
+from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
@@ -108,12 +108,11 @@ def _fly_side_by_side(
         if judged is not None:
             lanes_of = parts.paired_lanes(len(rows[some]))
             together[some] = judge(trace[0], lanes_of, scenario, judged)
+        if LEVEL in more:
+            levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
     for place, name in enumerate(VALUES):
         if name in more:
             more[name][:] = together[:, place]
-    if LEVEL in more:
-        forces = (drawn.disturbance(i, scenario.disturbance) for i in range(len(rows)))
-        more[LEVEL][:] = [np.abs(d.over(scenario.times_s)).max() for d in forces]
     _set_arrival(scenario, rows, together)
 
 

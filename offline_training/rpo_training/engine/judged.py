@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from rpo_core.metrics import contact_speeds, hold_tick, larger, norm
 from rpo_core.scenario import NANOSECONDS, Scenario
 from rpo_training.engine.lanes import compiled
+from rpo_training.engine.parts import PUSH, RUNS
+from rpo_training.engine.tick import push_by_waves
 
 Floats = NDArray[np.float64]
 
@@ -92,6 +94,17 @@ def judge(states: Floats, lanes: NDArray[np.int64], scenario: Scenario, judged: 
     _judge(states, lanes, np.array(scenario.goal_position_m), judged, rows)
     rows[:, _ARRIVAL] = arrival_s(scenario, rows[:, _ARRIVAL])
     return rows
+
+
+@compiled
+def levels(w, waves, found):  # type: ignore[no-untyped-def]
+    """Fill the largest |disturbance| [N] of an axis (n,) of the first paired runs, at any time."""
+    found[:] = 0.0
+    for tick in range(len(waves.times)):
+        push_by_waves(w, tick, waves)
+        for s in range(len(found)):
+            x, y, z = w[PUSH + s], w[PUSH + RUNS + s], w[PUSH + 2 * RUNS + s]
+            found[s] = larger(larger(larger(found[s], x), y), z)
 
 
 def arrival_s(scenario: Scenario, outside: Floats) -> Floats:
