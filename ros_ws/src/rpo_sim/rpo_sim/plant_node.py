@@ -239,8 +239,8 @@ class PlantNode(Loop):
             return
         figures = self.plant.figures()
         self.get_logger().info(
-            f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m, '
-            f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
+            f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m from the target '
+            f'and {figures["speed_m_s"]:.3g} m/s (norms), J = {figures["energy_n2s"]:.4g} N^2 s'
         )
 
     def reset(self) -> None:
