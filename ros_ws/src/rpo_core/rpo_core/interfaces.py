@@ -78,6 +78,10 @@ recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to
 that follows would be held back until then. Not transient local: a late joiner must not get another
 run's forces."""
 
+PROGRESS_TICKS, MOST_AHEAD_TICKS = 16, 48
+"""A recorder says every so many ticks how far it is; in lockstep the plant waits for one that is so
+many ticks behind. With what is under way that is less than the depth: nothing is lost."""
+
 LATCHED = Qos(durability='transient_local', depth=1)
 """Statuses and manifests: who comes late still learns the last one."""
 

@@ -78,6 +78,7 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
+        self._told = 0
         self._timeout = Timeout()
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
@@ -124,6 +125,8 @@ class RecorderNode(FlightNode):
         if self.log is not None:
             if name in self._recorded:
                 self.log.record(name, data)
+                if self.log.next_tick >= self._told + interfaces.PROGRESS_TICKS:
+                    self._tell_progress(self.log.next_tick)
             elif self._decisions is not None and name == self._decision_topic:
                 self._decisions.record(data, self.log.latest)
         elif len(self._early) < _MOST_EARLY:
@@ -351,9 +354,16 @@ class RecorderNode(FlightNode):
 
     def _announce(self, message: str, reason: str = '') -> None:
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
+        if self.log is not None:
+            values['next_tick'] = self._told
         level = health.ERROR if reason else health.OK
         self._last_status = to_status(level, self.get_name(), message, values.items())
         self._publish_status()
+
+    def _tell_progress(self, tick: int) -> None:
+        """Say up to which tick all is there: a plant in lockstep does not run away."""
+        self._told = tick
+        self._announce('ready' if self._ready else 'waiting')
 
     def _publish_status(self) -> None:
         """Publish the status again: for the plant, a recorder without messages is gone."""
