@@ -126,7 +126,8 @@ class RecorderNode(FlightNode):
             if name in self._recorded:
                 self.log.record(name, data)
                 if self.log.next_tick >= self._told + interfaces.PROGRESS_TICKS:
-                    self._tell_progress(self.log.next_tick)
+                    self._told = self.log.next_tick  # so that a plant does not run away
+                    self._announce('ready' if self._ready else 'waiting')
             elif self._decisions is not None and name == self._decision_topic:
                 self._decisions.record(data, self.log.latest)
         elif len(self._early) < _MOST_EARLY:
@@ -294,11 +295,7 @@ class RecorderNode(FlightNode):
         self.log = log
 
     def _patient(self) -> bool:
-        """Return whether manifests may still come, by the wall clock and not by the messages.
-
-        A plant that waits sends the first state again and again, and on a slow machine any number
-        of them may be here before the manifest of the node that answers.
-        """
+        """Return whether manifests may still come, by the wall clock: states come any number."""
         since = self._commanded_s
         return since is None or time.monotonic() - since < MANIFEST_PATIENCE_S
 
@@ -307,7 +304,7 @@ class RecorderNode(FlightNode):
             return
         summary = self.log.close()
         faults = [self._write_run_info(summary), self._seal()]
-        beside = [file for file in (self._health_log, self._decisions) if file]
+        beside = filter(None, (self._health_log, self._decisions))
         faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
         sentence = f'{summary.sentence()}: {self.folder}'
         log = self.get_logger()
@@ -359,11 +356,6 @@ class RecorderNode(FlightNode):
         level = health.ERROR if reason else health.OK
         self._last_status = to_status(level, self.get_name(), message, values.items())
         self._publish_status()
-
-    def _tell_progress(self, tick: int) -> None:
-        """Say up to which tick all is there: a plant in lockstep does not run away."""
-        self._told = tick
-        self._announce('ready' if self._ready else 'waiting')
 
     def _publish_status(self) -> None:
         """Publish the status again: for the plant, a recorder without messages is gone."""
