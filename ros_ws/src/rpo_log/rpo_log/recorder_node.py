@@ -318,10 +318,8 @@ class RecorderNode(FlightNode):
 
     def _write_run_info(self, summary: run_log.RunSummary) -> str:
         """Write what depends on the wall clock and the machine; return why not, '' if done."""
-        if self._health_log is not None:
-            self._health_log.close()
-        if self._decisions is not None:
-            self._decisions.close()
+        for beside in filter(None, (self._health_log, self._decisions)):
+            beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': run_info.utc(self._begun),
