@@ -35,7 +35,8 @@ VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 def test_shipped_names():
     names = ['approach', 'paper_test', 'paper_test_phase', 'paper_training', 'quick']
-    assert list(files.shipped('scenario')) == names
+    worlds = ['world_elliptic', 'world_leo', 'world_moon']
+    assert list(files.shipped('scenario')) == [*names, *worlds]
 
 
 @pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase', 'quick'])

@@ -16,6 +16,7 @@ from rpo_core import cw
 from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep, Vector
 from rpo_core.scenario import Scenario
+from rpo_core.thrusters import rotation
 from rpo_training.campaign.config import CUT, QUANTITIES, Campaign
 
 Floats = NDArray[np.float64]
@@ -102,24 +103,6 @@ class DrawnRuns(NamedTuple):
         """Disturbance of a run."""
         share, phase, frequency = self.parameters[index, 19:22].tolist()
         return nominal.varied(share, phase_rad=phase, frequency_share=frequency)
-
-
-def rotation(vector_rad: Floats) -> Floats:
-    """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
-
-    sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
-    """
-    x, y, z = vector_rad.tolist()
-    _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.array(
-        [
-            [-(y * y + z * z), x * y, x * z],
-            [x * y, -(x * x + z * z), y * z],
-            [x * z, y * z, -(x * x + y * y)],
-        ]
-    )
-    return np.eye(3) + c1 * cross + c2 * square
 
 
 def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:

@@ -23,7 +23,7 @@ from rpo_core.dynamics import DynamicsStage
 from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage, section_of
-from rpo_core.thrusters import ZERO, ThrustersStage
+from rpo_core.thrusters import ZERO, stage_of
 from rpo_core.validation import InputError
 
 Signals = dict[str, Signal]
@@ -82,7 +82,7 @@ class Chain:
             section = section_of(settings)
             placed.append((section.place, section.make(settings, scenario)))
         if scenario.thrusters is None:
-            placed.insert(0, (Place.THRUSTERS, ThrustersStage(None, scenario.max_force_n)))
+            placed.insert(0, (Place.THRUSTERS, stage_of(None, scenario)))
         if controller is not None:
             placed.append((Place.CONTROLLER, _controlling(scenario, controller)))
         if not scenario.disturbance.is_zero:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rpo_core import kernels, orbit_kernels
 from rpo_core.codec import UNLESS_DEFAULT
-from rpo_core.interfaces import DISTURBANCE, RELATIVE_STATE, THRUST
+from rpo_core.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST
 from rpo_core.jit import as_table
 from rpo_core.kernels import State, sin_cos
 from rpo_core.orbit_kernels import World
@@ -226,26 +226,42 @@ def orbit_of(settings: Dynamics, scenario: Any) -> TargetOrbit:
     return _orbit(start, scenario.dt_s, steps_per_tick(settings, scenario), world)
 
 
+def _inputs(scenario: Any) -> tuple[str, ...]:
+    """Return what dynamics read: also the mass where propellant is spent."""
+    falls = scenario.thrusters is not None and scenario.thrusters.propellant is not None
+    return (RELATIVE_STATE, THRUST, DISTURBANCE, *([CHASER_MASS] if falls else []))
+
+
 class DynamicsStage(Stage):
-    """Clohessy-Wiltshire motion: from a true state and forces to the next true state."""
+    """Clohessy-Wiltshire motion: from a true state and forces to the next true state.
+
+    Where the mass falls, forces count as much more as they move a lighter chaser.
+    """
 
     name = 'dynamics'
-    inputs = (RELATIVE_STATE, THRUST, DISTURBANCE)
     outputs = (RELATIVE_STATE,)
 
     def __init__(self, scenario: Any) -> None:
-        self._step = scenario.step
+        self._step, self._mass_kg = scenario.step, scenario.mass_kg
+        self.inputs = _inputs(scenario)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz) = inputs
-        return (kernels.cw_step(state, (tx + dx, ty + dy, tz + dz), self._step),)
+        state, (tx, ty, tz), (dx, dy, dz), *mass = inputs
+        x, y, z = tx + dx, ty + dy, tz + dz
+        if mass:
+            more = self._mass_kg / mass[0][0]
+            x, y, z = x * more, y * more, z * more
+        return (kernels.cw_step(state, (x, y, z), self._step),)
 
     def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
         """Return the state (n, 6) that follows each tick."""
-        states, thrust, disturbance = inputs
+        states, thrust, disturbance, *mass = inputs
+        forces = thrust + disturbance
+        if mass:
+            forces = forces * (self._mass_kg / mass[0])
         following = np.empty_like(states)
-        kernels.cw_steps(as_table(states), as_table(thrust + disturbance), self._step, following)
+        kernels.cw_steps(as_table(states), as_table(forces), self._step, following)
         return (following,)
 
 
@@ -256,21 +272,30 @@ class OrbitStage(Stage):
     """
 
     name = 'dynamics'
-    inputs = (RELATIVE_STATE, THRUST, DISTURBANCE)
     outputs = (RELATIVE_STATE,)
 
     def __init__(self, settings: Dynamics, scenario: Any) -> None:
         self._orbit, self._mass_kg = orbit_of(settings, scenario), scenario.mass_kg
+        self.inputs = _inputs(scenario)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz) = inputs
-        orbit, mass = self._orbit, self._mass_kg
+        state, (tx, ty, tz), (dx, dy, dz), *masses = inputs
+        orbit, start_kg = self._orbit, self._mass_kg
+        mass = masses[0][0] if masses else start_kg
+        lightness = start_kg / mass
         number, within = divmod(tick, orbit.block_ticks)
         push = ((tx + dx) / mass, (ty + dy) / mass, (tz + dz) / mass)
         first = 2 * orbit.steps * within
         following: State = orbit_kernels.relative_step(
-            state, push, 1.0, orbit.block(number), first, orbit.steps, orbit.step_s, orbit.world
+            state,
+            push,
+            lightness,
+            orbit.block(number),
+            first,
+            orbit.steps,
+            orbit.step_s,
+            orbit.world,
         )
         return (following,)
 
