@@ -16,9 +16,11 @@ from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
+from rpo_core.dynamics import CLOHESSY_WILTSHIRE
 from rpo_core.requirements import Requirements
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
+from rpo_core.thrusters import IDENTITY, Thrusters
 from rpo_core.validation import (
     MOST_PATH,
     InputError,
@@ -70,11 +72,26 @@ QUANTITIES = {
     'delay_ticks': Quantity(1, 'ticks', ('whole',), 1000),
     'navigation_position_noise_m': Quantity(1, 'm', ('white',), 1e4),
     'navigation_velocity_noise_m_s': Quantity(1, 'm/s', ('white',), 1e2),
+    'density_share': Quantity(1, '', _SPREADS, 1.0),
+    'ballistic_coefficient_share': Quantity(1, '', _SPREADS, 0.99),
+    'true_anomaly_deg': Quantity(1, 'deg', _SPREADS, 180.0),
+    'stuck_off_thruster': Quantity(1, '', ('whole',), 11),
 }
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of a run, over the forces applied."""
+
+THRUSTER_METRICS = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
+"""More metrics of a run whose thrusters fire in pulses: `rpo_core.flight.Thrust`."""
+
+_ALL_METRICS = METRICS | THRUSTER_METRICS
+
+
+def metrics_of(scenario: Scenario) -> dict[str, str]:
+    """Return metric -> unit of the runs of a scenario."""
+    thrusters = scenario.thrusters
+    return _ALL_METRICS if thrusters is not None and thrusters.pulses else METRICS
 
 
 @dataclass(frozen=True)
@@ -158,11 +175,11 @@ def parse(document: Any) -> CampaignConfig:
 
 
 def _success(value: Any) -> dict[str, float]:
-    success = mapping('success', value, [], METRICS)
+    success = mapping('success', value, [], _ALL_METRICS)
     if not success:
         raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
     return {
-        name: real(f'success.{name}', limit, METRICS[name], least=0.0)
+        name: real(f'success.{name}', limit, _ALL_METRICS[name], least=0.0)
         for name, limit in success.items()
     }
 
@@ -245,11 +262,19 @@ class Campaign:
     def __post_init__(self) -> None:
         if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
-        if self.scenario.thrusters or self.scenario.navigation:
+        thrusters = self.scenario.thrusters or Thrusters()
+        if self.scenario.navigation or thrusters.matrix != IDENTITY or thrusters.delay_ticks:
             raise InputError(
-                '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
-                f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'
+                '`scenario` must have no `navigation`, and no `matrix` and `delay_ticks` of '
+                f'thrusters: `dispersions` have them; {self.config.scenario} has'
             )
+        known = metrics_of(self.scenario)
+        for name in self.config.success:
+            if name not in known:
+                raise InputError(
+                    f'`success.{name}` needs thrusters with `pulses`; scenario '
+                    f'{self.scenario.name} has none'
+                )
         with within('dispersions'):
             _check_effects(self.config, self.scenario)
             _check_extremes(self.config, self.scenario)
@@ -291,11 +316,25 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
         'disturbance_phase_rad': any(h.amplitude_n for h in scenario.disturbance.harmonics),
         'disturbance_frequency_share': any(h.amplitude_n for h in scenario.disturbance.harmonics),
     }
-    for name, has_effect in acting.items():
+    dynamics, thrusters = scenario.dynamics, scenario.thrusters
+    orbit = dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE
+    drag = dynamics is not None and dynamics.drag is not None
+    others = {
+        'density_share': (drag, 'drag'),
+        'ballistic_coefficient_share': (drag, 'drag'),
+        'true_anomaly_deg': (orbit, 'orbit but a circle'),
+        'stuck_off_thruster': (thrusters is not None and thrusters.pulses, '`pulses` of thrusters'),
+    }
+    all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
+    for name, (has_effect, what) in all_of_them.items():
         if name in config.dispersions and not has_effect:
-            raise InputError(
-                f'`{name}` has no effect: scenario {scenario.name} has no such disturbance'
-            )
+            raise InputError(f'`{name}` has no effect: scenario {scenario.name} has no {what}')
+    pulses = thrusters.pulses if thrusters else None
+    if pulses and config.spread('stuck_off_thruster')[0] >= pulses.count:
+        raise InputError(
+            f'`stuck_off_thruster.whole` must be below {pulses.count}, the number of thrusters of '
+            f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
+        )
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:

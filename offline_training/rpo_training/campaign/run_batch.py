@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,15 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
-from rpo_training.campaign.config import METRICS, Campaign
-from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
-from rpo_training.campaign.single import fly_run
+from rpo_training.campaign.config import METRICS, Campaign, metrics_of
+from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
+from rpo_training.campaign.single import fly_run, scenario_of_draw
+from rpo_training.campaign.worlds import firing_of, orbits_of, steps_of, thruster_rows
 from rpo_training.engine import counters, parts, tick
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
-from rpo_training.engine.support import announce, why_not
+from rpo_training.engine.support import IN_PAIRS, announce, why_not
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
-"""Columns of results: drawn parameters, metrics, final state."""
+"""Columns of results of most campaigns: drawn parameters, metrics, final state."""
 
 _FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
@@ -44,46 +45,77 @@ def units(runs: int) -> int:
     return -(-runs // UNIT)
 
 
+def columns_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the columns of results of a campaign."""
+    return (*parameters_of(campaign.config), *metrics_of(campaign.scenario), *FINAL)
+
+
 def fly_unit(campaign: Campaign, unit: int) -> Floats:
-    """Return the results (len(COLUMNS), n) of the runs of a unit."""
+    """Return the results (columns, n) of the runs of a unit."""
     first = unit * UNIT
     return _fly(campaign, draw(campaign, first, min(UNIT, campaign.config.runs - first)))
 
 
 def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     """Return the results of some runs, column by column (count,)."""
-    return dict(zip(COLUMNS, _fly(campaign, draw(campaign, first, count)), strict=True))
+    found = _fly(campaign, draw(campaign, first, count))
+    return dict(zip(columns_of(campaign), found, strict=True))
+
+
+class _Results(NamedTuple):
+    """Of some runs: rows of metrics, final states (n, 6), `THRUSTER_METRICS` (n, 3)."""
+
+    rows: Floats
+    final: Floats
+    thrusters: Floats
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    rows = np.empty((len(drawn.numbers), counters.COLUMNS))
-    final = np.empty((len(rows), 6))
-    reason = why_not(campaign.scenario, campaign.controller)
+    n = len(drawn.numbers)
+    results = _Results(np.empty((n, counters.COLUMNS)), np.empty((n, 6)), np.empty((n, 3)))
+    reason = why_not(campaign.scenario, campaign.controller, IN_PAIRS)
     if reason:
         announce(reason)
-        _fly_singly(campaign, drawn, rows, final)
+        _fly_singly(campaign, drawn, slice(0, n), results)
     else:
-        _fly_side_by_side(campaign, drawn, rows, final)
-    return np.ascontiguousarray(np.hstack([drawn.parameters, rows[:, _FROM_ROW], final]).T)
+        _fly_side_by_side(campaign, drawn, results)
+    fires = len(metrics_of(campaign.scenario)) > len(METRICS)
+    parts_of_rows = [
+        drawn.parameters,
+        results.rows[:, _FROM_ROW],
+        *([results.thrusters] if fires else []),
+        results.final,
+    ]
+    return np.ascontiguousarray(np.hstack(parts_of_rows).T)
 
 
-def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+def _fly_singly(campaign: Campaign, drawn: DrawnRuns, some: slice, results: _Results) -> None:
     """Fly run after run through `rpo_core.flight.fly`."""
-    for i, number in enumerate(drawn.numbers.tolist()):
+    for i, number in enumerate(drawn.numbers[some].tolist(), some.start):
         flight = fly_run(campaign, number)
-        rows[i] = row_of(flight)
-        final[i] = flight.states[-1]
+        results.rows[i] = row_of(flight)
+        results.final[i] = flight.states[-1]
+        if campaign.scenario.thrusters is not None:
+            spent = flight.thrust
+            results.thrusters[i] = spent.delta_v_m_s, spent.propellant_kg, spent.openings
 
 
-def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, results: _Results) -> None:
     scenario, windows = campaign.scenario, windows_of(campaign.scenario)
     plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
-    w = _scratch.w
-    for first in range(0, len(rows), RUNS):
-        some = slice(first, first + RUNS)
+    w, count = _scratch.w, len(results.rows)
+    for first in range(0, count, RUNS):
+        some = slice(first, min(first + RUNS, count))
         batch = make_batch(campaign, drawn, first)
+        if batch is None:
+            announce(f'runs of {campaign.config.name} have ticks of different numbers of steps')
+            _fly_singly(campaign, drawn, some, results)
+            continue
         tick.fly(batch, control, plant, windows, w, None, None)
-        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
+        rows, final = results.rows[some], results.final[some]
+        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows, final)
+        if batch.valves is not None:
+            results.thrusters[some] = thruster_rows(batch.valves, some.stop - some.start)
 
 
 def _control(controller: AnyController) -> parts.Control:
@@ -93,8 +125,11 @@ def _control(controller: AnyController) -> parts.Control:
     return parts.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
 
 
-def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
-    """Return up to 40 runs from index `first`; lanes without a run rest at the target."""
+def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs | None:
+    """Return up to 40 runs from index `first`; lanes without a run rest at the target.
+
+    None if their orbits need different numbers of steps in a tick.
+    """
     n = min(RUNS, len(drawn.numbers) - first)
     chosen = slice(first, first + n)
 
@@ -105,8 +140,12 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
 
     starts = padded(drawn.starts)
     keys = np.ascontiguousarray(padded(drawn.keys).T)
-    steps = [drawn.step(i, campaign.scenario) for i in range(first, first + n)]
-    rest = np.zeros((RUNS - n, 26))
+    flown = []
+    if campaign.scenario.sections:
+        flown = [scenario_of_draw(campaign, drawn, i) for i in range(first, first + n)]
+        if len(steps_of(flown)) > 1:
+            return None
+    orbits = orbits_of(flown) if flown else None
     return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),
         vertical=starts[:, [2, 5]].copy(),
@@ -114,9 +153,17 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
         link=_link(campaign, keys),
         thrusters=_thrusters(campaign, drawn, first, n),
         waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
-        steps=np.vstack([np.array(steps).reshape(n, 26), rest]),
+        steps=None if orbits else _steps(campaign.scenario, drawn, first, n),
         goal=_goal(campaign.scenario, drawn, first, n),
+        valves=firing_of(flown) if flown else None,
+        orbits=orbits,
     )
+
+
+def _steps(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> Floats:
+    """Return the fields (40, 26) of the exact step of each run."""
+    steps = [drawn.step(i, scenario) for i in range(first, first + n)]
+    return np.vstack([np.array(steps).reshape(n, 26), np.zeros((RUNS - n, 26))])
 
 
 def _goal(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> parts.Goal | None:

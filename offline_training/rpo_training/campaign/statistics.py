@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from rpo_training.campaign.config import METRICS, CampaignConfig
+from rpo_training.campaign.config import METRICS, THRUSTER_METRICS, CampaignConfig, metrics_of
 from rpo_training.campaign.store import Store
+
+_UNITS = METRICS | THRUSTER_METRICS
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +60,7 @@ def spread(name: str, values: Floats) -> Spread:
     """Return how a metric is distributed."""
     worst = int(np.argmax(values))
     quantiles = tuple(float(q) for q in np.quantile(values, QUANTILES))
-    return Spread(name, METRICS[name], float(values.mean()), quantiles, float(values[worst]), worst)
+    return Spread(name, _UNITS[name], float(values.mean()), quantiles, float(values[worst]), worst)
 
 
 def rates(store: Store) -> list[Rate]:
@@ -67,14 +69,14 @@ def rates(store: Store) -> list[Rate]:
     columns = {name: store.column(name) for name in config.success}
     found = [rate('success', int(successes(config, columns).sum()), config.runs)]
     for name, limit in config.success.items():
-        label = f'{name} <= {limit:g} {METRICS[name]}'
+        label = f'{name} <= {limit:g} {_UNITS[name]}'
         found.append(rate(label, int((columns[name] <= limit).sum()), config.runs))
     return found
 
 
 def spreads(store: Store) -> list[Spread]:
     """Return how every metric is distributed; one column in memory at a time."""
-    return [spread(name, store.column(name)) for name in METRICS]
+    return [spread(name, store.column(name)) for name in metrics_of(store.campaign.scenario)]
 
 
 def document(found_rates: list[Rate], found_spreads: list[Spread]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import kernels, orbit_kernels
+from rpo_core import cw, kernels, orbit_kernels
 from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST
 from rpo_core.jit import as_table
@@ -56,7 +56,8 @@ _inclination = partial(_optional, unit='deg', least=0.0, most=180.0)
 class Drag:
     """Drag on target and chaser: acceleration = -1/2 density v^2 / ballistic coefficient.
 
-    density_kg_m3 : of the atmosphere at the distance `orbit_radius_m` from the body's centre
+    density_kg_m3 : of the atmosphere at the distance `density_radius_m` from the body's centre;
+        None: at `orbit_radius_m` of the scenario
     target_ballistic_coefficient_kg_m2, chaser_... : mass / (C_D x area); the chaser's at its start
     scale_height_m : the density falls by e over it; None: the density is the same everywhere
     atmosphere_rate_rad_s : at which the atmosphere turns with the body
@@ -68,6 +69,9 @@ class Drag:
     scale_height_m: Annotated[float | None, partial(_optional, unit='m', least=100.0, most=1e7)] = (
         field(default=None, metadata=UNLESS_DEFAULT)
     )
+    density_radius_m: Annotated[
+        float | None, partial(_optional, unit='m', above=0.0, most=cw.MAX_ORBIT_RADIUS_M)
+    ] = field(default=None, metadata=UNLESS_DEFAULT)
     atmosphere_rate_rad_s: Annotated[float, partial(real, unit='rad/s', least=-1e-2, most=1e-2)] = (
         field(default=0.0, metadata=UNLESS_DEFAULT)
     )
@@ -141,7 +145,7 @@ def world_of(settings: Dynamics, scenario: Any) -> World:
         mu=body.mu_m3_s2,
         j2=oblate if settings.j2 else 0.0,
         density=drag.density_kg_m3 if drag else 0.0,
-        reference=scenario.orbit_radius_m,
+        reference=(drag and drag.density_radius_m) or scenario.orbit_radius_m,
         thinning=1.0 / height_m if height_m else 0.0,
         spin=drag.atmosphere_rate_rad_s if drag else 0.0,
         target=1.0 / drag.target_ballistic_coefficient_kg_m2 if drag else 0.0,
@@ -201,7 +205,7 @@ class TargetOrbit:
 
     def _compute(self, number: int) -> None:
         rows = np.empty((2 * self.steps * self.block_ticks + 1, orbit_kernels.COLUMNS))
-        last = orbit_kernels.fill_orbit(self._starts[number], 0.5 * self.step_s, self.world, rows)
+        last = orbit_kernels.fill_orbit(self._starts[number], self.step_s, self.world, rows)
         if number + 1 == len(self._starts):
             self._starts.append(last)
         while len(self._blocks) > 3:
@@ -211,7 +215,7 @@ class TargetOrbit:
     def rows(self, ticks: int) -> Floats:
         """Return all rows (2 x steps x ticks + 1, COLUMNS) of a flight."""
         rows = np.empty((2 * self.steps * ticks + 1, orbit_kernels.COLUMNS))
-        orbit_kernels.fill_orbit(self._starts[0], 0.5 * self.step_s, self.world, rows)
+        orbit_kernels.fill_orbit(self._starts[0], self.step_s, self.world, rows)
         return rows
 
 
