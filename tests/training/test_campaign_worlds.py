@@ -15,6 +15,8 @@ from rpo_core.validation import InputError
 from rpo_training.campaign import config, run_batch, sampling, single
 from rpo_training.engine import support
 
+pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+
 WORLD = {
     **{name: spread for name, spread in EVERYTHING.items() if 'disturbance' not in name},
     'density_share': {'uniform': 0.5},
@@ -109,7 +111,7 @@ def test_what_the_thrusters_spent_can_be_required(write):
     campaign = write(LEO, dispersions=SOME, success=limits)
     columns = run_batch.fly_runs(campaign, 0, 5)
     assert (columns['propellant_kg'] > 0.0).all()
-    assert list(columns)[-9:-6] == ['thruster_delta_v_m_s', 'propellant_kg', 'valve_openings']
+    assert list(columns)[-3:] == ['thruster_delta_v_m_s', 'propellant_kg', 'valve_openings']
     with pytest.raises(InputError, match='needs thrusters with'):
         write(PLAIN, dispersions=SOME, success=limits)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 
@@ -17,7 +17,7 @@ from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
 from rpo_core.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.requirements import Requirements
+from rpo_core.requirements import LIMITS
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.thrusters import IDENTITY, Thrusters
@@ -32,8 +32,10 @@ from rpo_core.validation import (
     whole,
     within,
 )
+from rpo_core.verdicts import unit_of
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
+from rpo_training.campaign.quantities import QUANTITIES, Dispersion, dispersion
 from rpo_training.outputs import check_name
 
 SCHEMA = 'rpo/campaign/1'
@@ -41,83 +43,28 @@ SCHEMA = 'rpo/campaign/1'
 SAMPLINGS = ('latin_hypercube', 'random')
 """Blocks of 1000 runs, each a Latin hypercube; or independent runs."""
 
-CUT = 3.0
-"""Normal dispersions are cut at so many standard deviations."""
-
 MAX_RUNS = 100_000_000
 
 
-class Quantity(NamedTuple):
-    """A quantity that can be dispersed; most : largest deviation that is accepted."""
-
-    components: int
-    unit: str
-    distributions: tuple[str, ...]
-    most: float
-
-
-_SPREADS = ('uniform', 'normal')
-QUANTITIES = {
-    'initial_position_m': Quantity(3, 'm', _SPREADS, 1e4),
-    'initial_velocity_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
-    'mass_share': Quantity(1, '', _SPREADS, 0.99),
-    'thrust_share': Quantity(3, '', _SPREADS, 1.0),
-    'misalignment_deg': Quantity(3, 'deg', _SPREADS, 90.0),
-    'navigation_position_bias_m': Quantity(3, 'm', _SPREADS, 1e4),
-    'navigation_velocity_bias_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
-    'disturbance_amplitude_share': Quantity(1, '', _SPREADS, 1e3),
-    'disturbance_phase_rad': Quantity(1, 'rad', _SPREADS, 10.0),
-    'disturbance_frequency_share': Quantity(1, '', _SPREADS, 1e3),
-    'orbit_altitude_m': Quantity(1, 'm', _SPREADS, 1e8),
-    'delay_ticks': Quantity(1, 'ticks', ('whole',), 1000),
-    'navigation_position_noise_m': Quantity(1, 'm', ('white',), 1e4),
-    'navigation_velocity_noise_m_s': Quantity(1, 'm/s', ('white',), 1e2),
-    'density_share': Quantity(1, '', _SPREADS, 1.0),
-    'ballistic_coefficient_share': Quantity(1, '', _SPREADS, 0.99),
-    'true_anomaly_deg': Quantity(1, 'deg', _SPREADS, 180.0),
-    'stuck_off_thruster': Quantity(1, '', ('whole',), 11),
-}
-"""What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
-
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
-"""Metrics of a run, over the forces applied."""
+"""Metrics of every run, over the forces applied."""
 
 THRUSTER_METRICS = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
 """More metrics of a run whose thrusters fire in pulses: `rpo_core.flight.Thrust`."""
 
 _ALL_METRICS = METRICS | THRUSTER_METRICS
 
-
-def metrics_of(scenario: Scenario) -> dict[str, str]:
-    """Return metric -> unit of the runs of a scenario."""
-    thrusters = scenario.thrusters
-    return _ALL_METRICS if thrusters is not None and thrusters.pulses else METRICS
-
-
-@dataclass(frozen=True)
-class Dispersion:
-    """How one quantity deviates from the scenario's.
-
-    distribution : 'uniform', within +- spread; 'normal', spread = 1 sigma, cut at 3 sigma; 'whole',
-        0..spread with equal chance; 'white', noise of 1 sigma = spread, new at each tick
-    spread : one number per component
-    """
-
-    distribution: str
-    spread: tuple[float, ...]
-
-    @property
-    def extreme(self) -> tuple[float, ...]:
-        """Largest deviation of each component."""
-        return tuple(s * (CUT if self.distribution == 'normal' else 1.0) for s in self.spread)
+_SHARE = 'hold_force_per_disturbance'
+LEVEL = 'disturbance_level_n'
+"""Largest |disturbance| of an axis of a run; a limit of force may be a share of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignConfig:
     """All that determines the outcome of a campaign, beside the scenario and the controller.
 
-    success : metric -> limit; a run that keeps all of them succeeds. If the file does not say, what
-        the scenario requires (`success_of`)
+    success : metric or requirement -> limit; a run that keeps all of them succeeds. If the file
+        does not say, what the scenario requires (`success_of`)
     faults : of the messages between plant and controller; None without
     """
 
@@ -152,6 +99,30 @@ class CampaignConfig:
         return self.dispersions.get(name, none)
 
     @property
+    def more(self) -> dict[str, str]:
+        """What runs are judged by beside `METRICS`: name -> unit."""
+        names = [name for name in self.success if name not in METRICS]
+        units = THRUSTER_METRICS | {name: unit_of(name) for name in names if name in LIMITS}
+        return dict((LEVEL, 'N') if name == _SHARE else (name, units[name]) for name in names)
+
+    @property
+    def metrics(self) -> dict[str, str]:
+        """What is known of a run: name -> unit."""
+        return {**METRICS, **self.more}
+
+    def limit(self, name: str, columns: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Return the values of a condition of success, and its limit, which may be a run's own."""
+        if name == _SHARE:
+            return columns['hold_force_per_axis_n'], self.success[name] * columns[LEVEL]
+        return columns[name], self.success[name]
+
+    @property
+    def judging(self) -> tuple[str, ...]:
+        """Names of the columns that success is judged by."""
+        forces = ('hold_force_per_axis_n', LEVEL)
+        return tuple(c for name in self.success for c in (forces if name == _SHARE else (name,)))
+
+    @property
     def most_delay(self) -> int:
         """Longest delay [ticks]."""
         return int(self.spread('delay_ticks')[0])
@@ -165,7 +136,7 @@ def parse(document: Any) -> CampaignConfig:
     if data.pop('schema') != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
-    data['dispersions'] = {name: _dispersion(name, dispersions[name]) for name in dispersions}
+    data['dispersions'] = {name: dispersion(name, dispersions[name]) for name in dispersions}
     if 'success' in data:
         data['success'] = _success(data['success'])
     if 'faults' in data:
@@ -185,51 +156,17 @@ def _success(value: Any) -> dict[str, float]:
 
 
 def success_of(scenario: Scenario) -> dict[str, float]:
-    """Return what a scenario requires, as limits of metrics; raises InputError."""
+    """Return what a scenario requires; raises InputError if nothing, or of later than its end."""
     required = scenario.requirements
     if required is None:
         raise InputError(f'`success` is missing, and scenario {scenario.name} has no requirements')
-    for name in required.limits:
-        if name not in METRICS or not _counted(name, scenario, required):
-            raise InputError(
-                f'`success` is missing, and a campaign cannot judge by requirement `{name}` of '
-                f'scenario {scenario.name}; docs/campaigns.md says by which it can'
-            )
+    hold = metrics.hold_tick(scenario)
+    if hold is not None and hold >= scenario.ticks:
+        raise InputError(
+            f'`success` is missing, and scenario {scenario.name} requires to hold from '
+            f'{required.hold_from_s:g} s on, but ends at {scenario.duration_s:g} s'
+        )
     return required.limits
-
-
-def _counted(name: str, scenario: Scenario, required: Requirements) -> bool:
-    """Return whether the metric of that name counts what is required."""
-    if name == 'arrival_time_s':
-        within_m, limit_s = required.arrival_error_per_axis_m, required.limits[name]
-        return within_m == metrics.MAX_ARRIVAL_DISTANCE_M and limit_s < scenario.duration_s
-    if name.startswith('hold_'):
-        return required.hold_from_s is not None and required.hold_from_s < scenario.duration_s
-    return True
-
-
-def _dispersion(name: str, value: Any) -> Dispersion:
-    quantity, place = QUANTITIES[name], f'dispersions.{name}'
-    data = mapping(place, value, [], quantity.distributions)
-    if len(data) != 1:
-        raise InputError(
-            f'`{place}` must give one of {", ".join(quantity.distributions)}; got {shown(value)}'
-        )
-    distribution, spread = next(iter(data.items()))
-    place = f'{place}.{distribution}'
-    if distribution == 'whole':
-        return Dispersion(distribution, (whole(place, spread, least=0, most=int(quantity.most)),))
-    most = quantity.most / (CUT if distribution == 'normal' else 1.0)
-    if not isinstance(spread, list):
-        spread = [spread] * quantity.components
-    if len(spread) != quantity.components:
-        raise InputError(
-            f'`{place}` must be one number or a list of {quantity.components} in '
-            f'{quantity.unit or "1"}; got {shown(spread)}'
-        )
-    return Dispersion(
-        distribution, tuple(real(place, s, quantity.unit, least=0.0, most=most) for s in spread)
-    )
 
 
 def dumps(config: CampaignConfig) -> str:
@@ -268,9 +205,8 @@ class Campaign:
                 '`scenario` must have no `navigation`, and no `matrix` and `delay_ticks` of '
                 f'thrusters: `dispersions` have them; {self.config.scenario} has'
             )
-        known = metrics_of(self.scenario)
         for name in self.config.success:
-            if name not in known:
+            if name in THRUSTER_METRICS and name not in self.metrics_of_thrusters:
                 raise InputError(
                     f'`success.{name}` needs thrusters with `pulses`; scenario '
                     f'{self.scenario.name} has none'
@@ -278,6 +214,22 @@ class Campaign:
         with within('dispersions'):
             _check_effects(self.config, self.scenario)
             _check_extremes(self.config, self.scenario)
+
+    @property
+    def metrics_of_thrusters(self) -> dict[str, str]:
+        """`THRUSTER_METRICS` where thrusters fire in pulses: name -> unit."""
+        thrusters = self.scenario.thrusters
+        return THRUSTER_METRICS if thrusters is not None and thrusters.pulses else {}
+
+    @property
+    def more(self) -> dict[str, str]:
+        """What is known of a run beside `METRICS`: name -> unit."""
+        return {**self.metrics_of_thrusters, **self.config.more}
+
+    @property
+    def metrics(self) -> dict[str, str]:
+        """What is known of a run: name -> unit."""
+        return {**METRICS, **self.more}
 
     @classmethod
     def of_texts(cls, texts: tuple[str, str, str], names: tuple[str, str, str]) -> Campaign:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,13 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
-from rpo_training.campaign.config import METRICS, Campaign, metrics_of
+from rpo_core.verdicts import verdicts
+from rpo_training.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_training.campaign.single import fly_run, scenario_of_draw
-from rpo_training.campaign.worlds import firing_of, orbits_of, steps_of, thruster_rows
+from rpo_training.campaign.worlds import firing_of, orbits_of, spent_of, uneven_steps
 from rpo_training.engine import counters, parts, tick
+from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
@@ -33,7 +35,7 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
-"""Columns of results of most campaigns: drawn parameters, metrics, final state."""
+"""Columns of the results of every campaign: drawn parameters, metrics, final state."""
 
 _FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
@@ -46,8 +48,12 @@ def units(runs: int) -> int:
 
 
 def columns_of(campaign: Campaign) -> tuple[str, ...]:
-    """Return the columns of results of a campaign."""
-    return (*parameters_of(campaign.config), *metrics_of(campaign.scenario), *FINAL)
+    """Return the columns of results: those of every campaign, then what else is known of its runs.
+
+    Those are the metrics of its thrusters, what it judges by, and the draws of its world.
+    """
+    drawn = parameters_of(campaign.config)[len(PARAMETERS) :]
+    return (*COLUMNS, *campaign.more, *drawn)
 
 
 def fly_unit(campaign: Campaign, unit: int) -> Floats:
@@ -58,64 +64,94 @@ def fly_unit(campaign: Campaign, unit: int) -> Floats:
 
 def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     """Return the results of some runs, column by column (count,)."""
-    found = _fly(campaign, draw(campaign, first, count))
-    return dict(zip(columns_of(campaign), found, strict=True))
-
-
-class _Results(NamedTuple):
-    """Of some runs: rows of metrics, final states (n, 6), `THRUSTER_METRICS` (n, 3)."""
-
-    rows: Floats
-    final: Floats
-    thrusters: Floats
+    results = _fly(campaign, draw(campaign, first, count))
+    return dict(zip(columns_of(campaign), results, strict=True))
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    n = len(drawn.numbers)
-    results = _Results(np.empty((n, counters.COLUMNS)), np.empty((n, 6)), np.empty((n, 3)))
+    rows = np.empty((len(drawn.numbers), counters.COLUMNS))
+    final = np.empty((len(rows), 6))
+    more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.more}
     reason = why_not(campaign.scenario, campaign.controller, IN_PAIRS)
+    reason = reason or uneven_steps(campaign.scenario, drawn)
     if reason:
         announce(reason)
-        _fly_singly(campaign, drawn, slice(0, n), results)
+        _fly_singly(campaign, drawn, rows, final, more)
     else:
-        _fly_side_by_side(campaign, drawn, results)
-    fires = len(metrics_of(campaign.scenario)) > len(METRICS)
-    parts_of_rows = [
-        drawn.parameters,
-        results.rows[:, _FROM_ROW],
-        *([results.thrusters] if fires else []),
-        results.final,
-    ]
-    return np.ascontiguousarray(np.hstack(parts_of_rows).T)
+        _fly_side_by_side(campaign, drawn, rows, final, more)
+    known, own = np.split(drawn.parameters, [len(PARAMETERS)], axis=1)
+    table = [known, rows[:, _FROM_ROW], final, *(more[n][:, None] for n in more), own]
+    return np.ascontiguousarray(np.hstack(table).T)
 
 
-def _fly_singly(campaign: Campaign, drawn: DrawnRuns, some: slice, results: _Results) -> None:
+def _fly_singly(
+    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
+) -> None:
     """Fly run after run through `rpo_core.flight.fly`."""
-    for i, number in enumerate(drawn.numbers[some].tolist(), some.start):
+    for i, number in enumerate(drawn.numbers.tolist()):
         flight = fly_run(campaign, number)
-        results.rows[i] = row_of(flight)
-        results.final[i] = flight.states[-1]
-        if campaign.scenario.thrusters is not None:
-            spent = flight.thrust
-            results.thrusters[i] = spent.delta_v_m_s, spent.propellant_kg, spent.openings
+        rows[i] = row_of(flight)
+        final[i] = flight.states[-1]
+        values = {verdict.key: verdict.value for verdict in verdicts(flight)}
+        values[LEVEL] = metrics.disturbance_level_n(flight)
+        if campaign.metrics_of_thrusters:
+            values |= zip(THRUSTER_METRICS, flight.thrust[2:], strict=True)
+        for name, column in more.items():
+            column[i] = values[name]
+        rows[i, metrics.ARRIVAL_TIME] = values.get('arrival_time_s', rows[i, metrics.ARRIVAL_TIME])
 
 
-def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, results: _Results) -> None:
-    scenario, windows = campaign.scenario, windows_of(campaign.scenario)
+def _fly_side_by_side(
+    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
+) -> None:
+    scenario, windows = campaign.scenario, _windows(campaign.scenario)
     plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
-    w, count = _scratch.w, len(results.rows)
-    for first in range(0, count, RUNS):
-        some = slice(first, min(first + RUNS, count))
+    w, judged = _scratch.w, judged_by(scenario) if _together(campaign) else None
+    trace: Any = None if judged is None else make_trace(scenario.ticks, PAIRED_LANES)
+    together = np.empty((len(rows), len(VALUES)))
+    for first in range(0, len(rows), RUNS):
+        some = slice(first, first + RUNS)
         batch = make_batch(campaign, drawn, first)
-        if batch is None:
-            announce(f'runs of {campaign.config.name} have ticks of different numbers of steps')
-            _fly_singly(campaign, drawn, some, results)
-            continue
-        tick.fly(batch, control, plant, windows, w, None, None)
-        rows, final = results.rows[some], results.final[some]
-        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows, final)
-        if batch.valves is not None:
-            results.thrusters[some] = thruster_rows(batch.valves, some.stop - some.start)
+        tick.fly(batch, control, plant, windows, w, None, trace)
+        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
+        if judged is not None:
+            lanes_of = parts.paired_lanes(len(rows[some]))
+            together[some] = judge(trace[0], lanes_of, scenario, judged)
+        for name, column in zip(campaign.metrics_of_thrusters, spent_of(batch.valves), strict=True):
+            more[name][some] = column[: len(rows[some])]
+        if LEVEL in more:
+            levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
+    for place, name in enumerate(VALUES):
+        if name in more:
+            more[name][:] = together[:, place]
+    _set_arrival(scenario, rows, together)
+
+
+def _windows(scenario: Scenario) -> metrics.Windows:
+    """Return the windows of a flight; an axis has arrived within what the scenario requires."""
+    windows, required = windows_of(scenario), scenario.requirements
+    if required is None or required.arrival_error_per_axis_m is None:
+        return windows
+    return windows._replace(arrival_m=required.arrival_error_per_axis_m)
+
+
+def _together(campaign: Campaign) -> bool:
+    """Return whether what the scenario requires of the axes together is in the results."""
+    required = campaign.scenario.requirements
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    return by_norm or bool(set(campaign.config.more) & set(VALUES))
+
+
+def _set_arrival(scenario: Scenario, rows: Floats, together: Floats) -> None:
+    """Write the arrival that a scenario requires, infinite where a run never arrives."""
+    required = scenario.requirements
+    if required is None or required.arrival_time_s is None:
+        return
+    if required.arrival_error_norm_m is not None:
+        rows[:, metrics.ARRIVAL_TIME] = together[:, VALUES.index('arrival_time_s')]
+    else:
+        outside = np.rint(rows[:, metrics.ARRIVAL_TIME] / scenario.dt_s)
+        rows[:, metrics.ARRIVAL_TIME] = arrival_s(scenario, outside)
 
 
 def _control(controller: AnyController) -> parts.Control:
@@ -125,11 +161,8 @@ def _control(controller: AnyController) -> parts.Control:
     return parts.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
 
 
-def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs | None:
-    """Return up to 40 runs from index `first`; lanes without a run rest at the target.
-
-    None if their orbits need different numbers of steps in a tick.
-    """
+def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
+    """Return up to 40 runs from index `first`; lanes without a run rest at the target."""
     n = min(RUNS, len(drawn.numbers) - first)
     chosen = slice(first, first + n)
 
@@ -143,8 +176,6 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs |
     flown = []
     if campaign.scenario.sections:
         flown = [scenario_of_draw(campaign, drawn, i) for i in range(first, first + n)]
-        if len(steps_of(flown)) > 1:
-            return None
     orbits = orbits_of(flown) if flown else None
     return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),

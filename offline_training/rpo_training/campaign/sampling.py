@@ -20,7 +20,8 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep, Vector
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import rotation
-from rpo_training.campaign.config import CUT, QUANTITIES, Campaign, CampaignConfig, Dispersion
+from rpo_training.campaign.config import Campaign, CampaignConfig
+from rpo_training.campaign.quantities import CUT, QUANTITIES, Dispersion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -58,8 +58,8 @@ class Store:
 
     def __init__(self, folder: Path, campaign: Campaign) -> None:
         self.folder, self.campaign = folder, campaign
-        self.columns = columns_of(campaign)
         self.bound = digest_of(*campaign.texts)
+        self.columns = columns_of(campaign)
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:
@@ -159,7 +159,7 @@ class Store:
             yield
 
     def put(self, unit: int, results: Floats) -> None:
-        """Store results (len(self.columns), n) of a unit; they are safe from kill -9 afterwards."""
+        """Store results (columns, n) of a unit; they are safe from kill -9 afterwards."""
         runs, columns = self.campaign.config.runs, [v.astype('<f8').tobytes() for v in results]
         with self._opened(_PART) as part, self._opened(_DONE) as done:
             for column, values in enumerate(columns):

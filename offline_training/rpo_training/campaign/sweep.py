@@ -93,7 +93,8 @@ class Sweep:
         faulty = _with(campaign, replace(campaign.config, faults=chosen))
         runs = faulty.config.runs
         parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
-        columns = dict(zip(columns_of(faulty), np.hstack(list(parts)), strict=True))
+        names = columns_of(faulty)
+        columns = dict(zip(names, np.hstack(list(parts)), strict=True))
         return rate('success', int(successes(faulty.config, columns).sum()), runs)
 
 

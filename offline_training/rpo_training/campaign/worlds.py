@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -23,6 +24,7 @@ from rpo_core.orbit_kernels import World
 from rpo_core.pulse_kernels import DELTA_V, MEMORY, OPENINGS, SPENT
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import tank_of, valves_of
+from rpo_training.campaign.sampling import DrawnRuns
 from rpo_training.engine.parts import RUNS, Firing, Orbits
 
 Floats = NDArray[np.float64]
@@ -47,14 +49,20 @@ def firing_of(scenarios: Sequence[Scenario]) -> Firing | None:
     )
 
 
-def thruster_rows(firing: Firing, count: int) -> Floats:
-    """Return `config.THRUSTER_METRICS` (count, 3) of runs that have flown."""
-    return np.asarray(firing.memory[:count, [DELTA_V, SPENT, OPENINGS]])
+def spent_of(firing: Firing | None) -> list[Floats]:
+    """Return `config.THRUSTER_METRICS`, (40,) each, of runs that have flown."""
+    return [] if firing is None else [firing.memory[:, i] for i in (DELTA_V, SPENT, OPENINGS)]
 
 
-def steps_of(scenarios: Sequence[Scenario]) -> set[int]:
-    """Return how many steps of the integration the ticks of runs have."""
-    return {steps_per_tick(s.dynamics, s) for s in scenarios if s.dynamics is not None}
+def uneven_steps(scenario: Scenario, drawn: DrawnRuns) -> str:
+    """Return why runs cannot fly side by side: their ticks have different numbers of steps."""
+    settings = scenario.dynamics
+    if settings is None:
+        return ''
+    radii = {float(f(drawn.parameters[:, 22])) for f in (np.min, np.max)}
+    steps = {steps_per_tick(settings, replace(scenario, orbit_radius_m=r)) for r in radii}
+    few = len(steps) == 1
+    return '' if few else f'campaign of {scenario.name} has orbits that need other steps in a tick'
 
 
 def orbits_of(scenarios: Sequence[Scenario]) -> Orbits | None:
@@ -67,7 +75,7 @@ def orbits_of(scenarios: Sequence[Scenario]) -> Orbits | None:
         assert s.dynamics is not None
         worlds.append(world_of(s.dynamics, s))
         starts.append(target_start(s.dynamics, s))
-    (steps,) = steps_of(scenarios)
+    steps = steps_per_tick(first, scenarios[0])
     dt_s, ticks = scenarios[0].dt_s, scenarios[0].ticks
     # the chaser's drag does not move the target
     keys = [
