@@ -230,7 +230,7 @@ def test_valves_and_propellant_of_a_world_are_shown():
     impulse, exhaust = 0.5 * 3.0, 70.0 * 9.80665
     assert shown['propellant_kg'] == pytest.approx(impulse / exhaust, rel=1e-3)
     assert shown['exerted_n'] == (-0.3, 0.2, 0.0)
-    console = Console(width=100, record=True, quiet=False)
+    console = Console(width=100, record=True)
     console.print(terminal.view(run, '/relative_state'))
     assert 'valves x y z − + ·' in console.export_text()
     run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
