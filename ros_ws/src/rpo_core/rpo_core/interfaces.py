@@ -35,6 +35,8 @@ DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
 SATURATED_FORCE = 'saturated_force'
 THRUST_FORCE = 'thrust_force'
+EXERTED_FORCE = 'exerted_force'
+CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
@@ -97,6 +99,7 @@ class Interface:
     due : TRUTH, EACH_TICK or EVENT
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
+    numbers : of a signal that is no topic
     """
 
     name: str
@@ -106,6 +109,7 @@ class Interface:
     due: str = EACH_TICK
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
+    numbers: int = 3
 
     @property
     def topic(self) -> str:
@@ -199,6 +203,10 @@ for _row in (
               'command that is due at the thrusters, late where they are', logged=False),
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
+    Interface(EXERTED_FORCE, FORCE_TYPE,
+              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH),
+    Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
+              logged=False, numbers=1),
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
               due=EVENT, qos=LATCHED),
