@@ -22,5 +22,5 @@ class NavigationNode(PlaceNode):
 
 
 def main() -> int:
-    """Entry point of `ros2 run rpo_sim navigation`."""
+    """Entry point of `ros2 run rpo_nav navigation`."""
     return run_node(NavigationNode)
