@@ -173,33 +173,36 @@ def update(
 @kernel
 def _take(x: Any, p: Any, n: int, found: Any, sensor: Any, work: Any, tested: Any) -> None:
     """Take the numbers of a measurement; fill the row of their innovations."""
-    tested[0], tested[1] = 0.0, 0.0
     distance, ux, uy, uz = sight(x[0], x[1], x[2])
     first, second = across(ux, uy, uz)
-    cross = larger(sensor[NOISE_FLOOR], sensor[CROSS_SHARE] * distance)
     mx, my, mz = found[1], found[2], found[3]
-    at = 2
-    if sensor[HAS_RANGE] != 0.0:
-        along = larger(sensor[NOISE_FLOOR], sensor[NOISE_SHARE] * distance)
-        value = ux * mx + uy * my + uz * mz
-        tested[at] = update(x, p, n, 0, (ux, uy, uz), value, along * along, work)
-        at += 1
-    else:  # a direction: the point at the distance that is expected
+    if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
         mx, my, mz = distance * mx, distance * my, distance * mz
-    value = first[0] * mx + first[1] * my + first[2] * mz
-    tested[at] = update(x, p, n, 0, first, value, cross * cross, work)
-    value = second[0] * mx + second[1] * my + second[2] * mz
-    tested[at + 1] = update(x, p, n, 0, second, value, cross * cross, work)
-    at += 2
-    if sensor[HAS_VELOCITY] != 0.0:
-        sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
-        variance = sigma * sigma
-        tested[at] = update(x, p, n, 3, (1.0, 0.0, 0.0), found[4], variance, work)
-        tested[at + 1] = update(x, p, n, 3, (0.0, 1.0, 0.0), found[5], variance, work)
-        tested[at + 2] = update(x, p, n, 3, (0.0, 0.0, 1.0), found[6], variance, work)
-        at += 3
-    for j in range(2, at):
-        tested[1] += tested[j] * tested[j]
+    at = 2
+    tested[1] = 0.0
+    for number in range(6):
+        if (number == 0 and sensor[HAS_RANGE] == 0.0) or (
+            number >= 3 and sensor[HAS_VELOCITY] == 0.0
+        ):
+            continue
+        h, vx, vy, vz = (ux, uy, uz), mx, my, mz
+        floor, share = sensor[NOISE_FLOOR], sensor[NOISE_SHARE]
+        if number > 0:
+            h, share = (first if number == 1 else second), sensor[CROSS_SHARE]
+        if number >= 3:
+            h = (
+                1.0 if number == 3 else 0.0,
+                1.0 if number == 4 else 0.0,
+                1.0 if number == 5 else 0.0,
+            )
+            vx, vy, vz = found[4], found[5], found[6]
+            floor, share = sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE]
+        sigma = larger(floor, share * distance)
+        value = h[0] * vx + h[1] * vy + h[2] * vz
+        begin = 3 if number >= 3 else 0
+        tested[at] = update(x, p, n, begin, h, value, sigma * sigma, work)
+        tested[1] += tested[at] * tested[at]
+        at += 1
     tested[0] = float(at - 2)
 
 
