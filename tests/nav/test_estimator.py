@@ -18,6 +18,8 @@ from rpo_core.validation import InputError
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS, step_covariance, step_state, update
 
+pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+
 POSITION = {
     'kind': 'relative_position',
     'noise_floor_m': 0.05,

@@ -17,6 +17,8 @@ from scipy.stats import kstest
 from rpo_nav.sensor_kernels import across
 from rpo_nav.sensors import Sensors, SensorsStage
 
+pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)  # 100 m
 RANGE_M = 100.0
 

@@ -122,6 +122,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Filter:
         int(getattr(thrusters, 'delay_ticks', 0)),
         settings.restart_after,
         max(unit.latency_ticks for unit in units),
+        1,
     )
 
 

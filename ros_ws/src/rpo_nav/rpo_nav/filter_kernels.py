@@ -55,6 +55,7 @@ class Filter(NamedTuple):
     limit_n : of the thrusters; delay : ticks from a command to its force
     patience : so many rejected measurements in a row restart the filter; 0: none do
     newest : largest latency of a sensor in ticks
+    full : 1 if the covariance of the newest tick is wanted; 0 if the state alone, which is faster
     """
 
     n: int
@@ -69,6 +70,7 @@ class Filter(NamedTuple):
     delay: int
     patience: int
     newest: int
+    full: int
 
 
 class Memory(NamedTuple):
@@ -245,16 +247,18 @@ def _restart(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memo
 
 
 @kernel
-def _advance(tick: int, x: Any, p: Any, f: Filter, m: Memory, last: bool) -> None:
+def _advance(tick: int, x: Any, p: Any, f: Filter, m: Memory, last: bool, full: bool) -> None:
     """Move a state to a tick, and take what was measured at that tick.
 
     last : whether all measurements of the tick have come; they are counted then, and only then
+    full : with its covariance; otherwise nothing may be measured at the tick
     """
     n, slots = f.n, len(m.commands)
     if tick > m.counts[ORIGIN]:
         c = m.commands[(tick - 1 - f.delay) % slots]
         step_state(x, n, (c[0], c[1], c[2]), f.step)
-        step_covariance(p, n, f.step, f.noise)
+        if full:
+            step_covariance(p, n, f.step, f.noise)
     waiting = m.pending[tick % slots]
     for i in range(len(f.sensors)):
         found = waiting[i]
@@ -302,7 +306,7 @@ def _settle(tick: int, f: Filter, m: Memory) -> None:
     """Move the base to the newest tick of which no more measurements will come."""
     if tick - f.newest > m.counts[BASE]:
         m.counts[BASE] += 1
-        _advance(m.counts[BASE], m.x, m.p, f, m, True)
+        _advance(m.counts[BASE], m.x, m.p, f, m, True, True)
 
 
 @kernel
@@ -356,8 +360,13 @@ def estimate(tick: int, command: Vector, measured: Any, f: Filter, m: Memory) ->
         m.y[j] = m.x[j]
     for j in range(n * n):
         m.s[j] = m.p[j]
+    full = f.full != 0
     for t in range(m.counts[BASE] + 1, tick + 1):
-        _advance(t, m.y, m.s, f, m, False)
+        for i in range(len(f.sensors)):
+            found = m.pending[t % len(m.commands)][i]
+            full = full or (found[0] != 0.0 and found[MEASURED] == t)
+    for t in range(m.counts[BASE] + 1, tick + 1):
+        _advance(t, m.y, m.s, f, m, False, full)
     if not _is_finite(m.y, n) or not _is_finite(m.s, n * n):
         _begin_again(tick, f, m)
 
