@@ -85,7 +85,7 @@ HEADINGS = ('', 'mean', 'moments, least to most', '95 % of one moment', '')
 
 def rows_of(found: Consistency) -> list[tuple[str, ...]]:
     """Return the rows of a table."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, values, (low, high) in (
         ('NEES of 6 states', found.nees, found.nees_bounds),
         ('NIS of a number', found.nis, found.nis_bounds),
