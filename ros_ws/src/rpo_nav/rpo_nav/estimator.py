@@ -8,7 +8,7 @@ It reads the measurements and the force that was commanded one tick before. Its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from math import sqrt
 from typing import Annotated, Any
@@ -16,10 +16,11 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
+from rpo_core import cw, interfaces
+from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.interfaces import PREVIOUS_COMMAND
 from rpo_core.jit import as_table
-from rpo_core.kernels import cw_step
+from rpo_core.kernels import CwStep, cw_step
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.validation import InputError, check_fields, real, whole
 from rpo_nav.filter_kernels import (
@@ -61,6 +62,8 @@ class Estimator:
         normal number; 0: none is
     restart_after : so many rejected measurements in a row restart the filter; 0: none do
     restart_velocity_sigma_m_s : each axis, after a restart
+    mass_kg : of the chaser as the filter takes it; 0: as the scenario has it
+    delay_ticks : from a command to its force as the filter takes it; -1: as the scenario has it
     """
 
     position_sigma_m: Annotated[float, partial(_above, unit='m')] = 1.0
@@ -72,6 +75,12 @@ class Estimator:
     gate_sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = 5.0
     restart_after: Annotated[int, partial(whole, least=0, most=1_000_000)] = 20
     restart_velocity_sigma_m_s: Annotated[float, partial(_above, unit='m/s')] = 1.0
+    mass_kg: Annotated[float, partial(_least, unit='kg')] = field(
+        default=0.0, metadata=UNLESS_DEFAULT
+    )
+    delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = field(
+        default=-1, metadata=UNLESS_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -108,18 +117,20 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Filter:
     start = [value + sigma * draw for value, sigma, draw in draws] + [0.0] * (n - 6)
     disturbed = [settings.disturbance_sigma_n] * (n - 6)
     again = [settings.position_sigma_m] * 3 + [settings.restart_velocity_sigma_m_s] * 3
-    thrusters = scenario.thrusters
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
+    delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
     return Filter(
         n,
-        scenario.step,
-        as_table(_process_noise(settings, scenario)),
+        step,
+        as_table(_process_noise(settings, step, mass_kg, scenario.dt_s)),
         as_table(start),
         as_table(_diagonal([*sigmas, *disturbed])),
         as_table(_diagonal([*again, *disturbed])),
         as_table(rows),
         as_table([gate(numbers, settings.gate_sigmas) for numbers in range(7)]),
         float(scenario.max_force_n),
-        int(getattr(thrusters, 'delay_ticks', 0)),
+        delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
         settings.restart_after,
         max(unit.latency_ticks for unit in units),
         1,
@@ -131,13 +142,13 @@ def _diagonal(sigmas: list[float]) -> list[float]:
     return [sigmas[i] * sigmas[i] if i == j else 0.0 for i in range(n) for j in range(n)]
 
 
-def _process_noise(settings: Estimator, scenario: Any) -> list[float]:
+def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> list[float]:
     """Return Q (n * n): white acceleration, held for a tick; the walk of the disturbance."""
     n, zero = settings.states, (0.0,) * 6
-    density = settings.acceleration_noise_m_s1_5 * scenario.mass_kg
-    variance = density * density / scenario.dt_s
+    density = settings.acceleration_noise_m_s1_5 * mass_kg
+    variance = density * density / dt_s
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    columns = [cw_step(zero, force, scenario.step) for force in unit]
+    columns = [cw_step(zero, force, step) for force in unit]
     noise = [0.0] * (n * n)
     for i in range(6):
         for j in range(6):
@@ -147,7 +158,7 @@ def _process_noise(settings: Estimator, scenario: Any) -> list[float]:
             noise[n * i + j] = variance * shared
     walk = settings.disturbance_walk_n_s0_5
     for i in range(6, n):
-        noise[n * i + i] = walk * walk * scenario.dt_s
+        noise[n * i + i] = walk * walk * dt_s
     return noise
 
 

@@ -38,6 +38,15 @@ MAX_OUTAGES = 100
 POSITION, RANGE_BEARING, BEARING = 'relative_position', 'range_bearing', 'bearing'
 KINDS = (POSITION, RANGE_BEARING, BEARING)
 
+NOISES = (
+    'noise_floor_m',
+    'noise_share',
+    'bearing_noise_rad',
+    'velocity_floor_m_s',
+    'velocity_share_1_s',
+)
+"""Fields of a sensor that scale its noise."""
+
 MEASUREMENTS = ('measurement', *(f'measurement_{i}' for i in range(2, MAX_SENSORS + 1)))
 """Signals, one of each sensor."""
 
