@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from rpo_core.jit import kernel
 from rpo_core.kernels import CwStep, Vector, cw_step, saturate
+from rpo_core.noise import kernel as inlined
 from rpo_nav.sensor_kernels import (
     CROSS_SHARE,
     HAS_RANGE,
@@ -172,7 +173,7 @@ def update(
     return innovation / sqrt(variance_of_it)
 
 
-@kernel
+@inlined
 def _take(x: Any, p: Any, n: int, found: Any, sensor: Any, work: Any, tested: Any) -> None:
     """Take the numbers of a measurement; fill the row of their innovations."""
     distance, ux, uy, uz = sight(x[0], x[1], x[2])
@@ -208,7 +209,7 @@ def _take(x: Any, p: Any, n: int, found: Any, sensor: Any, work: Any, tested: An
     tested[0] = float(at - 2)
 
 
-@kernel
+@inlined
 def _accept(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memory, i: int) -> bool:
     """Take a measurement unless its NIS is too large; return whether it was taken."""
     work, kept = m.work, 2 * n
@@ -228,7 +229,7 @@ def _accept(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memor
     return False
 
 
-@kernel
+@inlined
 def _restart(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memory) -> None:
     """Begin again with what was measured: P is large again, the disturbance is zero."""
     for j in range(n * n):
@@ -246,7 +247,7 @@ def _restart(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memo
     m.counts[LAST_RESET] = m.counts[NOW]
 
 
-@kernel
+@inlined
 def _advance(tick: int, x: Any, p: Any, f: Filter, m: Memory, last: bool, full: bool) -> None:
     """Move a state to a tick, and take what was measured at that tick.
 
@@ -279,7 +280,15 @@ def _advance(tick: int, x: Any, p: Any, f: Filter, m: Memory, last: bool, full: 
                 _restart(x, p, n, found, sensor, f, m)
 
 
-@kernel
+@inlined
+def _settle(tick: int, f: Filter, m: Memory) -> None:
+    """Move the base to the newest tick of which no more measurements will come."""
+    if tick - f.newest > m.counts[BASE]:
+        m.counts[BASE] += 1
+        _advance(m.counts[BASE], m.x, m.p, f, m, True, True)
+
+
+@inlined
 def _keep(tick: int, command: Vector, measured: Any, f: Filter, m: Memory) -> None:
     """Keep the command of the tick before, and what arrives at this one."""
     slots = len(m.commands)
@@ -299,14 +308,6 @@ def _keep(tick: int, command: Vector, measured: Any, f: Filter, m: Memory) -> No
             for j in range(MEASURED):
                 slot[j] = measured[i][j]
             slot[MEASURED] = float(taken)
-
-
-@kernel
-def _settle(tick: int, f: Filter, m: Memory) -> None:
-    """Move the base to the newest tick of which no more measurements will come."""
-    if tick - f.newest > m.counts[BASE]:
-        m.counts[BASE] += 1
-        _advance(m.counts[BASE], m.x, m.p, f, m, True, True)
 
 
 @kernel
