@@ -29,7 +29,6 @@ from rpo_nav.filter_kernels import (
     LAST_ACCEPTED,
     LAST_RESET,
     NOW,
-    ORIGIN,
     REJECTED,
     RESETS,
     TESTED,
@@ -239,9 +238,9 @@ class EstimatorStage(Stage):
         return max(0, int(self.memory.counts[REJECTED]))
 
     @property
-    def begun(self) -> bool:
-        """Whether it has taken a tick."""
-        return bool(self.memory.counts[ORIGIN] >= 0)
+    def restarts(self) -> int:
+        """How often it was restarted."""
+        return max(0, int(self.memory.counts[RESETS]))
 
 
 def _sensors_of(scenario: Any) -> Sensors:
