@@ -33,6 +33,7 @@ def main() -> None:
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    fly_runs(config.load(_CAMPAIGN.with_name('world_leo.yaml')), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
     metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 

@@ -15,7 +15,7 @@ from rpo_core.validation import InputError
 from rpo_training.campaign import config, run_batch, sampling, single
 from rpo_training.engine import support
 
-pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
 
 WORLD = {
     **{

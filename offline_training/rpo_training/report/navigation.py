@@ -119,8 +119,7 @@ def _picture(flight: Flight, found: Filtered) -> Any:
         shown = 1.5 * float(np.quantile(most, 0.95))
         axes.set_ylim(-shown, shown)
     panels[2].plot(times, found.nees, color=style.AXES[0], linewidth=0.6)
-    panels[2].set_ylabel('NEES')
-    panels[2].set_yscale('log')
+    panels[2].set(ylabel='NEES', ylim=(0.0, 2.0 * NEES_95[1]))
     ticks, values = found.innovations.T
     panels[3].plot(times[ticks.astype(int)], values, '.', color=style.AXES[1], markersize=1.5)
     panels[3].set(ylabel='innovation / sigma', xlabel='time [s]', ylim=(-6.0, 6.0))
