@@ -133,7 +133,7 @@ CARDS = (
         ('SIGINT or SIGTERM', 'publishes `aborted`, lets the recorder close its log, exit code 0'),
     ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
          {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0}),
-    Card('rpo_sim', 'navigation', 'NavigationNode', (
+    Card('rpo_nav', 'navigation', 'NavigationNode', (
         _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL)),
     Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
         _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '

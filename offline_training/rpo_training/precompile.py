@@ -8,6 +8,7 @@ at once would each compile the same kernels; one that runs before them spares th
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from rpo_core.controller import load_controller, load_fuzzy
@@ -28,9 +29,11 @@ def main() -> None:
     """Fly once through everything that is compiled."""
     controller = load_fuzzy(DEFAULT_CONTROLLER)
     fly(load_scenario('quick'), controller)
+    fly(replace(load_scenario('world_leo'), duration_s=1.0), controller)
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    fly_runs(config.load(_CAMPAIGN.with_name('world_leo.yaml')), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
     metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 

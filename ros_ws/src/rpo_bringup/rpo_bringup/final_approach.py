@@ -21,9 +21,9 @@ from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
+from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
-from rpo_sim.navigation_node import NavigationNode
 from rpo_sim.plant_node import PlantNode
 
 _START_TIMEOUT_S = 30.0

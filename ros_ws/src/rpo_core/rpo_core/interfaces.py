@@ -30,6 +30,8 @@ ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 CLOCK = 'clock'
 RELATIVE_STATE = 'relative_state'
 NAVIGATION_STATE = 'navigation_state'
+NAVIGATION_COVARIANCE = 'navigation_covariance'
+ESTIMATED_DISTURBANCE = 'estimated_disturbance'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
@@ -51,6 +53,12 @@ STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance
 force that thrusters exert; a force from outside. A stage that reads one of these gets the last
 signal made before it."""
 
+PREVIOUS_COMMAND = 'command of the tick before'
+"""What a stage before the controller may read: the last command, made one tick ago; zero at tick 0.
+Of commands that a link may lose or delay, it is the one that was sent."""
+
+_PREVIOUS = ' of the tick before'
+
 TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
 """When a message is due: at each tick, by the plant itself; at each tick, in answer to a state (in
 free running it may be late or missing); now and then."""
@@ -63,6 +71,14 @@ _COLUMNS = {
     ),
     FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
 }  # fmt: skip
+
+_COVARIANCES = tuple(
+    f'{part}.covariance[{6 * row + column}]'
+    for part in ('pose', 'twist')
+    for row in range(3)
+    for column in range(3)
+)
+"""Covariances of position and of velocity, 3 x 3 each, row by row."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +116,10 @@ class Interface:
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
     numbers : of a signal that is no topic
+    covariance : whether the numbers of a state are followed by the covariances of position and of
+        velocity, 9 each
+    rider : name of a signal whose numbers are the covariances in the same message; '' for none
+    rides : name of the signal in whose message it travels; '' for none
     """
 
     name: str
@@ -110,6 +130,9 @@ class Interface:
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
     numbers: int = 3
+    covariance: bool = False
+    rider: str = ''
+    rides: str = ''
 
     @property
     def topic(self) -> str:
@@ -119,7 +142,9 @@ class Interface:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
-        return _COLUMNS.get(self.type, ())
+        if self.rides:
+            return _COVARIANCES
+        return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -130,7 +155,7 @@ class Interface:
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
-        return Layout.of(self.type, self.frames)
+        return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
 
 
 _TABLE: dict[str, Interface] = {}
@@ -165,9 +190,19 @@ def table() -> dict[str, Interface]:
     return _TABLE
 
 
+def previous(name: str) -> str:
+    """Return the name of a signal as it was one tick ago."""
+    return name + _PREVIOUS
+
+
+def current(name: str) -> str:
+    """Return the name of a signal without its delay of a tick."""
+    return name.removesuffix(_PREVIOUS)
+
+
 def row_of(name: str) -> Interface:
-    """Return the row of a signal; raises InputError if it has none."""
-    found = table().get(name)
+    """Return the row of a signal, of this tick or the one before; raises InputError if none."""
+    found = table().get(current(name))
     if found is None:
         raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
     return found
@@ -190,7 +225,13 @@ for _row in (
     Interface(RELATIVE_STATE, STATE_TYPE,
               'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
     Interface(NAVIGATION_STATE, STATE_TYPE,
-              'state as navigation finds it, where the scenario has errors of it', STATE),
+              'state as navigation finds it, where the scenario has errors of it', STATE,
+              rider=NAVIGATION_COVARIANCE),
+    Interface(NAVIGATION_COVARIANCE, '',
+              'covariances of position and velocity in navigation_state, where it is estimated',
+              logged=False, rides=NAVIGATION_STATE),
+    Interface(ESTIMATED_DISTURBANCE, FORCE_TYPE,
+              'disturbance as the estimator finds it, target LVLH, where it does'),
     Interface(CONTROL_FORCE, FORCE_TYPE,
               'commanded force, target LVLH, stamp of the state it answers', COMMAND),
     Interface(DISTURBANCE_FORCE, FORCE_TYPE,

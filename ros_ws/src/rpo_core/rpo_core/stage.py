@@ -45,7 +45,8 @@ class Stage:
 
     name : as verify, nodes and pages name it
     inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE of
-        `rpo_core.interfaces`): then the last signal before this stage that carries it
+        `rpo_core.interfaces`): then the last signal before this stage that carries it; or
+        PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.interfaces`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
     counts_ticks : whether the outputs depend on the number of the tick
@@ -63,6 +64,10 @@ class Stage:
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
         raise NotImplementedError
+
+    def trouble(self) -> str:
+        """Return what is wrong with it now, for /diagnostics; '' if nothing is."""
+        return ''
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]

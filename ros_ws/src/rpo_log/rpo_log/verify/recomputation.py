@@ -22,6 +22,7 @@ class StageStates:
 
     def __init__(self) -> None:
         self._changes: dict[str, list[tuple[int, bool]]] = {}
+        self._missing: dict[str, set[int]] = {}
         self.dropped: dict[str, int] = {}
 
     def take(self, block_events: Sequence[Event]) -> None:
@@ -32,10 +33,16 @@ class StageStates:
                 self.dropped.update(events.dropped(event.status))
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
+                if state == events.WITHOUT_COMMAND:
+                    self._missing.setdefault(event.values.get('stage', ''), set()).add(tick)
                 if state in (events.ACTIVE, events.INACTIVE):
                     changes = self._changes.setdefault(event.values.get('stage', ''), [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
+
+    def missing(self, stage: str) -> set[int]:
+        """Return the ticks at which a stage went on without the command before."""
+        return self._missing.get(stage, set())
 
     def active(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return at which ticks a stage was switched on."""
