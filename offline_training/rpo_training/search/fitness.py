@@ -249,7 +249,7 @@ class Fitness:
     def _with_drawn(
         self, population: Population | Sequence[Baseline], fitness: Floats
     ) -> tuple[Floats, NDArray[np.int64]]:
-        """Return the fitness (n,) with the term of drawn flights, and flights that miss, by campaign.
+        """Return the fitness (n,) with the drawn flights; how many miss (n, campaigns).
 
         A search that looks at ranks needs the better half. So the half that is best without the
         term flies first; then those that this term, never negative, can still let into the better
