@@ -38,7 +38,7 @@ _SEEDS = 1000  # between the seeds of stages and those held out
 class DrawnSettings:
     """Settings of the term.
 
-    weight : [N^2 s] of a flight that misses a limit by far, over the number of flights; 0 = off
+    weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
     campaigns : shipped names or files; each adds a term
     margin : share by which the limits of a run are made stricter, in [0, 1)
     flights : of each campaign, in each stage

@@ -315,7 +315,8 @@ class Fitness:
         ):
             values = drawn.values(rows)
             over = self._missed(values, drawn.limits, self.settings.drawn.margin).sum(axis=-1)
-            fitness = fitness + self.settings.drawn.weight * mean(over)
+            share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
+            fitness = fitness + self.settings.drawn.weight * share * mean(over)
             missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
         return fitness, np.column_stack(missed)
 
