@@ -76,7 +76,8 @@ class DrawnFlights:
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
-        self._campaign, self._settings = load(find(name)), settings
+        # The file may name the controller that is to be trained, which is not there yet.
+        self._campaign, self._settings = load(find(name), controller='handmade'), settings
         self.label, self.count = self._campaign.config.name, settings.flights
         success = self._campaign.config.success
         self.columns = [_column(metric, self._campaign) for metric in success]
