@@ -9,7 +9,6 @@ at once would each compile the same kernels; one that runs before them spares th
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
@@ -22,7 +21,7 @@ from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
 
-_CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
+_CAMPAIGN = config.find('paper_test')
 
 
 def main() -> None:
@@ -33,7 +32,7 @@ def main() -> None:
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
-    fly_runs(config.load(_CAMPAIGN.with_name('world_leo.yaml')), 0, 1)
+    fly_runs(config.load(config.find('world_leo')), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
     metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
 

@@ -105,9 +105,9 @@ def _fly_singly(
 def _fly_side_by_side(
     campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
 ) -> None:
-    scenario, windows = campaign.scenario, _windows(campaign.scenario)
+    scenario, windows = campaign.scenario, windows_within(campaign.scenario)
     plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
-    w, judged = _scratch.w, judged_by(scenario) if _together(campaign) else None
+    w, judged = _scratch.w, judged_by(scenario) if is_together(campaign) else None
     trace: Any = None if judged is None else make_trace(scenario.ticks, PAIRED_LANES)
     together = np.empty((len(rows), len(VALUES)))
     for first in range(0, len(rows), RUNS):
@@ -128,7 +128,7 @@ def _fly_side_by_side(
     _set_arrival(scenario, rows, together)
 
 
-def _windows(scenario: Scenario) -> metrics.Windows:
+def windows_within(scenario: Scenario) -> metrics.Windows:
     """Return the windows of a flight; an axis has arrived within what the scenario requires."""
     windows, required = windows_of(scenario), scenario.requirements
     if required is None or required.arrival_error_per_axis_m is None:
@@ -136,7 +136,7 @@ def _windows(scenario: Scenario) -> metrics.Windows:
     return windows._replace(arrival_m=required.arrival_error_per_axis_m)
 
 
-def _together(campaign: Campaign) -> bool:
+def is_together(campaign: Campaign) -> bool:
     """Return whether what the scenario requires of the axes together is in the results."""
     required = campaign.scenario.requirements
     by_norm = required is not None and required.arrival_error_norm_m is not None

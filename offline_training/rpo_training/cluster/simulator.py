@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from rpo_training.cluster import pool
 from rpo_training.engine.cases import Case
+from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 
@@ -29,9 +30,9 @@ def _simulator(cases: bytes) -> Simulator:
     return Simulator(pickle.loads(cases), workers=1)
 
 
-def fly_remote(cases: bytes, members: Population) -> list[Floats]:
-    """Fly members of a population on a worker, in the thread of the task."""
-    return _simulator(cases).fly(members)
+def fly_remote(cases: bytes, members: Population, some: slice) -> list[Floats]:
+    """Fly members of a population through some cases, on a worker, in the thread of the task."""
+    return _simulator(cases).fly(members, some)
 
 
 class ClusterSimulator:
@@ -43,9 +44,8 @@ class ClusterSimulator:
     Raises InputError if the cluster does not answer, or is lost later.
     """
 
-    def __init__(self, cases: Sequence[Case], workers: int, address: str) -> None:
-        self._shapes = [(len(case.starts), case.columns) for case in cases]
-        self._cases = pickle.dumps(tuple(cases))
+    def __init__(self, cases: Sequence[Case | DrawnCase], workers: int, address: str) -> None:
+        self.take(cases)
         self._stack = ExitStack()
         count = workers or len(os.sched_getaffinity(0))
         self._client = self._stack.enter_context(pool.connected(address, count))
@@ -56,13 +56,18 @@ class ClusterSimulator:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def fly(self, population: Population) -> list[Floats]:
-        """Return the metrics (members, starts, columns) of each case."""
+    def take(self, cases: Sequence[Case | DrawnCase]) -> None:
+        """Fly these cases from now on."""
+        self._shapes = [(len(case.starts), case.columns) for case in cases]
+        self._cases = pickle.dumps(tuple(cases))
+
+    def fly(self, population: Population, some: slice = slice(None)) -> list[Floats]:
+        """Return the metrics (members, starts, columns) of each case, or of some."""
         n = len(population.scales)
-        outcomes = [np.empty((n, *shape)) for shape in self._shapes]
+        outcomes = [np.empty((n, *shape)) for shape in self._shapes[some]]
         size = -(-n // (SHARES * pool.threads(self._client)))
         calls = (
-            (first, (self._cases, population.members(slice(first, first + size))))
+            (first, (self._cases, population.members(slice(first, first + size)), some))
             for first in range(0, n, size)
         )
         for first, rows in pool.results(self._client, fly_remote, calls):

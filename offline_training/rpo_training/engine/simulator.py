@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -22,14 +22,17 @@ from rpo_core.controller import Controller, FuzzyController
 from rpo_core.flight import fly
 from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
+from rpo_core.validation import InputError
 from rpo_core.verdicts import verdicts
 from rpo_training.engine import counters, lanes, parts, tick
 from rpo_training.engine.cases import Case, Crossed
+from rpo_training.engine.drawn import DrawnCase, with_own_queue
 from rpo_training.engine.judged import VALUES, judge, make_trace
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
 
 Floats = NDArray[np.float64]
+Candidates = Population | Sequence[Controller]
 
 
 class Scratch(threading.local):
@@ -53,11 +56,11 @@ class Simulator:
     """
 
     def __init__(
-        self, cases: Sequence[Case], workers: int = 0, samples: int = DEFAULT_SAMPLES
+        self, cases: Sequence[Case | DrawnCase], workers: int = 0, samples: int = DEFAULT_SAMPLES
     ) -> None:
-        self.cases, self.samples = tuple(cases), samples
+        self.samples = samples
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._scratch = Scratch(max(case.windows.tail for case in cases))
+        self.take(cases)
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-engine')
 
     def __enter__(self) -> Simulator:
@@ -66,14 +69,22 @@ class Simulator:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def fly(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
-        """Return the metrics (candidates, starts, case.columns) of each case."""
+    def take(self, cases: Sequence[Case | DrawnCase]) -> None:
+        """Fly these cases from now on."""
+        self.cases = tuple(cases)
+        self._scratch = Scratch(max(case.windows.tail for case in cases))
+
+    def fly(self, candidates: Candidates, some: slice = slice(None)) -> list[Floats]:
+        """Return the metrics (candidates, starts, case.columns) of each case, or of some."""
+        cases = self.cases[some]
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
-        found = [np.empty((n, len(case.starts), case.columns)) for case in self.cases]
+        found = [np.empty((n, len(case.starts), case.columns)) for case in cases]
 
         def one(index: int) -> None:
-            for case, rows in zip(self.cases, found, strict=True):
-                if isinstance(candidates, Population):
+            for case, rows in zip(cases, found, strict=True):
+                if isinstance(case, DrawnCase):
+                    self._fly_paired(self._control(candidates, index), case, rows[index])
+                elif isinstance(candidates, Population):
                     self._fly_fuzzy(candidates, index, self.samples, case, rows[index])
                 else:
                     self._fly_controller(candidates[index], case, rows[index])
@@ -118,22 +129,40 @@ class Simulator:
         if judged is not None:
             rows[:, counters.COLUMNS :] = judge(trace[0], crossed.lanes, case.base, judged)
 
-    def _fly_paired(self, control: parts.Control, case: Case, rows: Floats) -> None:
+    def _fly_paired(self, control: parts.Control, case: Case | DrawnCase, rows: Floats) -> None:
         """Fly starts `RUNS` at a time: any number of them."""
         w, judged, columns = self._scratch.w, case.judged, counters.COLUMNS
-        masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
-        counted = np.empty((parts.RUNS, columns))
+        counted, final = np.empty((parts.RUNS, columns)), np.empty((parts.RUNS, 6))
         trace: Any = None
         if judged is not None:
             trace = make_trace(case.windows.horizon, parts.PAIRED_LANES)
-        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired(), strict=True):
+        masses_kg = np.full(len(rows), case.base.mass_kg)
+        batches: Iterable[parts.Runs]
+        if isinstance(case, DrawnCase):
+            masses_kg, batches = case.masses_kg, map(with_own_queue, case.batches)
+        else:
+            batches = case.paired()
+        for first, runs in zip(range(0, len(rows), parts.RUNS), batches, strict=True):
             tick.fly(runs, control, case.plant, case.windows, w, None, trace)
-            some = rows[first : first + parts.RUNS]
-            counters.finish_paired(case.plant, masses, case.windows, w, counted, final)
-            some[:, :columns] = counted[: len(some)]
+            some = slice(first, first + parts.RUNS)
+            n = len(rows[some])
+            counters.finish_paired(
+                case.plant, masses_kg[some], case.windows, w, counted[:n], final[:n]
+            )
+            rows[some, :columns] = counted[:n]
             if judged is not None:
-                lanes_of = parts.paired_lanes(len(some))
-                some[:, columns:] = judge(trace[0], lanes_of, case.base, judged)
+                rows[some, columns:] = judge(trace[0], parts.paired_lanes(n), case.base, judged)
+
+    def _control(self, candidates: Candidates, index: int) -> parts.Control:
+        if isinstance(candidates, Population):
+            return parts.Control(candidates.law(index, self.samples))
+        controller = candidates[index]
+        if isinstance(controller, Baseline):
+            return parts.Control(None, controller.law)
+        if isinstance(controller, FuzzyController):
+            law = population_of(controller).law(0, controller.system.samples)
+            return parts.Control(law)
+        raise InputError(f'the engine does not know controller {controller.name}')
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

@@ -11,14 +11,16 @@ by how far a limit is exceeded:
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
 - `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
-- `between`: so are flights from random states between the starts of the training.
+- `between`: so are flights from random states between the starts of the training;
+- `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
+- `damping`: where on a grid of errors the force of a velocity does not oppose it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -49,6 +51,8 @@ from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
 from rpo_training.search.conditions import conditions_of
+from rpo_training.search.damping import driving
+from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 
 Floats = NDArray[np.float64]
 
@@ -73,6 +77,8 @@ MAX_TEST_SPEED_M_S = 3e-3
 TEST_WINDOW_S = 200.0
 """Q3: the paper's test and the largest |position| [m] over its last 200 s, per reading."""
 
+_SOME = 4  # candidates that fly together after the better half
+
 
 @dataclass(frozen=True)
 class FitnessSettings:
@@ -87,6 +93,8 @@ class FitnessSettings:
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
+    damping : weight [N^2 s] of the mean force that drives, as a share of full output
+    drawn : the runs of campaigns
     """
 
     penalty: str = 'flat'
@@ -99,6 +107,8 @@ class FitnessSettings:
     robustness: float = 0.0
     mass_kg: tuple[float, ...] = ()
     between: int = 0
+    damping: float = 0.0
+    drawn: DrawnSettings = field(default_factory=DrawnSettings)
 
     def __post_init__(self) -> None:
         choice('fitness.penalty', self.penalty, ('flat', 'graded'))
@@ -106,7 +116,7 @@ class FitnessSettings:
             raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
         if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
-        for name in ('limit_cycle', 'disturbance', 'robustness'):
+        for name in ('limit_cycle', 'disturbance', 'robustness', 'damping'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
         whole('fitness.between', self.between, least=0, most=40)
         real('fitness.error_weight', self.error_weight, above=0.0)
@@ -120,7 +130,8 @@ class Scores(NamedTuple):
 
     fitness : (n,) the minimised number [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
-    failures : (n, k) starts that miss each of the conditions
+    failures : (n, k) starts that miss each of the conditions, then drawn flights of each campaign
+        that miss a limit
     arrival : (n,) mean time [s] after which every axis stays within 0.5 m, or what is required
     """
 
@@ -183,7 +194,34 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self.simulator = make_simulator(self._cases(scenarios), workers)
+        self._fixed, self.stage = self._cases(scenarios), -2
+        names = settings.drawn.campaigns if settings.drawn.weight else ()
+        self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
+        self._drawn: list[Any] = []
+        self.simulator = make_simulator(self._fixed, workers)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the columns of `Scores.failures`."""
+        return (*self.conditions.labels, *(flights.label for flights in self.drawn))
+
+    def enter(self, stage: int, best: Population | None = None) -> None:
+        """Draw the flights of a stage; `best` says which of them are hard."""
+        if stage == self.stage or not self.drawn:
+            return
+        self.stage = stage
+        if stage == HELD_OUT:
+            cases = [flights.case(stage) for flights in self.drawn]
+        else:
+            pools: list[Floats | None] = [None] * len(self.drawn)
+            if best is not None and self.settings.drawn.pool:
+                self.simulator.take([flights.case(stage) for flights in self.drawn])
+                pools = [rows[0] for rows in self.simulator.fly(best)]
+            cases = [
+                flights.case(stage, flights.choose(rows))
+                for flights, rows in zip(self.drawn, pools, strict=True)
+            ]
+        self.simulator.take([*self._fixed, *cases])
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
         """Return the cases: the training, on to its limit cycle, its masses; other terms."""
@@ -218,7 +256,9 @@ class Fitness:
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
-        outcomes = iter(self.simulator.fly(population))
+        if self.drawn and self.stage < HELD_OUT:
+            self.enter(0)
+        outcomes = iter(self.simulator.fly(population, slice(len(self._fixed))))
         cycling = [next(outcomes)] if settings.limit_cycle else []
         training = next(outcomes) if self._is_judged_alone else cycling[0]
         energy, values = mean(training[..., ENERGY]), self.conditions.values(training)
@@ -232,15 +272,57 @@ class Fitness:
             fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
         if settings.robustness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
+        if settings.damping and isinstance(population, Population):
+            fitness = fitness + settings.damping * driving(population)
         missed = (values > self.conditions.limits).sum(axis=-2)
+        if self.drawn:
+            fitness, flights = self._with_drawn(population, fitness)
+            missed = np.hstack([missed, flights])
         return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
+
+    def _with_drawn(
+        self, population: Population | Sequence[Baseline], fitness: Floats
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the fitness (n,) with the drawn flights; how many miss (n, campaigns).
+
+        A search that looks at ranks needs the better half. So the half that is best without the
+        term flies first; then those that this term, never negative, can still let into the better
+        half. The rest get the term and the misses of flights that all miss by far.
+        """
+        order, half = np.argsort(fitness, kind='stable'), -(-len(fitness) // 2)
+        if self.stage == HELD_OUT:
+            half = len(fitness)
+        total = fitness + self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
+        missed = np.array([[d.count for d in self.drawn]] * len(fitness))
+        for first in (0, *range(half, len(fitness), _SOME)):
+            some = order[first : first + _SOME if first else half]
+            if first:
+                some = some[fitness[some] < np.sort(total)[half - 1]]
+            if len(some):
+                total[some], missed[some] = self._fly_drawn(population, some, fitness[some])
+        return total, missed
+
+    def _fly_drawn(
+        self, population: Population | Sequence[Baseline], some: NDArray[np.int64], fitness: Floats
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        if isinstance(population, Population):
+            members: Any = population.members(some)
+        else:
+            members = [population[i] for i in some]
+        missed = []
+        for drawn, rows in zip(
+            self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
+        ):
+            values = drawn.values(rows)
+            over = self._missed(values, drawn.limits, self.settings.drawn.margin).sum(axis=-1)
+            share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
+            fitness = fitness + self.settings.drawn.weight * share * mean(over)
+            missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
+        return fitness, np.column_stack(missed)
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
-        limits = self.conditions.limits * (1.0 - self.settings.margin)
-        missed = (values > limits).astype(np.float64)
-        if self.settings.penalty == 'graded':
-            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        missed = self._missed(values, self.conditions.limits, self.settings.margin)
         total = np.zeros(values.shape[:-1])
         for index, name in enumerate(self.conditions.labels):
             if self.settings.arrival or name != 'arrival':
@@ -248,6 +330,14 @@ class Fitness:
                 weight = self.settings.error_weight if is_error else 1.0
                 total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
+
+    def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:
+        """Return the shares of the penalty of values (..., k) at limits (k,) less a margin."""
+        limits = limits * (1.0 - margin)
+        missed = (values > limits).astype(np.float64)
+        if self.settings.penalty == 'graded':
+            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        return missed
 
     def _cycling(self, training: Floats) -> Floats:
         keep = 1.0 - self.settings.margin

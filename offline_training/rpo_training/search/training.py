@@ -3,7 +3,8 @@
 """The training of a fuzzy controller: its search, its simulator, and its folder.
 
 Beside the files of every search (`rpo_training.search.run`) the folder holds `config.yaml`,
-`history.csv`, and for a front `front.csv` and a controller for each point.
+`history.csv`; for a front `front.csv` and a controller for each point; where held-out flights
+decide, `finalists.csv`.
 """
 
 from __future__ import annotations
@@ -30,13 +31,15 @@ from rpo_training.search import fitting
 from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.config import TrainingConfig
+from rpo_training.search.drawn import HELD_OUT
 from rpo_training.search.fitness import Fitness, Scores
-from rpo_training.search.race import TableRace
+from rpo_training.search.race import Finalist, TableRace
 from rpo_training.search.run import SearchRun
 
 Floats = NDArray[np.float64]
 
-CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
+CONFIG, HISTORY = 'config.yaml', 'history.csv'
+FRONT, FINALISTS = 'front.csv', 'finalists.csv'
 
 
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
@@ -77,10 +80,11 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return configs.dumps(self.config)
 
     def inputs(self) -> list[str]:
-        """Return the texts of the scenario and of the starts."""
+        """Return the texts of the scenario, of the starts, and of the campaigns."""
         starts = (files.find('controller', name) for name in self.config.start)
         paths = files.find('scenario', self.config.scenario), *starts
-        return [files.read_text(path) for path in paths]
+        flown = (text for flights in self.fitness.drawn for text in flights.texts)
+        return [*(files.read_text(path) for path in paths), *flown]
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
@@ -128,15 +132,18 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                 'mean_fitness',
                 'fitness_spread',
                 'best_energy_n2s',
-                *(f'best_misses_{name}' for name in self.fitness.conditions.labels),
+                *(f'best_misses_{name}' for name in self.fitness.labels),
                 'best_arrival_s',
+                'stage',
             )
         ]
         best, evaluations = np.full(1, np.inf), 0
+        before = None
         for number, scores in enumerate(self.checkpoint.scores):
             evaluations += len(scores)
-            first = scores[int(scores[:, 0].argmin())]
-            best = first if first[0] < best[0] else best
+            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
+            best = first if stage != before or first[0] < best[0] else best
+            before = stage
             history.append(
                 [
                     number,
@@ -147,11 +154,25 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                     float(best[1]),
                     *best[2:-1].astype(int),
                     float(best[-1]),
+                    stage,
                 ]
             )
         self._write_csv(HISTORY, history)
         if self.config.algorithm == 'nsga2':
             self._save_front()
+        if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
+            self._save_finalists(self.search.finalists)
+
+    def _save_finalists(self, finalists: list[Finalist]) -> None:
+        """Write the finalists: by the draws that they were trained with, and by those held out."""
+        names = [f'held_out_misses_{name}' for name in self.fitness.labels]
+        rows: list[Sequence[object]] = [
+            ('stage', 'training_fitness', 'held_out_fitness', 'energy_n2s', *names)
+        ]
+        for finalist, scores in zip(finalists, self.checkpoint.scores[-1], strict=True):
+            fitness, energy, *missed, _ = scores.tolist()
+            rows.append((finalist.stage, finalist.fitness, fitness, energy, *map(int, missed)))
+        self._write_csv(FINALISTS, rows)
 
     def _write_csv(self, name: str, rows: list[Sequence[object]]) -> None:
         text = io.StringIO()
