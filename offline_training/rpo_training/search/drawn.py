@@ -102,9 +102,9 @@ class DrawnFlights:
         """Return runs of a stage, by number; all of them if not given."""
         campaign, drawn = self.pool(stage)
         if chosen is not None:
-            numbers, parameters, keys = drawn
             some = list(chosen)
-            drawn = DrawnRuns(numbers[some], parameters[some], keys[some])
+            own = {name: values[some] for name, values in drawn.own.items()}
+            drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
         batches = range(0, len(drawn.numbers), RUNS)
         return DrawnCase(
             f'{self.label}, stage {stage}',
