@@ -30,6 +30,8 @@ ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 CLOCK = 'clock'
 RELATIVE_STATE = 'relative_state'
 NAVIGATION_STATE = 'navigation_state'
+REFERENCE_STATE = 'reference_state'
+REFERENCE_FORCE = 'reference_force'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
@@ -183,6 +185,10 @@ for _row in (
               'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
     Interface(NAVIGATION_STATE, STATE_TYPE,
               'state as navigation finds it, where the scenario has errors of it', STATE),
+    Interface(REFERENCE_STATE, STATE_TYPE,
+              'state that the controller shall follow, where the scenario has guidance'),
+    Interface(REFERENCE_FORCE, FORCE_TYPE,
+              'force that a chaser on the reference needs, target LVLH'),
     Interface(CONTROL_FORCE, FORCE_TYPE,
               'commanded force, target LVLH, stamp of the state it answers', COMMAND),
     Interface(DISTURBANCE_FORCE, FORCE_TYPE,

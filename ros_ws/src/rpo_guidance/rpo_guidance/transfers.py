@@ -1,0 +1,270 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Transfers of least energy around a keep-out sphere.
+
+The forces of a transfer are held for segments of equal length. The final state is linear in them,
+so without a sphere the optimum is closed form: the least-norm solution of six equations, by the
+Gramian. A path near the sphere gets half-spaces, n_j . r(t_j) >= R, tangent to it where the path
+before came closest: a quadratic program with one multiplier for each. Its dual is solved by
+Hildreth's method (Hildreth 1957, A quadratic programming procedure). This is repeated with the
+normals of the new path, until it stays outside. Each optimum is found in a fixed order of
++ - * / and square roots: the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.jit import kernel
+from rpo_core.kernels import CwStep, State, Vector, cw_step
+
+Floats = NDArray[np.float64]
+
+ROUNDS = 12
+"""How often the half-spaces are set anew; a path has settled after three or four."""
+
+SWEEPS = 2000
+SETTLED = 1e-9
+"""Hildreth's sweeps end when no multiplier changes by more than this share of the largest."""
+
+NEAR = 1.6
+"""A point of the path gets a half-space if it is nearer than this many radii."""
+
+
+class Transfer(NamedTuple):
+    """A transfer as it was planned.
+
+    states : (n + 1, 6) [m, m/s] at the ends of the segments
+    forces : (n, 3) [N] held for each
+    distance_m : least distance of the path to the target at the ends of the segments
+    """
+
+    states: Floats
+    forces: Floats
+    distance_m: float
+
+
+@kernel
+def reach_of(step: CwStep, reach: Floats) -> None:
+    """Fill reach (n, 6, 3): what a unit force [N] moves the state, i segments after its own."""
+    for axis in range(3):
+        state = cw_step(
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0),
+            step,
+        )
+        for i in range(len(reach)):
+            for j in range(6):
+                reach[i, j, axis] = state[j]
+            state = cw_step(state, (0.0, 0.0, 0.0), step)
+
+
+@kernel
+def path_of(start: State, forces: Floats, step: CwStep, states: Floats) -> None:
+    """Fill the states (n + 1, 6) of forces (n, 3), one a segment, from a start."""
+    state = start
+    for j in range(6):
+        states[0, j] = state[j]
+    for k in range(len(forces)):
+        state = cw_step(state, (forces[k, 0], forces[k, 1], forces[k, 2]), step)
+        for j in range(6):
+            states[k + 1, j] = state[j]
+
+
+@kernel
+def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) -> None:
+    """Fill rows (6 + p, n, 3): the final state, then n_j . r at the end of segment when[j].
+
+    burn : segments with thrust at each end; none in between
+    """
+    count = len(reach)
+    rows[:] = 0.0
+    for k in range(count):
+        if burn <= k < count - burn:
+            continue
+        for axis in range(3):
+            for i in range(6):
+                rows[i, k, axis] = reach[count - 1 - k, i, axis]
+            for j in range(len(when)):
+                total = 0.0
+                if k < when[j]:
+                    for i in range(3):
+                        total += normals[j, i] * reach[when[j] - 1 - k, i, axis]
+                rows[6 + j, k, axis] = total
+
+
+@kernel
+def products_of(rows: Floats, products: Floats) -> None:
+    """Fill products (m, m) = rows rows', summed in one order."""
+    for i in range(len(rows)):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(rows.shape[1]):
+                for axis in range(3):
+                    total += rows[i, k, axis] * rows[j, k, axis]
+            products[i, j] = total
+            products[j, i] = total
+
+
+@kernel
+def eliminate(m: Floats) -> None:
+    """Solve the first six equations of m (6 + p, 6 + p + 1) for their unknowns, in all rows.
+
+    What is left below are the equations of the multipliers alone (Schur complement).
+    """
+    for i in range(6):
+        for row in range(i + 1, len(m)):
+            factor = m[row, i] / m[i, i]
+            for column in range(i, m.shape[1]):
+                m[row, column] -= factor * m[i, column]
+
+
+@kernel
+def hildreth(m: Floats, multipliers: Floats) -> None:
+    """Find multipliers (p,) >= 0 of S mu >= h, S and h the lower right of m (6 + p, 6 + p + 1)."""
+    count = len(multipliers)
+    for _ in range(SWEEPS):
+        largest, change = 0.0, 0.0
+        for j in range(count):
+            total = m[6 + j, 6 + count]
+            for k in range(count):
+                total -= m[6 + j, 6 + k] * multipliers[k]
+            new = multipliers[j] + total / m[6 + j, 6 + j]
+            new = new if new > 0.0 else 0.0
+            difference = abs(new - multipliers[j])
+            change = difference if difference > change else change
+            largest = new if new > largest else largest
+            multipliers[j] = new
+        if change <= SETTLED * largest:
+            return
+
+
+@kernel
+def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
+    """Fill the forces (n, 3) of least energy: six equations, then inequalities, of rows (m, n, 3).
+
+    wanted : (m,) right sides
+    """
+    size = len(rows)
+    count = size - 6
+    m = np.empty((size, size + 1))
+    products_of(rows, m[:, :size])
+    scale = np.empty(size)
+    for i in range(size):
+        scale[i] = 1.0 / sqrt(m[i, i])
+    for i in range(size):
+        for j in range(size):
+            m[i, j] *= scale[i] * scale[j]
+        m[i, size] = wanted[i] * scale[i]
+    eliminate(m)
+    multipliers = np.zeros(count)
+    hildreth(m, multipliers)
+    solution = np.empty(size)
+    for j in range(count):
+        solution[6 + j] = multipliers[j]
+    for i in range(5, -1, -1):
+        total = m[i, size]
+        for j in range(i + 1, size):
+            total -= m[i, j] * solution[j]
+        solution[i] = total / m[i, i]
+    for k in range(len(forces)):
+        for axis in range(3):
+            total = 0.0
+            for i in range(size):
+                total += solution[i] * scale[i] * rows[i, k, axis]
+            forces[k, axis] = total
+
+
+def _distances(states: Floats) -> list[float]:
+    return [sqrt(x * x + y * y + z * z) for x, y, z in states[:, :3].tolist()]
+
+
+def _side(states: Floats, distances: list[float]) -> Vector:
+    """Return the unit vector to the side on which a straight path shall pass the target.
+
+    Across the path at its nearest point, on the side where that point lies; for a path through
+    the centre, downward (-x) or, for one along R-bar, out of plane.
+    """
+    nearest = distances.index(min(distances))
+    x, y, z, vx, vy, vz = states[nearest].tolist()
+    speed = sqrt(vx * vx + vy * vy + vz * vz) or 1.0
+    ahead = (vx / speed, vy / speed, vz / speed)
+    for candidate in ((x, y, z), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
+        along = sum(c * a for c, a in zip(candidate, ahead, strict=True))
+        across = [c - along * a for c, a in zip(candidate, ahead, strict=True)]
+        size = sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
+        if size > 0.1:
+            return across[0] / size, across[1] / size, across[2] / size
+    return 0.0, 0.0, 1.0
+
+
+def _half_spaces(
+    states: Floats, distances: list[float], radius_m: float, side: Vector | None
+) -> tuple[NDArray[np.int64], Floats, list[float]]:
+    """Return the segments' ends with a half-space, its normals (p, 3) and distances [m].
+
+    side : of the first round: straight through the sphere, the path is lifted to this side
+    """
+    when, normals, least = [], [], []
+    for j in range(1, len(states) - 1):
+        if distances[j] >= NEAR * radius_m:
+            continue
+        x, y, z = states[j, :3].tolist()
+        if side is None:
+            when.append(j)
+            normals.append((x / distances[j], y / distances[j], z / distances[j]))
+            least.append(radius_m)
+            continue
+        up = x * side[0] + y * side[1] + z * side[2]
+        ahead = distances[j] * distances[j] - up * up
+        if ahead < radius_m * radius_m:
+            when.append(j)
+            normals.append(side)
+            least.append(sqrt(radius_m * radius_m - ahead))
+    return np.array(when, dtype=np.int64), np.array(normals).reshape(-1, 3), least
+
+
+def least_energy(
+    start: State,
+    end: State,
+    step: CwStep,
+    segments: int,
+    radius_m: float = 0.0,
+    burn: int | None = None,
+) -> Transfer:
+    """Return the transfer of least energy from a state to a state (6,) [m, m/s].
+
+    step : of one segment
+    radius_m : of the sphere about the target that the path keeps out of; 0: none. Whether it does
+        is said by `distance_m`.
+    burn : segments with thrust at each end, none in between; None: thrust throughout
+    """
+    reach, drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
+    reach_of(step, reach)
+    path_of(start, np.zeros((segments, 3)), step, drift)
+    forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
+    when, normals, least = np.empty(0, dtype=np.int64), np.empty((0, 3)), [0.0] * 0
+    best: Transfer | None = None
+    for attempt in range(ROUNDS):
+        rows = np.empty((6 + len(when), segments, 3))
+        rows_of(reach, segments if burn is None else burn, when, normals, rows)
+        passed = np.array([e - d for e, d in zip(end, drift[-1].tolist(), strict=True)])
+        room = [
+            r - sum(n * x for n, x in zip(normal, drift[j, :3].tolist(), strict=True))
+            for j, normal, r in zip(when.tolist(), normals.tolist(), least, strict=True)
+        ]
+        optimum(rows, np.concatenate([passed, room]), forces)
+        path_of(start, forces, step, states)
+        distances = _distances(states)
+        nearest = min(distances[1:-1], default=distances[-1])
+        if best is None or nearest > best.distance_m:
+            best = Transfer(states.copy(), forces.copy(), nearest)
+        if nearest >= radius_m * (1.0 - 1e-3):
+            return Transfer(states, forces, nearest)
+        side = _side(states, distances) if attempt == 0 else None
+        when, normals, least = _half_spaces(states, distances, radius_m, side)
+    return best  # type: ignore[return-value]  # ROUNDS > 0
