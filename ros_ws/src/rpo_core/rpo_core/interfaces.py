@@ -40,6 +40,7 @@ THRUST_FORCE = 'thrust_force'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
+GUIDANCE_STATUS = 'guidance_status'
 RUN_STATUS = 'run_status'
 DECISION = 'decision'
 NODE_MANIFEST = 'node_manifest'
@@ -204,6 +205,9 @@ for _row in (
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
               due=EVENT, qos=LATCHED),
+    Interface(GUIDANCE_STATUS, STATUS_TYPE,
+              'phase of the plan that begins, its first tick and why',
+              due=EVENT, logged=False, qos=LATCHED),
     Interface(RUN_STATUS, STATUS_TYPE,
               'waiting, running, paused, finished or aborted; reason and metrics',
               due=EVENT, qos=LATCHED),

@@ -60,6 +60,9 @@ class Stage:
     def reset(self) -> None:
         """Forget all earlier ticks: a flight begins."""
 
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""
+
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
         raise NotImplementedError

@@ -58,12 +58,11 @@ class Vehicle(NamedTuple):
 
 
 class Flown(Protocol):
-    """A leg under way.
+    """A leg under way."""
 
-    ticks : its length; None: it has no end of its own
-    """
-
-    ticks: int | None
+    @property
+    def ticks(self) -> int | None:
+        """Its length; None: it has no end of its own."""
 
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the reference (6,) [m, m/s] and force (3,) [N] so many ticks after its begin."""
@@ -113,9 +112,7 @@ class Transferring:
         seconds = hold * vehicle.dt_s
         step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
-        self.transfer: Transfer = transfers.least_energy(
-            start, end, step, segments, radius_m, burn
-        )
+        self.transfer: Transfer = transfers.least_energy(start, end, step, segments, radius_m, burn)
         self.largest_n = float(abs(self.transfer.forces).max())
         self.ticks: int | None = segments * hold
         self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()
@@ -127,13 +124,13 @@ class Transferring:
         if tick >= (self.ticks or 0):
             return self._end, self._vehicle.force_n(self._end, (0.0, 0.0, 0.0))
         segment, rest = divmod(tick, self._hold)
-        force: Vector = tuple(self._forces[segment])  # type: ignore[assignment]
+        force: Vector = tuple(self._forces[segment])
         before, state = self._last
         if not rest:
-            state = tuple(self._states[segment])  # type: ignore[assignment]
+            state = tuple(self._states[segment])
         elif before != tick:
             if before != tick - 1:
-                state = tuple(self._states[segment])  # type: ignore[assignment]
+                state = tuple(self._states[segment])
                 before = segment * self._hold
             for _ in range(tick - before):
                 state = kernels.cw_step(state, force, self._vehicle.step)
@@ -190,15 +187,16 @@ class Straight:
         line = (to_m[0] - x, to_m[1] - y, to_m[2] - z)
         length = sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2])
         self._from: Vector = (x, y, z)
+        self.ticks = 0
         if length < 1e-6:
             self._ahead: Vector = (0.0, 0.0, 0.0)
-            self._profile, self.ticks = None, 0
+            self._profile: Profile | None = None
             return
         self._ahead = (line[0] / length, line[1] / length, line[2] / length)
         closing = vx * self._ahead[0] + vy * self._ahead[1] + vz * self._ahead[2]
         first = min(max(closing, 0.0), speed_m_s)
         self._profile = Profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
-        self.ticks: int | None = ceil(self._profile.duration_s / vehicle.dt_s)
+        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
 
     def at(self, tick: int) -> tuple[State, Vector]:
         """Return the point on the line, its velocity, and the force for its acceleration."""

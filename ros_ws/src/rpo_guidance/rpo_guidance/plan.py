@@ -14,7 +14,8 @@ from math import sqrt
 from typing import Annotated, Any
 
 from rpo_core.kernels import Vector, sin_cos
-from rpo_core.scenario import MAX_POSITION_M, MAX_VELOCITY_M_S
+from rpo_core.scenario import MAX_VELOCITY_M_S
+from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, Name, check_fields, choice, real, shown, vector3
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'

@@ -66,16 +66,16 @@ class GuidanceStage(Stage):
             settings.force_share * scenario.max_force_n,
             scenario.step,
         )
-        self.commands: dict[int, str] = {}
         self.reset()
 
     def reset(self) -> None:
         """Begin the plan anew."""
+        self.commands: dict[int, str] = {}
         self.changes: list[Change] = []
         self._next = 0  # leg that follows
         self._leg: Leg | None = None
         self._flown: Flown | Drifting | None = None
-        self._since = 0
+        self._since, self._tick = 0, -1
         self._seen: State | None = None
         self._reference: State | None = None
         self._go = False
@@ -84,9 +84,18 @@ class GuidanceStage(Stage):
         """Take a command for the next tick; return why it is refused, '' if it is not."""
         reason = self.refusal(name)
         if not reason:
-            tick = self._tick + 1 if self._seen is not None else 0
-            self.commands[tick] = name
+            self.commands[self.next_tick] = name
         return reason
+
+    @property
+    def next_tick(self) -> int:
+        """The tick that comes."""
+        return self._tick + 1
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a command that a log tells of."""
+        if state in COMMANDS:
+            self.commands[tick] = state
 
     def refusal(self, name: str) -> str:
         """Return why a command cannot be followed now; '' if it can."""

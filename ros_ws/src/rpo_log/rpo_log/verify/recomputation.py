@@ -22,6 +22,7 @@ class StageStates:
 
     def __init__(self) -> None:
         self._changes: dict[str, list[tuple[int, bool]]] = {}
+        self._commands: dict[str, list[tuple[int, str]]] = {}
         self.dropped: dict[str, int] = {}
 
     def take(self, block_events: Sequence[Event]) -> None:
@@ -36,6 +37,14 @@ class StageStates:
                     changes = self._changes.setdefault(event.values.get('stage', ''), [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
+                elif state is not None:
+                    name = event.values.get('stage', '')
+                    self._commands.setdefault(name, []).append((tick, state))
+
+    def tell(self, stage: Stage) -> None:
+        """Give a stage the commands that it got in flight."""
+        for tick, state in self._commands.pop(stage.name, []):
+            stage.take_event(tick, state)
 
     def active(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return at which ticks a stage was switched on."""
