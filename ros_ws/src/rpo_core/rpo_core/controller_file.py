@@ -90,6 +90,16 @@ class GoalStage(Stage):
         )
 
 
+def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return a state (..., 6) relative to the reference, and a command (..., 3) without its force.
+
+    That is what a controller that follows a reference sees and answers.
+    """
+    reference = np.asarray(signals[interfaces.REFERENCE_STATE])
+    force = np.asarray(signals[interfaces.REFERENCE_FORCE])
+    return np.asarray(state) - reference, np.asarray(force_n) - force
+
+
 class FollowStage(Stage):
     """A controller that was made for the target, and follows a reference.
 
