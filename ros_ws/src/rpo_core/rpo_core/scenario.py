@@ -275,6 +275,10 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
+    for settings in base.sections:
+        check = section_of(settings).check
+        if check is not None:
+            check(settings, base)
     return ScenarioSet(base, starts.parse(start, data[start])) if is_set else base
 
 

@@ -199,17 +199,23 @@ class Straight:
         self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
 
     def at(self, tick: int) -> tuple[State, Vector]:
-        """Return the point on the line, its velocity, and the force for its acceleration."""
+        """Return point and velocity on the line, and the force in the middle of the tick."""
         if self._profile is None:
             return Resting(self._to, self._vehicle).at(0)
-        length, speed, a = self._profile.at(tick * self._vehicle.dt_s)
+        dt_s = self._vehicle.dt_s
+        state, _ = self._moving(self._profile, tick * dt_s)
+        return state, self._vehicle.force_n(*self._moving(self._profile, (tick + 0.5) * dt_s))
+
+    def _moving(self, profile: Profile, time_s: float) -> tuple[State, Vector]:
+        """Return state and acceleration at a time."""
+        length, speed, a = profile.at(time_s)
         ux, uy, uz = self._ahead
         px, py, pz = self._from
         state = (
             px + length * ux, py + length * uy, pz + length * uz,
             speed * ux, speed * uy, speed * uz,
         )  # fmt: skip
-        return state, self._vehicle.force_n(state, (a * ux, a * uy, a * uz))
+        return state, (a * ux, a * uy, a * uz)
 
 
 class FlyingAround:
@@ -227,8 +233,14 @@ class FlyingAround:
         self.ticks: int | None = ceil(self._profile.duration_s / vehicle.dt_s)
 
     def at(self, tick: int) -> tuple[State, Vector]:
-        """Return the point on the arc, its velocity, and the force for its acceleration."""
-        angle, rate, change = self._profile.at(tick * self._vehicle.dt_s)
+        """Return point and velocity on the arc, and the force in the middle of the tick."""
+        dt_s = self._vehicle.dt_s
+        state, _ = self._moving(tick * dt_s)
+        return state, self._vehicle.force_n(*self._moving((tick + 0.5) * dt_s))
+
+    def _moving(self, time_s: float) -> tuple[State, Vector]:
+        """Return state and acceleration at a time."""
+        angle, rate, change = self._profile.at(time_s)
         sine, cosine = sin_cos(angle)
         r, dr = self._radius + self._growth * angle, self._growth
         # e = a cos + b sin points to the chaser, e' = b cos - a sin ahead
@@ -240,8 +252,7 @@ class FlyingAround:
             velocity.append(slope * rate)
             acceleration.append(bend * rate * rate + slope * change)
         (x, y, z), (vx, vy, vz), (ax, ay, az) = position, velocity, acceleration
-        state = (x, y, z, vx, vy, vz)
-        return state, self._vehicle.force_n(state, (ax, ay, az))
+        return (x, y, z, vx, vy, vz), (ax, ay, az)
 
 
 def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import replace
 from math import sqrt
 from typing import Any, NamedTuple
@@ -14,7 +15,15 @@ from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.validation import InputError
 from rpo_guidance import plan
-from rpo_guidance.legs import Flown, FlyingAround, Resting, Straight, Transferring, Vehicle
+from rpo_guidance.legs import (
+    SEGMENTS,
+    Flown,
+    FlyingAround,
+    Resting,
+    Straight,
+    Transferring,
+    Vehicle,
+)
 from rpo_guidance.plan import Guidance, Leg
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
@@ -304,11 +313,10 @@ def nominal(settings: Guidance, scenario: Scenario) -> Checked:
 def check(settings: Guidance, scenario: Scenario) -> None:
     """Raise InputError if the plan of a scenario cannot be flown, with the number that fails."""
     found = nominal(settings, scenario)
-    corridor, names = settings.corridor, iter([*found.changes, None])
-    phase, following = '', next(names)
+    _check_durations(settings, scenario, found)
+    corridor, starts = settings.corridor, [change.tick for change in found.changes]
     for tick, (reference, force) in enumerate(zip(found.references, found.forces, strict=True)):
-        while following is not None and following.tick <= tick:
-            phase, following = following.phase, next(names)
+        phase = found.changes[bisect_right(starts, tick) - 1].phase
         at = f'leg {phase}, {tick * scenario.dt_s:g} s'
         largest = max(abs(f) for f in force)
         if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
@@ -316,21 +324,39 @@ def check(settings: Guidance, scenario: Scenario) -> None:
                 f'`guidance` must need at most {settings.force_share:g} of `max_force_n` = '
                 f'{scenario.max_force_n:g} N; {at}: {largest:.4g} N'
             )
-        distance, position = _norm(reference[:3]), reference[:3]
-        outside = corridor.outside_m(position, settings.port_m) if corridor.from_m else 0.0
-        if distance < settings.keep_out_m and (outside > 1e-9 or not corridor.from_m):
+        distance = _norm(reference[:3])
+        if distance >= settings.keep_out_m:
+            continue
+        if not corridor.from_m:
             raise InputError(
                 f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m; '
                 f'{at}: {distance:.4g} m from the target'
             )
-        if corridor.from_m and distance < settings.keep_out_m and outside > 1e-9:
+        outside = corridor.outside_m(reference[:3], settings.port_m)
+        if outside > 1e-9:
             raise InputError(
-                f'`guidance` must enter by the corridor; {at}: {outside:.3g} m outside it'
+                f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m but for the '
+                f'corridor; {at}: {distance:.4g} m from the target, {outside:.3g} m off the corridor'
             )
+
+
+def _check_durations(settings: Guidance, scenario: Scenario, found: Checked) -> None:
+    """Raise InputError if a transfer needs more force than it may, and so takes longer."""
+    ends = [*(change.tick for change in found.changes[1:]), scenario.ticks + 1]
+    for change, end in zip(found.changes, ends, strict=True):
+        for leg in settings.legs:
+            if leg.name == change.phase and leg.duration_s is not None:
+                taken = (end - change.tick) * scenario.dt_s
+                if taken > leg.duration_s * (1.0 + 1.0 / SEGMENTS) + scenario.dt_s:
+                    limit = settings.force_share * scenario.max_force_n
+                    raise InputError(
+                        f'`duration_s` of leg {leg.name} must be about {taken:g} s for a force of '
+                        f'at most {limit:g} N; got {leg.duration_s:g}'
+                    )
 
 
 def _make(settings: Guidance, scenario: Any) -> Stage:
     return GuidanceStage(settings, scenario)
 
 
-register(Section('guidance', Guidance, Place.GUIDANCE, _make))
+register(Section('guidance', Guidance, Place.GUIDANCE, _make, check))
