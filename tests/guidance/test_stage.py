@@ -122,7 +122,7 @@ def test_go_without_conditions_is_refused(hold_points):
 def test_hold_stops_and_go_goes_on(around):
     stage = follow(around, 3000, {1000: ['hold'], 2500: ['go']})
     phases = [change.phase for change in stage.changes]
-    assert phases == ['to_the_gate', stages.STOPPED, 'to_the_gate']
+    assert phases == ['to_the_port', stages.STOPPED, 'to_the_port']
     stopped = follow(around, 2000, {1000: ['hold']})
     (reference, _) = stopped.step(2000, (0.0,) * 6)
     assert reference[3:] == (0.0, 0.0, 0.0)
@@ -151,14 +151,15 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
     ('spoil', 'sentence'),
     [
         (
-            lambda g: g['legs'][0].update(duration_s=60.0),
-            '`duration_s` of leg to_the_gate must be about',
+            lambda g: g['legs'][0].update(duration_s=100.0, corridor_s=30.0),
+            '`duration_s` of leg to_the_port must be about',
         ),
-        (lambda g: g['legs'].pop(0), 'must keep out of the sphere of 10 m'),
-        (lambda g: g['legs'][1].update(to_m=[0.0, -5.0, 0.0]), 'must keep out of the sphere'),
+        (lambda g: g['legs'][0].pop('corridor_s'), 'must keep out of the sphere of 10 m but for'),
+        (lambda g: g['legs'][0].update(to_m=[0.0, -5.0, 0.0]), 'must keep out of the sphere'),
+        (lambda g: g['corridor'].update(from_m=0.0), '`corridor_s` of leg to_the_port needs'),
         (lambda g: g['legs'][0].update(speed_m_s=1.0), '`speed_m_s` goes with a leg of kind'),
         (lambda g: g['legs'][0].pop('to_m'), '`to_m` is missing'),
-        (lambda g: g['legs'][1].update(name='to_the_gate'), 'to_the_gate is there twice'),
+        (lambda g: g['legs'].append(g['legs'][0]), 'to_the_port is there twice'),
         (lambda g: g['legs'][0].update(kind='warp'), '`kind` must be one of'),
         (lambda g: g.update(legs=[]), '`legs` must be 1 to'),
     ],

@@ -14,11 +14,11 @@ from typing import NamedTuple, Protocol
 from rpo_core import cw, kernels
 from rpo_core.kernels import CwStep, State, Vector, sin_cos
 from rpo_guidance import transfers
-from rpo_guidance.transfers import Transfer
+from rpo_guidance.transfers import Transfer, Zones
 
 PI = 3.141592653589793
 
-SEGMENTS = 200
+SEGMENTS = 100
 """Most segments of a transfer; each is a whole number of ticks."""
 
 STRETCH, STRETCHES = 1.25, 12
@@ -91,19 +91,27 @@ class Transferring:
         end: State,
         vehicle: Vehicle,
         duration_s: float,
-        radius_m: float,
+        zones: Zones,
+        corridor_s: float | None = None,
         burn_s: float | None = None,
     ) -> None:
         self._vehicle = vehicle
         for _ in range(STRETCHES):
-            self._plan(start, end, duration_s, radius_m, burn_s)
+            self._plan(start, end, duration_s, zones, corridor_s, burn_s)
             if self.largest_n <= vehicle.limit_n:
                 break
             duration_s *= STRETCH
-            burn_s = burn_s if burn_s is None else burn_s * STRETCH
+            burn_s = burn_s and burn_s * STRETCH
+            corridor_s = corridor_s and corridor_s * STRETCH
 
     def _plan(
-        self, start: State, end: State, duration_s: float, radius_m: float, burn_s: float | None
+        self,
+        start: State,
+        end: State,
+        duration_s: float,
+        zones: Zones,
+        corridor_s: float | None,
+        burn_s: float | None,
     ) -> None:
         vehicle = self._vehicle
         wanted = max(1, round(duration_s / vehicle.dt_s))
@@ -112,7 +120,9 @@ class Transferring:
         seconds = hold * vehicle.dt_s
         step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
-        self.transfer: Transfer = transfers.least_energy(start, end, step, segments, radius_m, burn)
+        if corridor_s is not None:
+            zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
+        self.transfer: Transfer = transfers.least_energy(start, end, step, segments, zones, burn)
         self.largest_n = float(abs(self.transfer.forces).max())
         self.ticks: int | None = segments * hold
         self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()

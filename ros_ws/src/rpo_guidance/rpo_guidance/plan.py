@@ -54,6 +54,7 @@ class Leg:
         about the target, its radius changing evenly. `hold`, at one point
     to_m : (3,) target LVLH, where it ends
     arrive_m_s : (3,) velocity there, of a transfer
+    corridor_s : so long before its end a transfer enters the corridor
     end_speed_m_s : of a straight leg, where it ends
     within_m, within_m_s : GO is given only while error and speed are no larger
     dwell_s : least time of a hold; timeout_s : longest, then `on_timeout`
@@ -64,6 +65,7 @@ class Leg:
     to_m: Point = None
     arrive_m_s: Annotated[Vector, _velocity] = (0.0, 0.0, 0.0)
     duration_s: Time = None
+    corridor_s: Time = None
     burn_s: Time = None
     speed_m_s: Speed = None
     end_speed_m_s: Annotated[float, partial(real, unit='m/s', least=0.0, most=10.0)] = 0.0
@@ -100,7 +102,7 @@ class Leg:
 
 
 _OF_KIND = {
-    TRANSFER: ('arrive_m_s', 'duration_s', 'burn_s'),
+    TRANSFER: ('arrive_m_s', 'duration_s', 'corridor_s', 'burn_s'),
     STRAIGHT: ('speed_m_s', 'end_speed_m_s'),
     FLY_AROUND: ('speed_m_s',),
     HOLD: ('dwell_s', 'go', 'within_m', 'within_m_s', 'timeout_s', 'on_timeout'),
@@ -136,15 +138,25 @@ class Corridor:
         if not any(self.axis):
             raise InputError('`axis` must not be zero; got [0, 0, 0]')
 
+    @property
+    def ahead(self) -> Vector:
+        """Unit vector (3,) from the port outward."""
+        x, y, z = self.axis
+        size = sqrt(x * x + y * y + z * z)
+        return x / size, y / size, z / size
+
+    @property
+    def slope(self) -> float:
+        """Tangent of the half angle."""
+        sine, cosine = sin_cos(self.half_angle_deg * 0.017453292519943295)
+        return sine / cosine
+
     def outside_m(self, position_m: Vector, port_m: Vector) -> float:
         """Return how far [m] a point lies outside the cone, across its axis; < 0 inside."""
-        size = sqrt(sum(a * a for a in self.axis))
-        ahead = [a / size for a in self.axis]
         from_port = [r - p for r, p in zip(position_m, port_m, strict=True)]
-        along = sum(r * a for r, a in zip(from_port, ahead, strict=True))
-        across = [r - along * a for r, a in zip(from_port, ahead, strict=True)]
-        sine, cosine = sin_cos(self.half_angle_deg * 0.017453292519943295)
-        return sqrt(sum(r * r for r in across)) - along * sine / cosine
+        along = sum(r * a for r, a in zip(from_port, self.ahead, strict=True))
+        across = [r - along * a for r, a in zip(from_port, self.ahead, strict=True)]
+        return sqrt(sum(r * r for r in across)) - along * self.slope
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,6 +187,9 @@ class Guidance:
         check_fields(self)
         if not 1 <= len(self.legs) <= MAX_LEGS:
             raise InputError(f'`legs` must be 1 to {MAX_LEGS} legs; got {shown(list(self.legs))}')
+        for leg in self.legs:
+            if leg.corridor_s and not self.corridor.from_m:
+                raise InputError(f'`corridor_s` of leg {leg.name} needs `corridor.from_m`')
         names = [leg.name for leg in self.legs]
         for name in names:
             if names.count(name) > 1:

@@ -25,6 +25,7 @@ from rpo_guidance.legs import (
     Vehicle,
 )
 from rpo_guidance.plan import Guidance, Leg
+from rpo_guidance.transfers import Zones
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
 COMMANDS = (GO, STOP, RETREAT, ABORT)
@@ -33,6 +34,10 @@ ARRIVED, STOPPED, RETREATED, ABORTING, DRIFTING = (
     'arrived', 'stopped', 'retreating', 'aborting', 'drifting',
 )  # fmt: skip
 """Phases beside the legs of the plan, which have the names of the legs."""
+
+
+CONE_SHARE = 0.7
+"""Share of the corridor's width that a transfer plans with; the rest is for the flight."""
 
 
 class Change(NamedTuple):
@@ -205,9 +210,8 @@ class GuidanceStage(Stage):
         """Return a leg under way."""
         to_m = leg.to_m if leg.to_m is not None else start[:3]
         if leg.kind == plan.TRANSFER:
-            return self._transfer(
-                start, (*to_m, *leg.arrive_m_s), leg.duration_s or 0.0, leg.burn_s
-            )
+            end = (*to_m, *leg.arrive_m_s)
+            return self._transfer(start, end, leg.duration_s or 0.0, leg.corridor_s, leg.burn_s)
         if leg.kind == plan.STRAIGHT:
             speed = leg.speed_m_s or 0.0
             return Straight(start, to_m, self._vehicle, speed, leg.end_speed_m_s)
@@ -216,15 +220,26 @@ class GuidanceStage(Stage):
         return Resting(to_m, self._vehicle)
 
     def _transfer(
-        self, start: State, end: State, duration_s: float, burn_s: float | None = None
+        self,
+        start: State,
+        end: State,
+        duration_s: float,
+        corridor_s: float | None = None,
+        burn_s: float | None = None,
     ) -> Transferring:
-        settings = self.settings
+        settings, corridor = self.settings, self.settings.corridor
         radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
-        # a transfer that begins or ends in the corridor passes through the sphere there
-        inside = [p for p in (start[:3], end[:3]) if _norm(p) <= radius]
-        return Transferring(
-            start, end, self._vehicle, duration_s, 0.0 if inside else radius, burn_s
+        # what begins or ends in the sphere passes through it, but by the corridor
+        free = corridor_s is None and min(_norm(start[:3]), _norm(end[:3])) <= radius
+        zones = Zones(
+            0.0 if free else radius,
+            None,
+            settings.port_m,
+            corridor.ahead,
+            corridor.slope * CONE_SHARE,
+            corridor.from_m - _norm(settings.port_m),
         )
+        return Transferring(start, end, self._vehicle, duration_s, zones, corridor_s, burn_s)
 
     def _obey(self, tick: int, command: str, reason: str = '') -> None:
         """Follow a command at a tick."""
@@ -336,7 +351,7 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         if outside > 1e-9:
             raise InputError(
                 f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m but for the '
-                f'corridor; {at}: {distance:.4g} m from the target, {outside:.3g} m off the corridor'
+                f'corridor; {at}: {distance:.4g} m from the target, {outside:.3g} m off it'
             )
 
 

@@ -1,13 +1,14 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Transfers of least energy around a keep-out sphere.
+"""Transfers of least energy around a keep-out sphere, and in by a corridor.
 
 The forces of a transfer are held for segments of equal length. The final state is linear in them,
 so without a sphere the optimum is closed form: the least-norm solution of six equations, by the
 Gramian. A path near the sphere gets half-spaces, n_j . r(t_j) >= R, tangent to it where the path
 before came closest: a quadratic program with one multiplier for each. Its dual is solved by
 Hildreth's method (Hildreth 1957, A quadratic programming procedure). This is repeated with the
-normals of the new path, until it stays outside. Each optimum is found in a fixed order of
+normals of the new path, until it stays outside. In the corridor, a cone, the half-spaces are the
+planes that touch the cone beside the path. Each optimum is found in a fixed order of
 + - * / and square roots: the same bits on every machine.
 """
 
@@ -24,12 +25,15 @@ from rpo_core.kernels import CwStep, State, Vector, cw_step
 
 Floats = NDArray[np.float64]
 
-ROUNDS = 12
+ROUNDS = 16
 """How often the half-spaces are set anew; a path has settled after three or four."""
 
 SWEEPS = 2000
 SETTLED = 1e-9
 """Hildreth's sweeps end when no multiplier changes by more than this share of the largest."""
+
+SLACK_M = 0.01
+"""A path may lie so far outside its zones; plans have a margin for it."""
 
 NEAR = 1.6
 """A point of the path gets a half-space if it is nearer than this many radii."""
@@ -40,12 +44,12 @@ class Transfer(NamedTuple):
 
     states : (n + 1, 6) [m, m/s] at the ends of the segments
     forces : (n, 3) [N] held for each
-    distance_m : least distance of the path to the target at the ends of the segments
+    violated_m : largest distance by which it lies outside its zones at the ends of the segments
     """
 
     states: Floats
     forces: Floats
-    distance_m: float
+    violated_m: float
 
 
 @kernel
@@ -179,10 +183,6 @@ def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
             forces[k, axis] = total
 
 
-def _distances(states: Floats) -> list[float]:
-    return [sqrt(x * x + y * y + z * z) for x, y, z in states[:, :3].tolist()]
-
-
 def _side(states: Floats, distances: list[float]) -> Vector:
     """Return the unit vector to the side on which a straight path shall pass the target.
 
@@ -196,36 +196,114 @@ def _side(states: Floats, distances: list[float]) -> Vector:
     for candidate in ((x, y, z), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
         along = sum(c * a for c, a in zip(candidate, ahead, strict=True))
         across = [c - along * a for c, a in zip(candidate, ahead, strict=True)]
-        size = sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
+        size = _size((across[0], across[1], across[2]))
         if size > 0.1:
             return across[0] / size, across[1] / size, across[2] / size
     return 0.0, 0.0, 1.0
 
 
-def _half_spaces(
-    states: Floats, distances: list[float], radius_m: float, side: Vector | None
-) -> tuple[NDArray[np.int64], Floats, list[float]]:
-    """Return the segments' ends with a half-space, its normals (p, 3) and distances [m].
+class Zones(NamedTuple):
+    """Where the path may be.
+
+    radius_m : of the sphere about the target that it keeps out of; 0: none
+    corridor : number of segments after which it must be inside the cone; None: no cone
+    port_m, axis : tip of the cone, unit vector outward
+    slope : tangent of its half angle
+    gate_m : distance from the port where it enters, at least
+    """
+
+    radius_m: float = 0.0
+    corridor: int | None = None
+    port_m: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 1.0, 0.0)
+    slope: float = 0.0
+    gate_m: float = 0.0
+
+    def in_cone(self, segment: int) -> bool:
+        """Return whether the end of a segment must lie inside the cone."""
+        return self.corridor is not None and segment >= self.corridor
+
+    def along_and_across(self, position: Vector) -> tuple[float, Vector]:
+        """Return how far [m] a point lies along the axis, and its vector (3,) [m] across it."""
+        offset = [r - p for r, p in zip(position, self.port_m, strict=True)]
+        along = offset[0] * self.axis[0] + offset[1] * self.axis[1] + offset[2] * self.axis[2]
+        x, y, z = (o - along * a for o, a in zip(offset, self.axis, strict=True))
+        return along, (x, y, z)
+
+    def violated_m(self, states: Floats, distances: list[float]) -> float:
+        """Return the largest distance [m] by which a path lies outside its zones, within SLACK."""
+        worst = 0.0
+        for j in range(1, len(states) - 1):
+            if not self.in_cone(j):
+                worst = max(worst, self.radius_m - distances[j])
+                continue
+            along, across = self.along_and_across(tuple(states[j, :3].tolist()))
+            worst = max(worst, _size(across) - self.slope * along)
+            if j == self.corridor:
+                worst = max(worst, self.gate_m - along)
+        return worst
+
+
+class _HalfSpaces:
+    """Half-spaces n_j . r(t_j) >= b_j about a path."""
+
+    def __init__(self) -> None:
+        self.when: list[int] = []
+        self.normals: list[Vector] = []
+        self.least: list[float] = []
+
+    def add(self, when: int, normal: Vector, least: float) -> None:
+        """Take one, at the end of a segment."""
+        self.when.append(when)
+        self.normals.append(normal)
+        self.least.append(least)
+
+
+def _outside_sphere(
+    states: Floats, distances: list[float], zones: Zones, side: Vector | None
+) -> _HalfSpaces:
+    """Return the half-spaces that keep a path out of the sphere.
 
     side : of the first round: straight through the sphere, the path is lifted to this side
     """
-    when, normals, least = [], [], []
+    found, radius = _HalfSpaces(), zones.radius_m
     for j in range(1, len(states) - 1):
-        if distances[j] >= NEAR * radius_m:
-            continue
         x, y, z = states[j, :3].tolist()
+        if zones.in_cone(j):
+            break
         if side is None:
-            when.append(j)
-            normals.append((x / distances[j], y / distances[j], z / distances[j]))
-            least.append(radius_m)
+            if distances[j] < NEAR * radius:
+                found.add(j, (x / distances[j], y / distances[j], z / distances[j]), radius)
+        else:
+            up = x * side[0] + y * side[1] + z * side[2]
+            ahead = distances[j] * distances[j] - up * up
+            if ahead < radius * radius:
+                found.add(j, side, sqrt(radius * radius - ahead))
+    return found
+
+
+def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Zones) -> None:
+    """Add the planes that touch the cone beside the points of a path outside it.
+
+    The cone is convex: a plane that touches it is right for every path.
+    """
+    ax, ay, az = zones.axis
+    px, py, pz = zones.port_m
+    for j in range(1, len(states) - 1):
+        if not zones.in_cone(j):
             continue
-        up = x * side[0] + y * side[1] + z * side[2]
-        ahead = distances[j] * distances[j] - up * up
-        if ahead < radius_m * radius_m:
-            when.append(j)
-            normals.append(side)
-            least.append(sqrt(radius_m * radius_m - ahead))
-    return np.array(when, dtype=np.int64), np.array(normals).reshape(-1, 3), least
+        if j == zones.corridor and not planes.when:
+            planes.add(j, zones.axis, ax * px + ay * py + az * pz + zones.gate_m)
+        along, (cx, cy, cz) = zones.along_and_across(tuple(states[j, :3].tolist()))
+        size, t = _size((cx, cy, cz)), zones.slope
+        if size > t * along:
+            normal = (t * ax - cx / size, t * ay - cy / size, t * az - cz / size)
+            planes.add(j, normal, normal[0] * px + normal[1] * py + normal[2] * pz)
+
+
+def _size(vector: Vector) -> float:
+    x, y, z = vector
+    return sqrt(x * x + y * y + z * z)
 
 
 def least_energy(
@@ -233,38 +311,43 @@ def least_energy(
     end: State,
     step: CwStep,
     segments: int,
-    radius_m: float = 0.0,
+    zones: Zones = Zones(),
     burn: int | None = None,
 ) -> Transfer:
     """Return the transfer of least energy from a state to a state (6,) [m, m/s].
 
     step : of one segment
-    radius_m : of the sphere about the target that the path keeps out of; 0: none. Whether it does
-        is said by `distance_m`.
+    zones : that the path keeps to, as far as it can: `violated_m` says how far it does not
     burn : segments with thrust at each end, none in between; None: thrust throughout
     """
     reach, drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
     reach_of(step, reach)
     path_of(start, np.zeros((segments, 3)), step, drift)
     forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
-    when, normals, least = np.empty(0, dtype=np.int64), np.empty((0, 3)), [0.0] * 0
-    best: Transfer | None = None
+    missing = [e - d for e, d in zip(end, drift[-1].tolist(), strict=True)]
+    bounds, planes, best = _HalfSpaces(), _HalfSpaces(), None
     for attempt in range(ROUNDS):
+        when = np.array(bounds.when, dtype=np.int64)
+        normals = np.array(bounds.normals).reshape(-1, 3)
         rows = np.empty((6 + len(when), segments, 3))
         rows_of(reach, segments if burn is None else burn, when, normals, rows)
-        passed = np.array([e - d for e, d in zip(end, drift[-1].tolist(), strict=True)])
         room = [
-            r - sum(n * x for n, x in zip(normal, drift[j, :3].tolist(), strict=True))
-            for j, normal, r in zip(when.tolist(), normals.tolist(), least, strict=True)
+            b - (n[0] * x + n[1] * y + n[2] * z)
+            for b, n, (x, y, z) in zip(
+                bounds.least, bounds.normals, drift[when, :3].tolist(), strict=True
+            )
         ]
-        optimum(rows, np.concatenate([passed, room]), forces)
+        optimum(rows, np.array([*missing, *room]), forces)
         path_of(start, forces, step, states)
-        distances = _distances(states)
-        nearest = min(distances[1:-1], default=distances[-1])
-        if best is None or nearest > best.distance_m:
-            best = Transfer(states.copy(), forces.copy(), nearest)
-        if nearest >= radius_m * (1.0 - 1e-3):
-            return Transfer(states, forces, nearest)
+        distances = [_size((x, y, z)) for x, y, z in states[:, :3].tolist()]
+        violated = zones.violated_m(states, distances)
+        if best is None or violated < best.violated_m:
+            best = Transfer(states.copy(), forces.copy(), violated)
+        if violated <= SLACK_M:
+            break
         side = _side(states, distances) if attempt == 0 else None
-        when, normals, least = _half_spaces(states, distances, radius_m, side)
+        _touch_cone(planes, states, zones)
+        bounds = _outside_sphere(states, distances, zones, side)
+        for when_j, normal, least in zip(planes.when, planes.normals, planes.least, strict=True):
+            bounds.add(when_j, normal, least)
     return best  # type: ignore[return-value]  # ROUNDS > 0
