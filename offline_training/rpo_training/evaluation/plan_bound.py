@@ -141,3 +141,21 @@ class _Problem:
             gate = settings.corridor.from_m - float(np.linalg.norm(settings.port_m))
             found.append(along[0] >= gate / _METRE)  # it enters at the mouth
         return found
+
+
+def rows(found: Checked, scenario: Scenario) -> list[tuple[str, ...]]:
+    """Return a row of text for each phase: name, times, energy, least range, largest force, why."""
+    ends = [*(change.tick for change in found.changes[1:]), scenario.ticks + 1]
+    table: list[tuple[str, ...]] = []
+    for change, end in zip(found.changes, ends, strict=True):
+        states = np.array(found.references[change.tick : end])
+        forces = np.array(found.forces[change.tick : end])
+        numbers = (
+            f'{change.tick * scenario.dt_s:.1f}',
+            f'{(end - 1) * scenario.dt_s:.1f}',
+            f'{float((forces * forces).sum()) * scenario.dt_s:.4f}',
+            f'{float(np.linalg.norm(states[:, :3], axis=1).min()):.2f}',
+            f'{float(np.abs(forces).max()):.3f}',
+        )
+        table.append((change.phase, *numbers, change.reason))
+    return table

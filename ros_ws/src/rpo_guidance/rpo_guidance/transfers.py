@@ -244,6 +244,9 @@ class Zones(NamedTuple):
         return worst
 
 
+ANYWHERE = Zones()
+
+
 class _HalfSpaces:
     """Half-spaces n_j . r(t_j) >= b_j about a path."""
 
@@ -311,7 +314,7 @@ def least_energy(
     end: State,
     step: CwStep,
     segments: int,
-    zones: Zones = Zones(),
+    zones: Zones = ANYWHERE,
     burn: int | None = None,
 ) -> Transfer:
     """Return the transfer of least energy from a state to a state (6,) [m, m/s].
