@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_training.cluster import pool
-from rpo_training.engine import counters
 from rpo_training.engine.cases import Case
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
@@ -45,7 +44,7 @@ class ClusterSimulator:
     """
 
     def __init__(self, cases: Sequence[Case], workers: int, address: str) -> None:
-        self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
+        self._shapes = [(len(case.starts), case.columns) for case in cases]
         self._cases = pickle.dumps(tuple(cases))
         self._stack = ExitStack()
         count = workers or len(os.sched_getaffinity(0))

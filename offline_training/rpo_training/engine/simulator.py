@@ -12,6 +12,7 @@ import os
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,10 @@ from rpo_core.controller import Controller, FuzzyController
 from rpo_core.flight import fly
 from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
+from rpo_core.verdicts import verdicts
 from rpo_training.engine import counters, lanes, parts, tick
-from rpo_training.engine.cases import Case
+from rpo_training.engine.cases import Case, Crossed
+from rpo_training.engine.judged import VALUES, judge, make_trace
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
 
@@ -64,9 +67,9 @@ class Simulator:
         self._pool.shutdown(cancel_futures=True)
 
     def fly(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
-        """Return the metrics (candidates, starts, columns) of each case."""
+        """Return the metrics (candidates, starts, case.columns) of each case."""
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
-        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
+        found = [np.empty((n, len(case.starts), case.columns)) for case in self.cases]
 
         def one(index: int) -> None:
             for case, rows in zip(self.cases, found, strict=True):
@@ -91,26 +94,53 @@ class Simulator:
     def _fly_fuzzy(
         self, population: Population, index: int, samples: int, case: Case, rows: Floats
     ) -> None:
-        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
         crossed = case.half if population.is_odd(index) else case.full
-        law = population.law(index, samples)
-        tick.fly(crossed.runs, parts.Control(law), case.plant, case.windows, w, norms, None)
-        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
-        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
-        rows[:] = pairs[crossed.pairs]
+        control = parts.Control(population.law(index, samples))
+        if crossed is None:
+            self._fly_paired(control, case, rows)
+        else:
+            self._fly_crossed(control, case, crossed, rows)
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
-        w = self._scratch.w
+        self._fly_paired(parts.Control(None, baseline.law), case, rows)
+
+    def _fly_crossed(
+        self, control: parts.Control, case: Case, crossed: Crossed, rows: Floats
+    ) -> None:
+        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
+        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
+        judged = case.judged
+        trace: Any = None if judged is None else make_trace(case.windows.horizon, 2 * p + q)
+        tick.fly(crossed.runs, control, case.plant, case.windows, w, norms, trace)
+        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
+        rows[:, : counters.COLUMNS] = pairs[crossed.pairs]
+        if judged is not None:
+            rows[:, counters.COLUMNS :] = judge(trace[0], crossed.lanes, case.base, judged)
+
+    def _fly_paired(self, control: parts.Control, case: Case, rows: Floats) -> None:
+        """Fly starts `RUNS` at a time: any number of them."""
+        w, judged, columns = self._scratch.w, case.judged, counters.COLUMNS
         masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
-        control = parts.Control(None, baseline.law)
-        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired, strict=True):
-            tick.fly(runs, control, case.plant, case.windows, w, None, None)
+        counted = np.empty((parts.RUNS, columns))
+        trace: Any = None
+        if judged is not None:
+            trace = make_trace(case.windows.horizon, parts.PAIRED_LANES)
+        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired(), strict=True):
+            tick.fly(runs, control, case.plant, case.windows, w, None, trace)
             some = rows[first : first + parts.RUNS]
-            counters.finish_paired(case.plant, masses, case.windows, w, some, final)
+            counters.finish_paired(case.plant, masses, case.windows, w, counted, final)
+            some[:, :columns] = counted[: len(some)]
+            if judged is not None:
+                lanes_of = parts.paired_lanes(len(some))
+                some[:, columns:] = judge(trace[0], lanes_of, case.base, judged)
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:
     """Fly start after start through `rpo_core.flight.fly`."""
     for row, scenario in zip(rows, case.scenarios(), strict=True):
-        row[:] = row_of(fly(scenario, controller), case.windows)
+        flight = fly(scenario, controller)
+        row[: counters.COLUMNS] = row_of(flight, case.windows)
+        if case.together:
+            values = {verdict.key: verdict.value for verdict in verdicts(flight)}
+            row[counters.COLUMNS :] = [values.get(name, 0.0) for name in VALUES]

@@ -91,9 +91,9 @@ PRESETS = {
         algorithm='race',
         start=('trained',),
         genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.15, error_weight=3.0),
+        fitness=FitnessSettings(penalty='graded', margin=0.2, error_weight=3.0, between=12),
         cmaes=CmaSettings(population=20, evaluations=3000, descents=2),
-        race=RaceSettings(rounds=1, entrants=4, evaluations=700, scan=10),
+        race=RaceSettings(rounds=3, entrants=4, evaluations=700, gain=0.2, scan=10),
     ),
     'front': TrainingConfig(
         name='front',

@@ -22,11 +22,9 @@ from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
-from rpo_training.evaluation.judgement import judge
 from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search
 from rpo_training.search.checkpoint import Checkpoint, digest
-from rpo_training.search.conditions import label
 from rpo_training.search.fitness import Fitness, Scores
 from rpo_training.search.fitting import training_set
 
@@ -122,13 +120,10 @@ class SearchRun(Generic[Config, Found]):
         """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
 
-    def misses(self, controller: Found, scores: Scores) -> dict[str, int]:
-        """Return condition -> starts at which a controller misses it, by exact values."""
-        conditions = self.fitness.conditions
-        if conditions.exact:
-            return dict(zip(conditions.labels, map(int, scores.failures[0]), strict=True))
-        judged = judge(controller, self.starts, lambda *_: None)
-        return {label(j.worst.key): j.missed for j in judged}
+    def misses(self, scores: Scores) -> dict[str, int]:
+        """Return condition -> starts at which the first of some controllers misses it."""
+        labels = self.fitness.conditions.labels
+        return dict(zip(labels, map(int, scores.failures[0]), strict=True))
 
     def objectives(self, genes: Floats, scores: Scores) -> Floats:
         """Return the objectives (n, objectives) of a generation."""

@@ -229,11 +229,8 @@ class PlantNode(Loop):
             log = self.get_logger()
             log.error(text) if level == health.ERROR else log.info(text)
             return
-        figures = self.plant.figures()
-        self.get_logger().info(
-            f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m, '
-            f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
-        )
+        time_s = self.plant.scenario.time_s(self.tick)
+        self.get_logger().info(f'finished at {time_s:g} s: {self.plant.ending()}')
 
     def reset(self) -> None:
         """End the run and start another at tick 0; the recorder closes the log of the first."""
