@@ -91,7 +91,8 @@ class Section:
     settings : frozen dataclass that holds and checks the section's fields
     place : of the stage
     make : from the settings and the scenario to the stage
-    check : raises InputError if the settings do not fit the scenario; of files, as they are read
+    check : raises InputError where the settings and the scenario do not go together
+    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     """
 
     name: str
@@ -99,6 +100,7 @@ class Section:
     place: Place
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
+    rehearse: Callable[[Any, Any], None] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

@@ -374,4 +374,4 @@ def _make(settings: Guidance, scenario: Any) -> Stage:
     return GuidanceStage(settings, scenario)
 
 
-register(Section('guidance', Guidance, Place.GUIDANCE, _make, check))
+register(Section('guidance', Guidance, Place.GUIDANCE, _make, rehearse=check))

@@ -132,10 +132,10 @@ class Plant:
     def ending(self) -> str:
         """Return how far from the goal, how fast and with which energy the run ends so far."""
         error = self.scenario.from_goal(self.state)
-        where = '' if self.scenario.goal is None else ' from the goal'
+        where = 'target' if self.scenario.goal is None else 'goal'
         return (
-            f'{metrics.norm(*error[:3]):.3g} m{where}, {metrics.norm(*error[3:]):.3g} m/s, '
-            f'J = {self.energy_n2s:.4g} N^2 s'
+            f'{metrics.norm(*error[:3]):.3g} m from the {where} and '
+            f'{metrics.norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
         )
 
     def figures(self) -> dict[str, float | int]:

@@ -35,7 +35,8 @@ from rpo_sim.simulator_control import SimulatorControl
 EXIT_ABORTED = 3
 
 _LOOK_S = 0.05
-_LOG_S = 5.0
+_LOG_S = 4.0
+"""Between two lines of what it waits for, or of how far it is."""
 _LAST_WORD_S = 5.0
 """Longest wait, after the end of a run, until the recorder has closed its log."""
 _INTERRUPTED_S = 0.2
@@ -73,7 +74,9 @@ class PlantNode(Loop):
         self.create_subscription(
             DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
         )
-        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'], self.run_id)
+        self.recorder = RecorderWatch(
+            self, self.values['wait_for_recorder'], self.run_id, self._on_progress
+        )
 
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
@@ -101,6 +104,16 @@ class PlantNode(Loop):
     def tick(self) -> int:
         """The current tick."""
         return self.plant.tick
+
+    @property
+    def held(self) -> bool:
+        """Whether the recorder must catch up first."""
+        return self.recorder.behind(self.tick)
+
+    def _on_progress(self) -> None:
+        """Go on if the tick waited for the recorder."""
+        if self.phase == RUNNING:
+            self.pacing.on_answer()
 
     def _ignore(self, reason: str) -> None:
         self.plant.ignore(reason)
@@ -183,10 +196,17 @@ class PlantNode(Loop):
         else:
             if self.moving:
                 self.pacing.watch(now_s)
+                self._say_how_far(now_s)
             if self.recorder.look() and not self._unrecorded:
                 self._unrecorded = True
                 self.get_logger().warning('the recorder is gone: the run goes on, unrecorded')
                 self.report(health.WARN, RUNNING, 'the recorder is gone')
+
+    def _say_how_far(self, now_s: float) -> None:
+        if now_s - self._logged_s > _LOG_S and self.phase == RUNNING:
+            self._logged_s = now_s
+            dt_s, duration_s = self.scenario.dt_s, self.scenario.duration_s
+            self.get_logger().info(f'at {self.tick * dt_s:.1f} s of {duration_s:g} s')
 
     def _leave(self) -> None:
         self.done = not self._again
@@ -204,7 +224,7 @@ class PlantNode(Loop):
         if self.recorder.failure:
             self.abort(f'the recorder failed: {self.recorder.failure}')
         elif not awaited:
-            self.progress_s = now_s
+            self.progress_s = self._logged_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')
             self.advance()
