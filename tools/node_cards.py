@@ -33,7 +33,10 @@ MEANINGS = {
     '~/pause': 'data true: no tick passes; false: continue',
     '~/step': 'while paused, pass some ticks',
     '~/reset': 'end this run and wait at tick 0 of the next',
-    '~/abort': 'end the run as aborted',
+    '~/abort': 'plant: end the run as aborted; guidance: leave, and drift away',
+    '~/go': 'end the hold, if its conditions are met',
+    '~/hold': 'brake and stay',
+    '~/retreat': 'fly to `retreat_m`',
 }
 """Topic or service -> what it carries or does."""
 
@@ -142,6 +145,11 @@ CARDS = (
     Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
         _BAD_OUTCOME, ('both topics the same', 'refused'),
         ('SIGINT or SIGTERM', 'prints how many messages it changed; exit code 0'))),
+    Card('rpo_guidance', 'guidance', 'GuidanceNode', (
+        _BAD_OUTCOME, ('a plan that cannot be flown', 'one sentence with the number that fails, '
+                       'exit code 2'),
+        ('`go` without its conditions', 'refused with the reason'),
+        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'hold_points'}),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (

@@ -21,6 +21,7 @@ from rpo_training.commands import (
     import_,
     log,
     optimal,
+    plan,
     report,
     simulate,
     train,
@@ -79,6 +80,7 @@ app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
+app.command(epilog=plan.EXAMPLES)(plan.plan)
 app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
 app.command(epilog=truth.EXAMPLES)(truth.truth)
 app.command(epilog=compare.EXAMPLES)(compare.compare)

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`final_approach`: plant, controller, disturbance, navigation and recorder in one process."""
+"""`final_approach`: all nodes of a scenario and the recorder in one process."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from rpo_core import overrides, scenario
 from rpo_core.chain import Chain
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
@@ -43,7 +44,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         ControllerNode({**named, 'controller': options.controller}),
     ]
     places = {link.place for link in Chain.of(chosen).links}
-    for kind in (NavigationNode, DisturbanceInjectorNode):
+    for kind in (NavigationNode, GuidanceNode, DisturbanceInjectorNode):
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.

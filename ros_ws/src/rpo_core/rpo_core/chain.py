@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rpo_core import interfaces
 from rpo_core.controller import Controller
-from rpo_core.controller_file import GoalStage
+from rpo_core.controller_file import FollowStage, GoalStage
 from rpo_core.disturbance import Disturbance
 from rpo_core.dynamics import DynamicsStage
 from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
@@ -89,7 +89,8 @@ class Chain:
         if scenario.thrusters is None:
             placed.insert(0, (Place.THRUSTERS, stage_of(None, scenario)))
         if controller is not None:
-            placed.append((Place.CONTROLLER, _controlling(scenario, controller)))
+            guided = any(place is Place.GUIDANCE for place, _ in placed)
+            placed.append((Place.CONTROLLER, _controlling(scenario, controller, guided)))
         if not scenario.disturbance.is_zero:
             stage = DisturbanceStage(scenario.disturbance, scenario)
             placed.append((Place.DISTURBANCE, stage))
@@ -165,12 +166,14 @@ class Chain:
                 signals[interfaces.previous(name)] = signals[name]
 
 
-def _controlling(scenario: Scenario, controller: Controller) -> Stage:
-    """Return a controller as a stage that flies to the goal of a scenario.
+def _controlling(scenario: Scenario, controller: Controller, guided: bool) -> Stage:
+    """Return a controller as a stage that follows guidance, or flies to the goal of a scenario.
 
     One that reads nothing commands forces that were computed before, and is left alone.
     """
     stage, goal = controller.stage(scenario.dt_s), scenario.goal
+    if guided and stage.inputs:
+        return FollowStage(stage)
     return stage if goal is None or not stage.inputs else GoalStage(stage, *goal)
 
 

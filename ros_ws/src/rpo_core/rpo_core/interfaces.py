@@ -32,6 +32,8 @@ RELATIVE_STATE = 'relative_state'
 NAVIGATION_STATE = 'navigation_state'
 NAVIGATION_COVARIANCE = 'navigation_covariance'
 ESTIMATED_DISTURBANCE = 'estimated_disturbance'
+REFERENCE_STATE = 'reference_state'
+REFERENCE_FORCE = 'reference_force'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
@@ -42,6 +44,7 @@ CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
+GUIDANCE_STATUS = 'guidance_status'
 RUN_STATUS = 'run_status'
 DECISION = 'decision'
 NODE_MANIFEST = 'node_manifest'
@@ -232,6 +235,10 @@ for _row in (
               logged=False, rides=NAVIGATION_STATE),
     Interface(ESTIMATED_DISTURBANCE, FORCE_TYPE,
               'disturbance as the estimator finds it, target LVLH, where it does'),
+    Interface(REFERENCE_STATE, STATE_TYPE,
+              'state that the controller shall follow, where the scenario has guidance'),
+    Interface(REFERENCE_FORCE, FORCE_TYPE,
+              'force that a chaser on the reference needs, target LVLH'),
     Interface(CONTROL_FORCE, FORCE_TYPE,
               'commanded force, target LVLH, stamp of the state it answers', COMMAND),
     Interface(DISTURBANCE_FORCE, FORCE_TYPE,
@@ -251,6 +258,9 @@ for _row in (
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
               due=EVENT, qos=LATCHED),
+    Interface(GUIDANCE_STATUS, STATUS_TYPE,
+              'phase of the plan that begins, its first tick and why',
+              due=EVENT, logged=False, qos=LATCHED),
     Interface(RUN_STATUS, STATUS_TYPE,
               'waiting, running, paused, finished or aborted; reason and metrics',
               due=EVENT, qos=LATCHED),

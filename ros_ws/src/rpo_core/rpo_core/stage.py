@@ -61,6 +61,9 @@ class Stage:
     def reset(self) -> None:
         """Forget all earlier ticks: a flight begins."""
 
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""
+
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
         raise NotImplementedError
@@ -94,6 +97,7 @@ class Section:
     place : of the stage
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
+    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     """
 
     name: str
@@ -101,6 +105,7 @@ class Section:
     place: Place
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
+    rehearse: Callable[[Any, Any], None] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

@@ -23,6 +23,7 @@ class StageStates:
     def __init__(self) -> None:
         self._changes: dict[str, list[tuple[int, bool]]] = {}
         self._missing: dict[str, set[int]] = {}
+        self._commands: dict[str, list[tuple[int, str]]] = {}
         self.dropped: dict[str, int] = {}
 
     def take(self, block_events: Sequence[Event]) -> None:
@@ -39,6 +40,14 @@ class StageStates:
                     changes = self._changes.setdefault(event.values.get('stage', ''), [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
+                elif state is not None:
+                    name = event.values.get('stage', '')
+                    self._commands.setdefault(name, []).append((tick, state))
+
+    def tell(self, stage: Stage) -> None:
+        """Give a stage the commands that it got in flight."""
+        for tick, state in self._commands.pop(stage.name, []):
+            stage.take_event(tick, state)
 
     def missing(self, stage: str) -> set[int]:
         """Return the ticks at which a stage went on without the command before."""

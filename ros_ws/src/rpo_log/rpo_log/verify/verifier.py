@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from rpo_core import interfaces
 from rpo_core.chain import NO_FORCE, Chain, Link
 from rpo_core.controller import AnyController
+from rpo_core.controller_file import followed
 from rpo_core.interfaces import RELATIVE_STATE, current, row_of
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
@@ -187,6 +188,7 @@ class _Verifier:
             yield self._first(START, RELATIVE_STATE, block, np.repeat(start, len(known), 0), known)
         for link, stage in zip(self.chain.links, self.stages, strict=True):
             reads = [signals[name] for name in self._reads(link)]
+            self.states.tell(link.stage)
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
             made, known = stage.run(block.ticks, reads, active, began)
@@ -214,8 +216,11 @@ class _Verifier:
             read = signals[next(self._reads(self._controller))]
             forces_n = block.values[interfaces.CONTROL_FORCE]
             active = self.states.active(self._controller.stage.name, block.ticks)
-            from_goal = read - np.array(self.scenario.goal_state)
-            yield self.decisions.difference(block.ticks, from_goal, forces_n, active)
+            if interfaces.REFERENCE_STATE in self._controller.reads:
+                seen, forces_n = followed(read, forces_n, signals)
+            else:
+                seen = read - np.array(self.scenario.goal_state)
+            yield self.decisions.difference(block.ticks, seen, forces_n, active)
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
