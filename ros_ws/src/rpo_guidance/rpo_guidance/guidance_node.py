@@ -18,8 +18,8 @@ from rpo_core.stage import Place
 from rpo_guidance.stages import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
+from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
-from rpo_ros.stage_node import PlaceNode
 
 
 class GuidanceNode(PlaceNode):
