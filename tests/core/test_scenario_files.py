@@ -34,7 +34,7 @@ VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 
 def test_shipped_names():
-    names = ['approach', 'paper_test', 'paper_test_phase', 'paper_training', 'quick']
+    names = ['approach', 'assured', 'paper_test', 'paper_test_phase', 'paper_training', 'quick']
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [*names, *worlds]
 

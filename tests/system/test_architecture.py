@@ -34,7 +34,7 @@ MAY_IMPORT = {
     'rpo_ctrl': {'rpo_core', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_log', 'rpo_ros'},
     'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_log'},  # messages' definitions, the palette
-    'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log'},
+    'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log', 'rpo_safety'},
     'tools': {'rpo_core', 'rpo_ros', 'rpo_log'},
 }
 ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_safety', 'rpo_training'}

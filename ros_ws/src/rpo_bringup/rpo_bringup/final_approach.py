@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`final_approach`: plant, controller, disturbance, navigation and recorder in one process."""
+"""`final_approach`: plant, controller, nodes of a scenario's sections, recorder in one process."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
+from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.navigation_node import NavigationNode
 from rpo_sim.plant_node import PlantNode
@@ -43,7 +44,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         ControllerNode({**named, 'controller': options.controller}),
     ]
     places = {link.place for link in Chain.of(chosen).links}
-    for kind in (NavigationNode, DisturbanceInjectorNode):
+    for kind in (NavigationNode, AssuranceNode, DisturbanceInjectorNode):
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.

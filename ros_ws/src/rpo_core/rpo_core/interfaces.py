@@ -100,6 +100,7 @@ class Interface:
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
     numbers : of a signal that is no topic
+    beside : name of the signal without which a run has no such events; '' for none
     """
 
     name: str
@@ -110,6 +111,7 @@ class Interface:
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
     numbers: int = 3
+    beside: str = ''
 
     @property
     def topic(self) -> str:

@@ -151,6 +151,7 @@ def check_start(settings: Assurance, scenario: Any) -> None:
         )
     mode = stage.mode_of(state)
     metres, slower = filters.margins(state, mode, 0.0, 0.0, g)
+    metres = min(metres, filters.margins(scenario.start, mode, 0.0, 0.0, g)[0])
     if slower < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '

@@ -54,7 +54,7 @@ class Speed:
 
 SPEEDS = {
     'paper': Speed(0.1, per_range_1_s=0.03),
-    'sqrt': Speed(0.05, deceleration_m_s2=0.023),
+    'sqrt': Speed(0.12, deceleration_m_s2=0.023),
     'afrl': Speed(0.2, per_range_mean_motions=4.0),
 }
 """Presets. `paper` suits the paper's 200 s; `sqrt` is half of what its thrusters can brake, and its

@@ -25,7 +25,8 @@ interfaces.add(
         interfaces.STATUS_TYPE,
         'each intervention of runtime assurance: constraint, margins, force before and after',
         due=interfaces.EVENT,
-        qos=interfaces.Qos(),
+        qos=interfaces.Qos(durability='transient_local'),
+        beside=ASSURED_FORCE,
     ),
     before=interfaces.RUN_STATUS,
 )
