@@ -28,6 +28,10 @@ Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --con
 --speed paper`
 """
 
+DRIFT_EXAMPLES = """
+Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
+"""
+
 LEGEND = (
     'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
     'a changed command; nearest: the least distance of a path to the zone.'
@@ -135,3 +139,34 @@ def quiet(
         rows.append((name, *map(str, counted[:3]), f'{counted.margin_m_s:.3f} m/s'))
     heads = ('controller', 'flights', 'interventions', 'flights with one', 'least margin')
     print_table(heads, rows, f'{found.name}, speed limit `{speed}`')
+
+
+@safety.command(epilog=DRIFT_EXAMPLES)
+def drift(
+    scenario: Annotated[
+        str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
+    ] = 'paper_training',
+    controller: Annotated[
+        list[str] | None, typer.Option(help='shipped name or file; repeatable')
+    ] = None,
+    radius: Annotated[float, typer.Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
+    beyond: Annotated[float, typer.Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
+    orbits: Annotated[float, typer.Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
+    drag: Annotated[
+        float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
+    ] = 0.0,
+) -> None:
+    """Print from how many moments of flights a thruster silence would lead to the target."""
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load
+    from rpo_training.display import print_table
+    from rpo_training.safety.silence import silence
+
+    found = load(scenario)
+    rows = []
+    for name in controller or ['trained', 'robust']:
+        f = silence(found, load_controller(name), radius, beyond, orbits, drag)
+        rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
+    heads = ('controller', 'flights', 'unprotected', 'of the time')
+    title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
+    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2')

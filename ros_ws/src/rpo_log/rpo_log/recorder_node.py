@@ -307,8 +307,7 @@ class RecorderNode(FlightNode):
         faults = [self._write_run_info(summary), self._seal()]
         beside = filter(None, (self._health_log, self._decisions))
         faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
-        sentence = f'{summary.sentence()}: {self.folder}'
-        log = self.get_logger()
+        log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
         for fault in filter(None, faults):
             log.error(fault)
