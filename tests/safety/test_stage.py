@@ -24,6 +24,7 @@ from rpo_safety import filters
 from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.guard import guard_of
 from rpo_safety.kernels import OPEN, open_margins
+from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance, Corridor
 
 PAPER = scenario.load_scenario('paper_test')
@@ -101,6 +102,17 @@ def test_the_least_change_is_the_projection():
         ours = np.linalg.norm(np.subtract(force, command))
         assert ours <= math.sqrt(best.fun) * 1.01 + 2e-3
     assert acted > 40
+
+
+def test_the_packed_filter_gives_the_same_bits():
+    """The stage calls it with arrays where kernels are compiled."""
+    guard = guard_of(ASSURED.section(Assurance), ASSURED)
+    packed, random = Filter(ASSURED.step, guard), np.random.default_rng(6)
+    for mode in (0, 1) * 100:
+        state = (*random.uniform(-20, 20, 3).tolist(), *random.uniform(-0.3, 0.3, 3).tolist())
+        command, last = random.uniform(-0.6, 0.6, (2, 3)).tolist()
+        one = filters.assure(state, tuple(command), tuple(last), mode, ASSURED.step, guard)
+        assert one == packed(state, tuple(command), tuple(last), mode)
 
 
 def test_the_slew_limit_is_kept_while_nothing_else_asks():

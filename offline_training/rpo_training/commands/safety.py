@@ -42,11 +42,15 @@ Name = Annotated[str, typer.Argument(help='shipped scenario, or file', metavar='
 
 @safety.command(epilog=SHOW_EXAMPLES)
 def show(scenario: Name, changes: Set = None) -> None:
-    """Print the constants of the proof for a scenario (docs/safety.md)."""
+    """Print the constants of the proof for a scenario (docs/safety.md), and the time of a step.
+
+    With `RPO_JIT=0` in the environment, the time is that of plain Python.
+    """
     from rpo_core import overrides
     from rpo_safety.guard import proof_of
     from rpo_safety.settings import Assurance
     from rpo_training.display import print_table
+    from rpo_training.safety.quiet import speeds
 
     found = overrides.load(scenario, changes or [])
     settings = found.section(Assurance)
@@ -56,6 +60,8 @@ def show(scenario: Name, changes: Set = None) -> None:
     rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
     cells = [(name, f'{value:.6g}') for name, value in [*rows, ('floor_m_s', proof.floor_m_s)]]
     print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
+    passing, acting = speeds(proof.guard, found)
+    typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
 
 
 @safety.command(epilog=ATTACK_EXAMPLES)

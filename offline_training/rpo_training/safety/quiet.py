@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rpo_core.controller import AnyController
+from rpo_core.jit import as_table
 from rpo_core.kernels import CwStep
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_safety.filters import assure
@@ -56,3 +60,25 @@ def _count(states: Any, forces: Any, c: CwStep, g: Guard) -> tuple[int, float]:
         acted += found[4] != 0
         least = found[6] if found[6] < least else least
     return acted, least
+
+
+def speeds(guard: Guard, scenario: Scenario) -> tuple[float, float]:
+    """Return the time [us] of a step of the filter where a command passes, and where it acts.
+
+    Of a loop over 2000 states, the best of five.
+    """
+    random = np.random.default_rng(1)
+    directions = random.normal(size=(2000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    found = []
+    for rho, speed in ((200.0, 0.0), (guard.keep_out_m + 1.0, 0.28)):
+        states = as_table(np.hstack([rho * directions, -speed * directions]))
+        forces = as_table(-guard.limit_n * directions)
+        _count(states, forces, scenario.step, guard)
+        begun = []
+        for _ in range(5):
+            start = time.perf_counter()
+            _count(states, forces, scenario.step, guard)
+            begun.append(time.perf_counter() - start)
+        found.append(1e6 * min(begun) / len(states))
+    return found[0], found[1]

@@ -16,6 +16,7 @@ from rpo_safety import filters, kernels
 from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import guard_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN
+from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
 
 ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
@@ -89,6 +90,7 @@ class AssuranceStage(Stage):
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         self.guard = guard_of(settings, scenario)
         self._step = scenario.step
+        self._assure = Filter(self._step, self.guard)
         self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
         remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0
         self.memory_ticks = None if remembers else 0
@@ -123,8 +125,8 @@ class AssuranceStage(Stage):
         state, command = self.ahead(inputs[0]), inputs[1]
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state)
-        fx, fy, fz, mode, acted, metres, speed = filters.assure(
-            state, command, self._last, self._mode, self._step, self.guard
+        fx, fy, fz, mode, acted, metres, speed = self._assure(
+            state, command, self._last, self._mode
         )
         force = (fx, fy, fz)
         if self.memory_ticks is None:
