@@ -160,6 +160,11 @@ def test_what_cannot_be_assured_is_refused(settings, sentence):
         scenario.parse({**document, 'assurance': settings})
 
 
+def test_a_world_whose_errors_are_not_known_needs_bounds():
+    with pytest.raises(InputError, match=r'`assurance\.\w+` is missing; section `\w+` needs it'):
+        scenario.load_scenario('world_leo').equipped(Assurance())
+
+
 def test_a_corridor_that_is_too_narrow_for_the_errors_is_refused():
     way = Corridor('+y', 10.0, 1.0, 20.0)
     with pytest.raises(InputError, match='to stop between the walls takes'):

@@ -12,6 +12,7 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import sin_cos
 from rpo_core.navigation import Navigation
 from rpo_core.stage import Place, section_of
+from rpo_core.thrusters import Thrusters
 from rpo_core.validation import InputError
 from rpo_safety.kernels import Guard, speed_limit
 from rpo_safety.settings import LEAST_CHANGE, Assurance, Corridor
@@ -53,7 +54,7 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
     """Return what the proof assumes: what the section says, else what the scenario has.
 
     Raises InputError if the section assumes less than the scenario has, or says nothing where the
-    scenario has sensors or estimators whose errors are not known beforehand.
+    scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
     """
     navigation = scenario.navigation or Navigation()
     own = {
@@ -64,24 +65,29 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
         'disturbance_n': largest_n(scenario.disturbance),
         'thrust_error': _thrust_error(scenario),
     }
-    unknown = [
-        section_of(s).name
-        for s in scenario.sections
-        if section_of(s).place <= Place.ESTIMATOR and not isinstance(s, Navigation)
-    ]
     for name, bound in own.items():
-        given = getattr(settings, name)
-        if unknown and name.endswith(('error_m', 'error_m_s')):
-            if given is None:
-                raise InputError(f'`assurance.{name}` is missing; section `{unknown[0]}` needs it')
-            own[name] = given
-        elif given is not None and given < bound:
+        given, reason = getattr(settings, name), _why_unknown(name, scenario)
+        if reason and given is None:
+            raise InputError(f'`assurance.{name}` is missing; section `{reason}` needs it')
+        if not reason and given is not None and given < bound:
             raise InputError(
                 f'`assurance.{name}` must be at least {bound:.6g}, which the scenario has; '
                 f'got {given!r}'
             )
-        own[name] = own[name] if given is None else given
+        own[name] = bound if given is None else given
     return Errors(*own.values())
+
+
+def _why_unknown(name: str, scenario: Any) -> str:
+    """Return the section whose part of a bound is not known beforehand; '' if there is none."""
+    if name.startswith(('position', 'velocity')):
+        seeing = [s for s in scenario.sections if section_of(s).place <= Place.ESTIMATOR]
+        return next((section_of(s).name for s in seeing if not isinstance(s, Navigation)), '')
+    if name == 'disturbance_n':
+        return 'dynamics' if scenario.dynamics is not None else ''
+    own = scenario.thrusters
+    plain = own is None or own == Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks)
+    return '' if plain else 'thrusters'
 
 
 def _norm(values: Any) -> float:
