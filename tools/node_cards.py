@@ -150,6 +150,14 @@ CARDS = (
                        'exit code 2'),
         ('`go` without its conditions', 'refused with the reason'),
         _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'hold_points'}),
+    Card('rpo_safety', 'assurance', 'AssuranceNode', (
+        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT,
+        ('a command that would break a limit', 'is changed as little as the limit needs, or '
+         'replaced by the backup law (`filter`); `assurance_status` says so'),
+        ('a command that is not finite', 'never arrives: the plant waits for another'),
+        ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
+         'exit code 2'),
+        _SIGNAL), trial={'scenario': 'assured'}),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (

@@ -23,6 +23,7 @@ from rpo_training.commands import (
     optimal,
     plan,
     report,
+    safety,
     simulate,
     train,
     truth,
@@ -92,5 +93,6 @@ app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.KEYGEN_EXAMPLES)(log.keygen)
 app.command(epilog=log.SIGN_EXAMPLES)(log.sign)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
+app.add_typer(safety.safety, name='safety')
 app.command(epilog=report.EXAMPLES)(report.report)
 app.command(epilog=watch.EXAMPLES)(watch.watch)

@@ -24,6 +24,7 @@ from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
+from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
@@ -44,7 +45,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         ControllerNode({**named, 'controller': options.controller}),
     ]
     places = {link.place for link in Chain.of(chosen).links}
-    for kind in (NavigationNode, GuidanceNode, DisturbanceInjectorNode):
+    for kind in (NavigationNode, GuidanceNode, AssuranceNode, DisturbanceInjectorNode):
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.

@@ -123,6 +123,7 @@ class Interface:
         velocity, 9 each
     rider : name of a signal whose numbers are the covariances in the same message; '' for none
     rides : name of the signal in whose message it travels; '' for none
+    beside : name of the signal without which a run has no such events; '' for none
     """
 
     name: str
@@ -136,6 +137,7 @@ class Interface:
     covariance: bool = False
     rider: str = ''
     rides: str = ''
+    beside: str = ''
 
     @property
     def topic(self) -> str:

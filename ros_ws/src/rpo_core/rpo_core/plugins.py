@@ -14,7 +14,7 @@ import os
 
 from rpo_core.validation import InputError
 
-ROOMS = ('rpo_nav', 'rpo_guidance')
+ROOMS = ('rpo_nav', 'rpo_guidance', 'rpo_safety')
 """Packages of this stack with a module `stages`, which registers their sections."""
 
 VARIABLE = 'RPO_PLUGINS'
