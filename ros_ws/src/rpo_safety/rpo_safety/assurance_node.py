@@ -15,8 +15,8 @@ from rpo_core.chain import Signals
 from rpo_core.stage import Place
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
-from rpo_ros.running import run_node
 from rpo_ros.place_node import PlaceNode
+from rpo_ros.running import run_node
 from rpo_safety.assurance import ASSURANCE_STATUS, AssuranceStage, Decision
 
 
