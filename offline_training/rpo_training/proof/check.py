@@ -1,0 +1,392 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The independent checker of a proof: `rpo prove --check`.
+
+All cells: they cover the box, their bounds give the claims, refuting flights break their limits.
+The table: made anew, the same bits; at random cells compared with the inference in rational
+numbers. Random cells of starts: their tubes are made anew, with the same bounds; at random ticks
+the law is valid, and the next set holds the image of the set, in rational numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import files, scenario
+from rpo_core.flight import fly
+from rpo_core.validation import InputError
+from rpo_training.analysis.certificate import REFUTED
+from rpo_training.proof import cells, rest, tables, tube
+from rpo_training.proof.cells import Cell, Found, Prover
+from rpo_training.proof.claims import claims_of, limits_of, values_of
+from rpo_training.proof.exact import FLIGHT, Matrix, Row, Strip, exact, law_holds, output
+from rpo_training.proof.folder import Folder
+from rpo_training.proof.laws import Law
+from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.tube import Motion, Rest
+
+Floats = NDArray[np.float64]
+Say = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How much is checked in rational numbers, at random.
+
+    starts : cells of starts, 0: all; ticks : of each; surface : cells of the table
+    """
+
+    starts: int = 20
+    ticks: int = 10
+    surface: int = 40
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A tick of a tube, before small generators become a box.
+
+    c (n,), g (n, m), d (n,) : the set; laws (p, 4) : of its axes
+    """
+
+    number: int
+    c: Floats
+    g: Floats
+    d: Floats
+    laws: Floats
+
+
+def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: None) -> list[str]:
+    """Return what is wrong with a finished proof, a sentence each; empty: nothing was found."""
+    problem, summary = folder.problem, folder.summary()
+    table = folder.table()
+    problem.__dict__['table'] = table
+    groups = {group: folder.cells(group) for group in GROUPS}
+    found = [*_claims(problem, groups, summary), *_counterexamples(folder, summary)]
+    for group, some in groups.items():
+        say(f'{group} cells cover the box', 0, 1)
+        found += cover_faults(problem, group, some)
+    rng = np.random.default_rng(sample.seed)
+    say('the surface', 0, 1)
+    found += surface_faults(problem, table, rng, sample.surface)
+    at_rest = _rest_of(summary)
+    if at_rest is not None:
+        found += _rest(problem, at_rest)
+    for group, some in groups.items():
+        found += _tubes(problem, group, some, at_rest, rng, sample, say)
+    return found
+
+
+def _rest_of(summary: Mapping[str, Any]) -> Rest | None:
+    return None if summary['rest'] is None else Rest(**summary['rest'])
+
+
+def _claims(
+    problem: Problem, groups: Mapping[str, Found], summary: Mapping[str, Any]
+) -> Iterator[str]:
+    """Yield claims that do not follow from the bounds of the cells."""
+    written = summary['claims']
+    flown = {key: (claim['found'], tuple(claim['start'])) for key, claim in written.items()}
+    for claim in claims_of(problem, groups, _rest_of(summary), flown):
+        theirs = written.get(claim.key)
+        if theirs is None:
+            yield f'claim {claim.key}: is missing'
+        elif (theirs['bound'], theirs['verdict'], theirs['statement'], theirs['limit']) != (
+            claim.bound,
+            claim.verdict,
+            claim.statement,
+            claim.limit,
+        ):
+            yield (
+                f'claim {claim.key}: is {theirs["verdict"]} with {theirs["bound"]!r}; '
+                f'the cells say {claim.verdict} with {claim.bound!r}'
+            )
+
+
+def _counterexamples(folder: Folder, summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yield refuted claims whose flight does not break the limit."""
+    for key, claim in summary['claims'].items():
+        if claim['verdict'] != REFUTED:
+            continue
+        path = folder.path / f'counterexample_{key}.yaml'
+        breaking = files.load(path, scenario.parse)
+        if not isinstance(breaking, scenario.Scenario):
+            raise InputError(f'{path}: must be a single flight')
+        value = values_of(folder.problem, fly(breaking, folder.problem.controller))[key]
+        if value != claim['found'] or not value > claim['limit']:
+            yield f'claim {key}: its counterexample reaches {value!r}, not {claim["found"]!r}'
+
+
+def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
+    """Yield a place of the box of starts that no cell holds.
+
+    A box is held by one cell, or is cut where a cell ends, or holds a gap.
+    """
+    chosen, settings = list(GROUPS[group]), problem.settings
+    centre, half = np.array(settings.centre)[chosen], np.array(settings.half)[chosen]
+    low, high = np.nextafter(centre - half, -np.inf), np.nextafter(centre + half, np.inf)
+    low, high = np.where(half > 0.0, low, centre), np.where(half > 0.0, high, centre)
+    if problem.odd:
+        low[0] = centre[0]
+    # The edges of a cell are rounded here; it reaches further than that into its neighbours.
+    room = (np.abs(found.centre) + found.half) * 2.0**-50 * (found.half > 0.0)
+    lows, highs = found.centre - found.half + room, found.centre + found.half - room
+    todo = [(low, high, np.arange(len(lows)))]
+    while todo:
+        low, high, near = todo.pop()
+        near = near[((lows[near] <= high) & (highs[near] >= low)).all(axis=1)]
+        if ((lows[near] <= low) & (high <= highs[near])).all(axis=1).any():
+            continue
+        ends = [
+            np.unique(edge[(edge > x) & (edge < y)])
+            for edge, x, y in zip(highs[near].T, low, high, strict=True)
+        ]
+        axis = max(range(len(ends)), key=lambda i: len(ends[i]))
+        if not len(ends[axis]):
+            yield f'{group} cells: none holds all from {low.tolist()} to {high.tolist()}'
+            return
+        cut = ends[axis][len(ends[axis]) // 2]
+        left, right = high.copy(), low.copy()
+        left[axis] = right[axis] = cut
+        todo += [(low, left, near), (right, high, near)]
+
+
+def surface_faults(
+    problem: Problem, table: tables.Table, rng: np.random.Generator, count: int
+) -> Iterator[str]:
+    """Yield what the table says wrongly of the surface."""
+    made = problem.table_anew()
+    for name, theirs, ours in zip(table._fields, table, made, strict=True):
+        if name != 'fis' and not np.array_equal(theirs, ours):
+            yield f'table: `{name}` is not what the controller gives'
+            return
+    rows, columns = table.bend.shape
+    for i, j in zip(rng.integers(rows, size=count), rng.integers(columns, size=count), strict=True):
+        yield from _surface_cell(problem, table, int(i), int(j), rng)
+
+
+def _surface_cell(
+    problem: Problem, table: tables.Table, i: int, j: int, rng: np.random.Generator
+) -> Iterator[str]:
+    """Compare a cell of the table with the inference in rational numbers."""
+    limit, slack = exact(table.limit), exact(table.slack)
+    sides = exact(table.e[i : i + 2].tolist()), exact(table.w[j : j + 2].tolist())
+    one = Fraction(1)
+    ends = [[min(max(x, -one), one) for x in side] for side in sides]
+
+    def value(e: Fraction, w: Fraction) -> Fraction:
+        return output(problem.controller, e, w, limit)
+
+    least_e, most_e, least_w, most_w = (exact(float(s)) for s in table.slopes[i, j])
+    corners = [[value(e, w) for w in ends[1]] for e in ends[0]]
+    for k, line in enumerate(corners):
+        for n, u in enumerate(line):
+            if abs(u - exact(float(table.u[i + k, j + n]))) > slack:
+                yield f'table: the value at {float(ends[0][k])}, {float(ends[1][n])} is wrong'
+    for _ in range(3):
+        s, t = (exact(float(share)) for share in rng.uniform(0.01, 0.99, 2))
+        e = ends[0][0] + s * (ends[0][1] - ends[0][0])
+        w = ends[1][0] + t * (ends[1][1] - ends[1][0])
+        mean = (1 - s) * ((1 - t) * corners[0][0] + t * corners[0][1])
+        mean += s * ((1 - t) * corners[1][0] + t * corners[1][1])
+        u = value(e, w)
+        if abs(u - mean) > exact(float(table.bend[i, j])) + slack:
+            yield f'table: the bend at {float(e)}, {float(w)} is more than {table.bend[i, j]}'
+        for least, most, (low, high), axis in (
+            (least_e, most_e, ends[0], 0),
+            (least_w, most_w, ends[1], 1),
+        ):
+            small = (high - low) / 2**20
+            if small:
+                moved = value(e + small, w) if axis == 0 else value(e, w + small)
+                if not least <= (moved - u) / small <= most:
+                    yield f'table: a slope at {float(e)}, {float(w)} is out of bounds'
+
+
+def _rest(problem: Problem, at_rest: Rest) -> Iterator[str]:
+    """Yield why the set of rest is not mapped into itself, in rational numbers."""
+    radius, rate, speed = (exact(number) for number in at_rest)
+    for group in GROUPS:
+        motion = rest.motion_at_rest(problem, group)
+        c, g, d, m = rest.as_set(motion, at_rest)
+        before, after, _ = _stepped(problem, motion, 0, c, g, d, m)
+        yield from _law_faults(problem, before, f'{group} set of rest')
+        yield from step_faults(motion, before, after, f'{group} set of rest')
+        p = len(c) // 2
+        c_, g_, d_ = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
+        for i in range(p):
+            far = abs(c_[i]) + d_[i] + sum(map(abs, g_[i]))
+            fast = abs(c_[p + i] + rate * c_[i]) + d_[p + i] + rate * d_[i]
+            fast += sum(abs(y + rate * x) for x, y in zip(g_[i], g_[p + i], strict=True))
+            if far > radius or fast > speed:
+                yield f'{group} set of rest: a tick leaves it'
+
+
+def _stepped(
+    problem: Problem, motion: Motion, number: int, c: Floats, g: Floats, d: Floats, m: int
+) -> tuple[Tick, Tick, int]:
+    """Move a set by a tick with the prover's kernel; return before, after, and generators."""
+    n = len(c)
+    p = n // 2
+    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 4))
+    tube.box_of(c, g, d, m, low, high)
+    before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
+    m = tube.step(
+        problem.table, motion, number, c, g, d, m, low, high, laws, np.empty(p), np.empty(p)
+    )
+    return before, Tick(number + 1, c.copy(), g[:, : max(m, 0)].copy(), d.copy(), laws), m
+
+
+def _tubes(
+    problem: Problem,
+    group: str,
+    found: Found,
+    at_rest: Rest | None,
+    rng: np.random.Generator,
+    sample: Sample,
+    say: Say,
+) -> Iterator[str]:
+    """Yield what is wrong with the tubes of some cells."""
+    count = len(found.values)
+    chosen = rng.permutation(count)[: sample.starts or count]
+    prover = Prover(
+        problem, group, at_rest or Rest(limits_of(problem)['hold_error_per_axis_m'], 0.06, 0.0)
+    )
+    for number, k in enumerate(chosen.tolist()):
+        say(f'{group} tubes', number, len(chosen))
+        depth = int(found.column('depth')[k])
+        cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()), depth)
+        name = f'{group} cell {k}'
+        values, boxes = prover.values(cell)
+        if not np.array_equal(values, found.values[k]):
+            wrong = cells.VALUES[int((values != found.values[k]).argmax())]
+            yield f'{name}: its {wrong} is not {found.column(wrong)[k]!r}'
+        if not np.array_equal(boxes, found.boxes[k], equal_nan=True):
+            yield f'{name}: its boxes are others'
+        last = round(values[1] / problem.scenario.dt_s)
+        ticks = set(rng.integers(max(last, 1), size=sample.ticks).tolist())
+        yield from _tube(problem, prover, cell, ticks, name)
+
+
+def _tube(
+    problem: Problem, prover: Prover, cell: Cell, ticks: set[int], name: str
+) -> Iterator[str]:
+    """Yield what is wrong with some ticks of a tube."""
+    c, g, d, m = prover.start(cell)
+    kept = m
+    for number in range(max(ticks) + 1):
+        if number not in ticks:
+            low, high = np.empty(len(c)), np.empty(len(c))
+            tube.box_of(c, g, d, m, low, high)
+            p = len(c) // 2
+            m = tube.step(
+                problem.table,
+                prover.motion,
+                number,
+                c,
+                g,
+                d,
+                m,
+                low,
+                high,
+                np.empty((p, 4)),
+                np.empty(p),
+                np.empty(p),
+            )
+            m = tube.tidy(number, g, d, kept, m)
+            continue
+        where = f'{name}, tick {number}'
+        before, after, m = _stepped(problem, prover.motion, number, c, g, d, m)
+        yield from _law_faults(problem, before, where)
+        yield from step_faults(prover.motion, before, after, where)
+        m = tube.tidy(number, g, d, kept, m)
+        tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+        yield from tidy_faults(after, tidied, kept, where)
+
+
+def _law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
+    """Yield axes whose law does not hold on the set."""
+    c, g, d = exact(tick.c.tolist()), exact(tick.g.tolist()), exact(tick.d.tolist())
+    slack = exact(problem.table.slack)
+    for axis, numbers in enumerate(tick.laws.tolist()):
+        strip = Strip(c, g, d, axis)
+        if not law_holds(problem.controller, problem.table, Law(*numbers), strip, slack):
+            yield f'{where}: the law of axis {axis} does not hold'
+
+
+def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterator[str]:
+    """Yield components in which the next set does not hold the image of the set."""
+    a, b = exact(motion.a.tolist()), exact(motion.b.tolist())
+    c, g, d = exact(before.c.tolist()), exact(before.g.tolist()), exact(before.d.tolist())
+    new_c, new_g, new_d = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
+    laws = exact(before.laws.tolist())
+    n, m = len(c), len(g[0])
+    p = n // 2
+    constant = exact(motion.constant[before.number].tolist())
+    carried = exact(motion.carried[before.number].tolist())
+    any_n, mass = exact(motion.any_n), exact(motion.mass)
+    closed: Matrix = [list(row) for row in a]
+    for k in range(n):
+        for i in range(p):
+            closed[k][i] += b[k][i] * laws[i][0]
+            closed[k][p + i] += b[k][i] * laws[i][1]
+    sizes = [abs(c[i]) + d[i] + sum(map(abs, g[i])) for i in range(n)]
+    command = [laws[i][2] + laws[i][0] * c[i] + laws[i][1] * c[p + i] for i in range(p)]
+    spread = [_spread(laws[i], c, g, d, i) for i in range(p)]
+    pushed = [sum((abs(column[i]) for column in carried), Fraction(0)) for i in range(p)]
+    rho = [laws[i][3] + any_n + mass * (spread[i] + pushed[i] + any_n) for i in range(p)]
+    for k in range(n):
+        centre = sum(closed[k][i] * c[i] for i in range(n))
+        centre += sum(b[k][i] * (laws[i][2] + constant[i]) for i in range(p))
+        gap = abs(new_c[k] - centre) + sum(abs(closed[k][i]) * d[i] for i in range(n))
+        for j in range(m):
+            image = sum(closed[k][i] * g[i][j] for i in range(n))
+            if j < len(carried):
+                image += sum(b[k][i] * carried[j][i] for i in range(p))
+                if mass and j == len(carried) - 1:
+                    image += sum(b[k][i] * mass * (command[i] + constant[i]) for i in range(p))
+            gap += abs(new_g[k][j] - image)
+        gap += sum(abs(abs(new_g[k][m + i]) - abs(b[k][i]) * rho[i]) for i in range(p))
+        terms = sum(abs(a[k][i]) * sizes[i] for i in range(n))
+        terms += sum(
+            abs(b[k][i]) * (abs(command[i]) + spread[i] + abs(constant[i]) + pushed[i] + any_n)
+            for i in range(p)
+        )
+        if gap + FLIGHT * terms > new_d[k]:
+            yield f'{where}: the next set does not hold the image, component {k}'
+
+
+def _spread(law: Row, c: Row, g: Matrix, d: Row, axis: int) -> Fraction:
+    """Return the half-width of the command of an axis over a set."""
+    p = len(c) // 2
+    found = law[3] + abs(law[0]) * d[axis] + abs(law[1]) * d[p + axis]
+    pairs = zip(g[axis], g[p + axis], strict=True)
+    return Fraction(found + sum(abs(law[0] * x + law[1] * y) for x, y in pairs))
+
+
+def tidy_faults(before: Tick, after: Tick, kept: int, where: str) -> Iterator[str]:
+    """Yield components in which fewer generators hold less."""
+    old, new = exact(before.g.T.tolist()), exact(after.g.T.tolist())
+    if old[:kept] != new[:kept]:
+        yield f'{where}: a generator that is carried along has changed'
+        return
+    n, left = len(before.c), [tuple(column) for column in new]
+    boxed = [exact(float(x)) for x in before.d]
+    for column in map(tuple, old):
+        if column in left:
+            left.remove(column)
+        else:
+            boxed = [x + abs(y) for x, y in zip(boxed, column, strict=True)]
+    for k in range(n):
+        room = exact(float(after.d[k])) + sum(
+            (abs(column[k]) for column in left if not any(column[:k] + column[k + 1 :])),
+            Fraction(0),
+        )
+        if boxed[k] > room:
+            yield f'{where}: fewer generators hold less, component {k}'
