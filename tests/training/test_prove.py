@@ -145,8 +145,7 @@ def test_rounding_of_a_cell_leaves_no_gap():
         found = cells.Found(
             np.array([c.centre for c in (some[0], *halved)]),
             np.array([c.half for c in (some[0], *halved)]),
-            np.empty((0, 0)),
-            np.empty((0, 0)),
+            *3 * [np.empty((0, 0))],
         )
         assert not list(check.cover_faults(problem, group, found))
         fewer = replace(found, centre=found.centre[:-1], half=found.half[:-1])

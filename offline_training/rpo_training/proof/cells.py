@@ -35,14 +35,17 @@ WIDEST = (8.0, 1.0)
 OVERLAP = 2.0**-48
 """Share of its place and width by which a cell reaches into its neighbours."""
 
+FINER = 4.0
+"""Vertical cells are so much smaller: they are few, and add to what all planar ones have."""
+
 VALUES = (
     'depth',
     'last_s',
     'rest_s',
     'hold_error_m',
     'hold_speed_m_s',
-    'mean_square_error_m2',
-    'mean_square_speed_m2_s2',
+    'mean_error_m',
+    'mean_speed_m_s',
     'slew_n_s',
     'force_n',
     'speed_m_s',
@@ -53,7 +56,8 @@ VALUES = (
 """Columns of what is known of a cell. Bounds of all states, commands and axes of its tube.
 
 last_s, rest_s : end of the tube; time from which it is inside the set of rest, infinite if never
-hold : from the time of hold until rest; mean square : of the norm, over the scenario's window
+hold : from the time of hold until rest; mean : of the norm, over the scenario's window, whatever
+the vertical start of a planar cell
 slew : of the scenario's time; arrival : after it every axis is within 0.5 m, infinite if never
 """
 
@@ -67,15 +71,12 @@ class Cell(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """What a cell's tube should show; infinite: not asked for.
-
-    mean squares : what the other group leaves of the limit of the norm
-    """
+    """What a cell's tube should show; infinite: not asked for."""
 
     hold_error_m: float
     hold_speed_m_s: float
-    mean_square_error_m2: float
-    mean_square_speed_m2_s2: float
+    mean_error_m: float
+    mean_speed_m_s: float
 
 
 @dataclass(frozen=True)
@@ -83,12 +84,15 @@ class Found:
     """Cells of a unit, with what their tubes say.
 
     centre, half : (k, n); values : (k, len(VALUES)); boxes : (k, checkpoints, 2, n) low, high
+    tail : (2, ticks of the window) greatest square of the norms of position and velocity of any
+        cell at each tick
     """
 
     centre: Floats
     half: Floats
     values: Floats
     boxes: Floats
+    tail: Floats
 
     def column(self, name: str) -> Floats:
         """Return a column of values (k,)."""
@@ -102,6 +106,7 @@ def roots(problem: Problem, group: str) -> list[Cell]:
     for place, i in enumerate(chosen):
         centre, half = settings.centre[i], settings.half[i]
         size = settings.cell_m if i < 3 else settings.cell_m_s
+        size = size / FINER if group == 'vertical' else size
         low = centre - half
         if problem.odd and place == 0:
             low, half = centre, half / 2
@@ -135,11 +140,15 @@ class Prover(threading.local):
     """Moves the sets of a group; one for each thread.
 
     rest : where tubes end
+    above : (2, ticks of the window) squares of norms of the other group, which add to these
     """
 
-    def __init__(self, problem: Problem, group: str, rest: Rest) -> None:
+    def __init__(
+        self, problem: Problem, group: str, rest: Rest, above: Floats | None = None
+    ) -> None:
         self.problem, self.group, self.rest = problem, group, rest
         self.windows: Windows = windows_of(problem.scenario)
+        self.above = np.zeros((2, self.windows.tail)) if above is None else above
         self.ticks = LONGER * max(problem.hold_tick, problem.scenario.ticks)
         if not problem.undisturbed:
             self.ticks = problem.scenario.ticks
@@ -152,7 +161,7 @@ class Prover(threading.local):
             np.zeros((self.ticks, p)),
             np.zeros((self.ticks, p)),
             np.zeros((self.ticks, p)),
-            np.zeros((self.ticks, p, 4)),
+            np.zeros((self.ticks, p, 6)),
         )
 
     def start(self, cell: Cell) -> tuple[Floats, Floats, Floats, int]:
@@ -186,25 +195,26 @@ class Prover(threading.local):
         )
         return int(last), int(resting)
 
-    def values(self, cell: Cell) -> tuple[Floats, Floats]:
-        """Return the row of a cell, and the boxes at its checkpoints."""
+    def values(self, cell: Cell) -> tuple[Floats, Floats, Floats]:
+        """Return the row of a cell, the boxes at its checkpoints, and its tail."""
         last, resting = self.fly(cell)
         t, dt, p = self.trace, self.problem.scenario.dt_s, len(cell.centre) // 2
         size = np.maximum(-t.low[: last + 1], t.high[: last + 1])
         judged, hold = self.windows.ticks, self.problem.hold_tick
-        row = np.full(len(VALUES), np.inf)
+        row, squares = np.full(len(VALUES), np.inf), np.full(self.above.shape, np.inf)
         row[:3] = cell.depth, last * dt, resting * dt if resting >= 0 else np.inf
         if last >= max(judged, hold):
             late = size[hold:]
-            tail = size[judged - self.windows.tail + 1 : judged + 1]
+            tail = size[judged - self.windows.tail + 1 : judged + 1] ** 2
+            squares = np.stack([tail[:, :p].sum(axis=1), tail[:, p:].sum(axis=1)]) * (1.0 + 1e-12)
+            means = np.sqrt(squares + self.above).mean(axis=1)
             commands = np.maximum(-t.force_low[:judged], t.force_high[:judged])
             least = np.maximum(np.maximum(t.force_low[:judged], -t.force_high[:judged]), 0.0)
             outside = np.flatnonzero((size[:, :p] > 0.5).any(axis=1))
             row[3:] = (
                 late[:, :p].max(),
                 late[:, p:].max(),
-                (tail[:, :p] ** 2).sum(axis=1).mean(),
-                (tail[:, p:] ** 2).sum(axis=1).mean(),
+                *means,
                 t.slew[: judged - 1].max(),
                 commands.max(),
                 size[: judged + 1, p:].max(),
@@ -220,28 +230,30 @@ class Prover(threading.local):
         shown = min(count, last // every + 1)
         for side, values in enumerate((t.low, t.high)):
             boxes[:shown, side] = values[: last + 1 : every][:shown]
-        return row, boxes
+        return row, boxes, squares
 
     def prove(self, cells: list[Cell], targets: Targets) -> Found:
         """Return the cells, halved where a target is missed, with what is known of them."""
         names = [VALUES.index(name) for name in Targets._fields]
-        rows, boxes, done = [], [], []
+        rows, boxes, tails, done = [], [], [], []
         todo = list(reversed(cells))
         while todo:
             cell = todo.pop()
-            row, box = self.values(cell)
+            row, box, squares = self.values(cell)
             reached = self.arrived(row) and bool((row[names] <= np.array(targets)).all())
             if not reached and cell.depth < DEEPEST:
                 todo += reversed(list(halves(cell)))
                 continue
             rows.append(row)
             boxes.append(box)
+            tails.append(squares)
             done.append(cell)
         return Found(
             np.array([cell.centre for cell in done]),
             np.array([cell.half for cell in done]),
             np.array(rows),
             np.array(boxes),
+            np.max(tails, axis=0),
         )
 
     def arrived(self, row: Floats) -> bool:

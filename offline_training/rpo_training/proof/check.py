@@ -24,7 +24,7 @@ from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import REFUTED
 from rpo_training.proof import cells, rest, tables, tube
 from rpo_training.proof.cells import Cell, Found, Prover
-from rpo_training.proof.claims import claims_of, limits_of, values_of
+from rpo_training.proof.claims import claims_of, nowhere, values_of
 from rpo_training.proof.exact import FLIGHT, Matrix, Row, Strip, exact, law_holds, output
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.laws import Law
@@ -78,8 +78,9 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     at_rest = _rest_of(summary)
     if at_rest is not None:
         found += _rest(problem, at_rest)
-    for group, some in groups.items():
-        found += _tubes(problem, group, some, at_rest, rng, sample, say)
+    for group, above in (('vertical', None), ('planar', groups['vertical'].tail)):
+        prover = Prover(problem, group, at_rest or nowhere(problem), above)
+        found += _tubes(prover, groups[group], rng, sample, say)
     return found
 
 
@@ -234,7 +235,7 @@ def _stepped(
     """Move a set by a tick with the prover's kernel; return before, after, and generators."""
     n = len(c)
     p = n // 2
-    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 4))
+    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
     tube.box_of(c, g, d, m, low, high)
     before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
     m = tube.step(
@@ -244,26 +245,19 @@ def _stepped(
 
 
 def _tubes(
-    problem: Problem,
-    group: str,
-    found: Found,
-    at_rest: Rest | None,
-    rng: np.random.Generator,
-    sample: Sample,
-    say: Say,
+    prover: Prover, found: Found, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
-    count = len(found.values)
+    problem, group, count = prover.problem, prover.group, len(found.values)
     chosen = rng.permutation(count)[: sample.starts or count]
-    prover = Prover(
-        problem, group, at_rest or Rest(limits_of(problem)['hold_error_per_axis_m'], 0.06, 0.0)
-    )
     for number, k in enumerate(chosen.tolist()):
         say(f'{group} tubes', number, len(chosen))
         depth = int(found.column('depth')[k])
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()), depth)
         name = f'{group} cell {k}'
-        values, boxes = prover.values(cell)
+        values, boxes, tail = prover.values(cell)
+        if not (tail <= found.tail).all():
+            yield f'{name}: its norms exceed those of the group'
         if not np.array_equal(values, found.values[k]):
             wrong = cells.VALUES[int((values != found.values[k]).argmax())]
             yield f'{name}: its {wrong} is not {found.column(wrong)[k]!r}'
@@ -295,7 +289,7 @@ def _tube(
                 m,
                 low,
                 high,
-                np.empty((p, 4)),
+                np.empty((p, 6)),
                 np.empty(p),
                 np.empty(p),
             )
@@ -316,7 +310,7 @@ def _law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
     slack = exact(problem.table.slack)
     for axis, numbers in enumerate(tick.laws.tolist()):
         strip = Strip(c, g, d, axis)
-        if not law_holds(problem.controller, problem.table, Law(*numbers), strip, slack):
+        if not law_holds(problem.controller, problem.table, Law(*numbers[:4]), strip, slack):
             yield f'{where}: the law of axis {axis} does not hold'
 
 

@@ -61,13 +61,11 @@ def limits_of(problem: Problem) -> dict[str, float]:
     return found
 
 
-def _norm_of_axes(*names: str) -> Callable[[Groups], Floats]:
-    """Return the bound of a mean norm: by Jensen the mean is at most the root of mean squares."""
+def _planar(name: str) -> Callable[[Groups], Floats]:
+    """Return the bound of each planar cell, in which every vertical start is counted."""
 
     def bounds(groups: Groups) -> Floats:
-        (name,) = names
-        above = float(groups['vertical'].column(name).max())
-        return np.asarray(np.sqrt(groups['planar'].column(name) + above))
+        return groups['planar'].column(name)
 
     return bounds
 
@@ -93,8 +91,8 @@ def _sum(name: str) -> Callable[[Groups], Floats]:
 BOUNDS: dict[str, Callable[[Groups], Floats]] = {
     HOLD: _per_axis('hold_error_m'),
     'hold_speed_per_axis_m_s': _per_axis('hold_speed_m_s'),
-    'mean_error_norm_m': _norm_of_axes('mean_square_error_m2'),
-    'mean_speed_norm_m_s': _norm_of_axes('mean_square_speed_m2_s2'),
+    'mean_error_norm_m': _planar('mean_error_m'),
+    'mean_speed_norm_m_s': _planar('mean_speed_m_s'),
     'slew_per_axis_n_s': _per_axis('slew_n_s'),
     'energy_n2s': _sum('energy_high_n2s'),
 }
@@ -147,6 +145,11 @@ def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
     if rest is None or rest.radius_m > limits_of(problem)[HOLD]:
         return False
     return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
+
+
+def nowhere(problem: Problem) -> Rest:
+    """Return an empty set of rest, for tubes that fly on to the end."""
+    return Rest(limits_of(problem)[HOLD], 0.06, 0.0)
 
 
 def worst(claims: Sequence[Claim]) -> str:

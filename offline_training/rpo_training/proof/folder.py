@@ -41,6 +41,7 @@ TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
 _ARRAYS = ('e', 'w', 'u', 'bend', 'slopes')
 _FOUND = ('centre', 'half', 'values', 'boxes')
+_TAIL = 'tail'
 
 
 def code_digest() -> str:
@@ -138,7 +139,7 @@ class Folder:
         if not path.is_file():
             return None
         try:
-            return Found(**read_arrays(path, *_FOUND))
+            return Found(**read_arrays(path, *_FOUND, _TAIL))
         except InputError:
             return None
 
@@ -148,7 +149,7 @@ class Folder:
 
     def cells(self, group: str) -> Found:
         """Return all cells of a finished proof."""
-        found = Found(**read_arrays(self.path / f'{group}.npz', *_FOUND))
+        found = Found(**read_arrays(self.path / f'{group}.npz', *_FOUND, _TAIL))
         n = len(GROUPS[group])
         if found.centre.shape != (len(found.values), n) or found.values.shape[1] != len(VALUES):
             raise InputError(f'{self.path / group}.npz: must have rows of {n} and {len(VALUES)}')
@@ -184,4 +185,5 @@ def _scales(problem: Problem) -> dict[str, float]:
 def joined(parts: Iterable[Found]) -> Found:
     """Return the cells of all units."""
     found = list(parts)
-    return Found(*(np.concatenate([getattr(p, name) for p in found]) for name in _FOUND))
+    joint = {name: np.concatenate([getattr(p, name) for p in found]) for name in _FOUND}
+    return Found(**joint, tail=np.max([p.tail for p in found], axis=0))

@@ -97,7 +97,7 @@ def suspects(problem: Problem, groups: Groups, key: str, count: int, seed: int) 
     rng = np.random.default_rng(seed)
     planar, vertical = groups['planar'], groups['vertical']
     order = np.argsort(BOUNDS[key](groups))[::-1]
-    column = {'slew_per_axis_n_s': 'slew_n_s'}.get(key, 'mean_square_error_m2')
+    column = {'slew_per_axis_n_s': 'slew_n_s'}.get(key, 'mean_error_m')
     above = int(vertical.column(column).argmax())
     for number in range(count):
         cell = order[(number // 4) % len(order)]

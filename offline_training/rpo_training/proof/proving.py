@@ -10,9 +10,10 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core import scenario as scenarios
 from rpo_core.scenario import Scenario
@@ -21,7 +22,7 @@ from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import probing
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import HOLD, Claim, claims_of, limits_of
+from rpo_training.proof.claims import HOLD, Claim, claims_of, limits_of, nowhere
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import Problem
 from rpo_training.proof.rest import rest_of
@@ -36,6 +37,16 @@ PROBES, SUSPECTS = 200, 200
 SEED = 1
 
 Progress = Callable[[str, int, int], None]
+
+
+class Work(NamedTuple):
+    """The cells of a group that are to be proven; see `Prover`."""
+
+    problem: Problem
+    group: str
+    rest: Rest
+    targets: Targets
+    above: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True)
@@ -62,13 +73,15 @@ def prove(folder: Folder, workers: int, address: str, progress: Progress) -> Out
     limits = limits_of(problem)
     speed = limits.get('hold_speed_per_axis_m_s')
     rest = rest_of(problem, limits[HOLD], speed)
-    asked = rest or Rest(limits[HOLD], 0.06, 0.0)
+    asked = rest or nowhere(problem)
     flown = probing.probe(problem, probing.anywhere(problem, PROBES, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
     groups: dict[str, Found] = {}
+    targets, above = targets_of(problem, refuted), None
     for group in ('vertical', 'planar'):
-        targets = targets_of(problem, group, groups, refuted)
-        groups[group] = _cells(folder, group, asked, targets, workers, address, progress)
+        work = Work(problem, group, asked, targets, above)
+        groups[group] = _cells(folder, work, workers, address, progress)
+        above = groups[group].tail
     flown = _suspected(problem, groups, rest, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
     claims = claims_of(problem, groups, rest, values)
@@ -80,30 +93,11 @@ def prove(folder: Folder, workers: int, address: str, progress: Progress) -> Out
     return outcome
 
 
-def targets_of(
-    problem: Problem, group: str, groups: dict[str, Found], refuted: set[str]
-) -> Targets:
-    """Return what the tubes of a group should show; nothing of what is refuted already.
-
-    The vertical group may take a third of a mean square, the planar one what is left of it.
-    """
+def targets_of(problem: Problem, refuted: set[str]) -> Targets:
+    """Return what tubes should show; nothing of what is refuted already."""
     limits = {k: v for k, v in limits_of(problem).items() if k not in refuted}
-
-    def square(key: str, column: str) -> float:
-        if key not in limits:
-            return np.inf
-        whole = limits[key] ** 2
-        if group == 'vertical':
-            return whole / 3.0
-        left = whole * (1.0 - 1e-9) - float(groups['vertical'].column(column).max())
-        return left if left > 0.0 else np.inf
-
-    return Targets(
-        limits.get(HOLD, np.inf),
-        limits.get('hold_speed_per_axis_m_s', np.inf),
-        square('mean_error_norm_m', 'mean_square_error_m2'),
-        square('mean_speed_norm_m_s', 'mean_square_speed_m2_s2'),
-    )
+    keys = (HOLD, 'hold_speed_per_axis_m_s', 'mean_error_norm_m', 'mean_speed_norm_m_s')
+    return Targets(*(limits.get(key, np.inf) for key in keys))
 
 
 def _suspected(
@@ -123,25 +117,16 @@ def _suspected(
     return flown
 
 
-def _cells(
-    folder: Folder,
-    group: str,
-    rest: Rest,
-    targets: Targets,
-    workers: int,
-    address: str,
-    progress: Progress,
-) -> Found:
+def _cells(folder: Folder, work: Work, workers: int, address: str, progress: Progress) -> Found:
     """Return all cells of a group; those of finished units are read."""
-    cells = roots(folder.problem, group)
+    group, cells = work.group, roots(work.problem, work.group)
     units = [cells[first : first + UNIT] for first in range(0, len(cells), UNIT)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
     pending = [unit for unit, found in parts.items() if found is None]
     finished = len(units) - len(pending)
     progress(f'{group} cells', finished * UNIT, len(cells))
     make = _on_cluster if address else _on_threads
-    source = make(folder.problem, group, rest, targets, units, pending, workers, address)
-    for unit, found in source:
+    for unit, found in make(work, units, pending, workers, address):
         folder.put(group, unit, found)
         parts[unit] = found
         finished += 1
@@ -153,23 +138,17 @@ Source = Iterator[tuple[int, Found]]
 
 
 def _on_threads(
-    problem: Problem,
-    group: str,
-    rest: Rest,
-    targets: Targets,
-    units: Sequence[list[Cell]],
-    pending: Sequence[int],
-    workers: int,
-    _: str,
+    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
 ) -> Source:
     """Yield units as they are finished."""
-    prover = Prover(problem, group, rest)
-    executor = ThreadPoolExecutor(workers or len(os.sched_getaffinity(0)), 'rpo-prove')
+    prover = Prover(work.problem, work.group, work.rest, work.above)
+    workers = workers or len(os.sched_getaffinity(0))
+    executor = ThreadPoolExecutor(workers, 'rpo-prove')
     todo, under_way = iter(pending), dict[Future[Found], int]()
     try:
         while True:
-            for unit in islice(todo, 2 * executor._max_workers - len(under_way)):
-                under_way[executor.submit(prover.prove, units[unit], targets)] = unit
+            for unit in islice(todo, 2 * workers - len(under_way)):
+                under_way[executor.submit(prover.prove, units[unit], work.targets)] = unit
             if not under_way:
                 return
             done, _pending = wait(under_way, return_when=FIRST_COMPLETED)
@@ -180,29 +159,30 @@ def _on_threads(
 
 
 @lru_cache(maxsize=2)
-def _prover(texts: tuple[str, str, str], group: str, rest: Rest) -> Prover:
-    return Prover(Problem.of_texts(texts), group, rest)
+def _prover(texts: tuple[str, str, str], group: str, rest: Rest, above: bytes | None) -> Prover:
+    tail = None if above is None else np.frombuffer(above).reshape(2, -1)
+    return Prover(Problem.of_texts(texts), group, rest, tail)
 
 
 def prove_remote(
-    texts: tuple[str, str, str], group: str, rest: Rest, cells: list[Cell], targets: Targets
+    texts: tuple[str, str, str],
+    group: str,
+    rest: Rest,
+    above: bytes | None,
+    cells: list[Cell],
+    targets: Targets,
 ) -> Found:
     """Prove a unit on a worker."""
-    return _prover(texts, group, rest).prove(cells, targets)
+    return _prover(texts, group, rest, above).prove(cells, targets)
 
 
 def _on_cluster(
-    problem: Problem,
-    group: str,
-    rest: Rest,
-    targets: Targets,
-    units: Sequence[list[Cell]],
-    pending: Sequence[int],
-    workers: int,
-    address: str,
+    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
 ) -> Source:
     """Yield units as they come in."""
-    calls = ((unit, (problem.texts, group, rest, units[unit], targets)) for unit in pending)
+    above = None if work.above is None else work.above.tobytes()
+    same = work.problem.texts, work.group, work.rest, above
+    calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
     with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
         yield from pool.results(client, prove_remote, calls)
 

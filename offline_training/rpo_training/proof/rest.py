@@ -46,7 +46,7 @@ def stays(problem: Problem, group: str, rest: Rest) -> bool:
     """Whether a tick maps the set of rest into itself."""
     motion = motion_at_rest(problem, group)
     c, g, d, m = as_set(motion, rest)
-    low, high, laws = np.empty(len(c)), np.empty(len(c)), np.empty((len(c) // 2, 4))
+    low, high, laws = np.empty(len(c)), np.empty(len(c)), np.empty((len(c) // 2, 6))
     force_low, force_high = np.empty(len(c) // 2), np.empty(len(c) // 2)
     box_of(c, g, d, m, low, high)
     m = step(problem.table, motion, 0, c, g, d, m, low, high, laws, force_low, force_high)

@@ -33,67 +33,100 @@ class Drift(NamedTuple):
     dt_s: float
 
 
-@compiled
-def slew_of(
-    table: Table, drift: Drift, r0: float, r1: float, v0: float, v1: float, f0: float, f1: float
-) -> float:
-    """Return a bound [N/s] of |F+ - F| / dt of an axis.
+class Strip(NamedTuple):
+    """Where an axis may be: |r' - r| <= half_m [m], |v' - v - tilt (r' - r)| <= half [m/s]."""
 
-    r0, r1 [m], v0, v1 [m/s] : box that holds both states; f0, f1 : force of the first [N]
+    r: float
+    v: float
+    half_m: float
+    tilt: float
+    half: float
+
+
+@compiled
+def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float) -> float:
+    """Return a bound [N/s] of |F+ - F| / dt of an axis that starts in a strip.
+
+    f0, f1 : least and greatest force of the start [N]
     """
-    e0, e1 = -r1 / table.position_m, -r0 / table.position_m
-    w0, w1 = -v1 / table.velocity_m_s, -v0 / table.velocity_m_s
-    e0, e1 = e0 - abs(e0) * TINY, e1 + abs(e1) * TINY
-    w0, w1 = w0 - abs(w0) * TINY, w1 + abs(w1) * TINY
-    if not (e0 > table.e[0] and e1 < table.e[-1] and w0 > table.w[0] and w1 < table.w[-1]):
-        return 1e300
-    i0, i1 = cell_of(table.e, e0), cell_of(table.e, e1)
-    j0, j1 = cell_of(table.w, w0), cell_of(table.w, w1)
-    steep_e, steep_w = 0.0, 0.0
-    for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            s = table.slopes[i, j]
-            steep_e = max(steep_e, -s[0], s[1])
-            steep_w = max(steep_w, -s[2], s[3])
+    reach = abs(strip.tilt) * strip.half_m
     pull = max(abs(drift.low + drift.push * f0), abs(drift.low + drift.push * f1))
     pull = max(pull, abs(drift.high + drift.push * f0), abs(drift.high + drift.push * f1))
     change_v = drift.dt_s * pull
-    change_r = drift.dt_s * (max(abs(v0), abs(v1)) + drift.bend_m_s)
+    fastest = abs(strip.v) + reach + strip.half + change_v
+    change_r = drift.dt_s * (fastest + drift.bend_m_s)
+    # The strip that holds the segments between both states, in normalised errors.
+    e, w = -strip.r / table.position_m, -strip.v / table.velocity_m_s
+    half_e = (strip.half_m + change_r) / table.position_m + TINY * (1.0 + abs(e))
+    tilt = strip.tilt * table.position_m / table.velocity_m_s
+    half_w = strip.half + change_v + abs(strip.tilt) * change_r
+    half_w = half_w / table.velocity_m_s + TINY * (1.0 + abs(w) + abs(tilt) * (abs(e) + half_e))
+    if not (abs(e) + half_e < table.e[-1] and abs(w) + abs(tilt) * half_e + half_w < table.w[-1]):
+        return 1e300
+    i0, i1 = cell_of(table.e, e - half_e), cell_of(table.e, e + half_e)
+    steep_e, steep_w = 0.0, 0.0
+    for i in range(i0, i1 + 1):
+        w0, w1 = _column(table, i, e, w, half_e, tilt, half_w)
+        for j in range(cell_of(table.w, w0), cell_of(table.w, w1) + 1):
+            s = table.slopes[i, j]
+            steep_e = max(steep_e, -s[0], s[1])
+            steep_w = max(steep_w, -s[2], s[3])
     change_u = steep_e * change_r / table.position_m + steep_w * change_v / table.velocity_m_s
     change_e = (0.5 * change_v + drift.bend_m_s) / table.position_m
     most = 0.0
     for i in range(i0, i1 + 1):
-        for j in range(j0, j1 + 1):
-            s, bend = table.slopes[i, j], table.bend[i, j] + change_u + table.slack
-            low = (
-                min(
-                    min(table.u[i, j], table.u[i + 1, j]),
-                    min(table.u[i, j + 1], table.u[i + 1, j + 1]),
-                )
-                - bend
-            )
-            high = (
-                max(
-                    max(table.u[i, j], table.u[i + 1, j]),
-                    max(table.u[i, j + 1], table.u[i + 1, j + 1]),
-                )
-                + bend
-            )
-            force_low = max(f0, table.force_n * low)
-            force_high = min(f1, table.force_n * high)
-            if force_low > force_high:  # no state of the set starts here
-                continue
-            ratio = table.velocity_m_s / table.position_m
-            e_low = max(w0, table.w[j]) * ratio - change_e
-            e_high = min(w1, table.w[j + 1]) * ratio + change_e
-            w_low = -(drift.high + drift.push * force_high) / table.velocity_m_s
-            w_high = -(drift.low + drift.push * force_low) / table.velocity_m_s
-            rise = max(max(s[0] * e_low, s[0] * e_high), max(s[1] * e_low, s[1] * e_high))
-            rise += max(max(s[2] * w_low, s[2] * w_high), max(s[3] * w_low, s[3] * w_high))
-            fall = min(min(s[0] * e_low, s[0] * e_high), min(s[1] * e_low, s[1] * e_high))
-            fall += min(min(s[2] * w_low, s[2] * w_high), min(s[3] * w_low, s[3] * w_high))
-            most = max(most, rise, -fall)
+        w0, w1 = _column(table, i, e, w, half_e, tilt, half_w)
+        for j in range(cell_of(table.w, w0), cell_of(table.w, w1) + 1):
+            low, high = max(w0, table.w[j]), min(w1, table.w[j + 1])
+            rate = _rate(table, drift, i, j, low, high, f0, f1, change_u, change_e)
+            most = max(most, rate)
     return (most * (1.0 + TINY) + 2.0 * table.slack / drift.dt_s) * table.force_n
+
+
+@compiled
+def _column(
+    table: Table, i: int, e: float, w: float, half_e: float, tilt: float, half_w: float
+) -> tuple[float, float]:
+    """Return the least and greatest velocity error of a strip in row i of the table."""
+    left, right = max(e - half_e, table.e[i]), min(e + half_e, table.e[i + 1])
+    w0, w1 = w + tilt * (left - e), w + tilt * (right - e)
+    return min(w0, w1) - half_w, max(w0, w1) + half_w
+
+
+@compiled
+def _rate(
+    table: Table,
+    drift: Drift,
+    i: int,
+    j: int,
+    w0: float,
+    w1: float,
+    f0: float,
+    f1: float,
+    change_u: float,
+    change_e: float,
+) -> float:
+    """Return a bound [1/s] of the rate of the output in a cell, from w0 to w1; 0: none is there."""
+    bend = table.bend[i, j] + change_u + table.slack
+    u00, u01, u10, u11 = (
+        table.u[i, j],
+        table.u[i, j + 1],
+        table.u[i + 1, j],
+        table.u[i + 1, j + 1],
+    )
+    force_low = max(f0, table.force_n * (min(min(u00, u01), min(u10, u11)) - bend))
+    force_high = min(f1, table.force_n * (max(max(u00, u01), max(u10, u11)) + bend))
+    if force_low > force_high:
+        return 0.0
+    s, ratio = table.slopes[i, j], table.velocity_m_s / table.position_m
+    e_low, e_high = w0 * ratio - change_e, w1 * ratio + change_e
+    w_low = -(drift.high + drift.push * force_high) / table.velocity_m_s
+    w_high = -(drift.low + drift.push * force_low) / table.velocity_m_s
+    rise = max(max(s[0] * e_low, s[0] * e_high), max(s[1] * e_low, s[1] * e_high))
+    rise += max(max(s[2] * w_low, s[2] * w_high), max(s[3] * w_low, s[3] * w_high))
+    fall = min(min(s[0] * e_low, s[0] * e_high), min(s[1] * e_low, s[1] * e_high))
+    fall += min(min(s[2] * w_low, s[2] * w_high), min(s[3] * w_low, s[3] * w_high))
+    return max(rise, -fall, 0.0)
 
 
 @compiled

@@ -15,7 +15,7 @@ import numpy as np
 
 from rpo_training.engine.lanes import compiled
 from rpo_training.proof.laws import law_of
-from rpo_training.proof.slew import drift_of, slew_of
+from rpo_training.proof.slew import Strip, drift_of, slew_of
 from rpo_training.proof.tables import Table
 
 ROUND = 2.0**-44
@@ -62,7 +62,7 @@ class Trace(NamedTuple):
     low, high : (N+1, n) box of the states
     force_low, force_high : (N, p) commanded force [N]
     slew : (N, p) bound of the change of the command until the next tick [N/s]
-    laws : (N, p, 4) k_r, k_v, k_0, rho
+    laws : (N, p, 6) k_r, k_v, k_0, rho; tilt and half-width of the strip that they hold on
     """
 
     low: Any
@@ -93,7 +93,7 @@ def box_of(c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> None:
 
 
 @compiled
-def strip(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
+def strip_of(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
     """Return tilt [1/s] and half-width [m/s] of a strip in r, v that holds the set.
 
     Every v - tilt r of the set is within the half-width of that of its middle; the tilt is the one
@@ -158,7 +158,7 @@ def step(
 ) -> int:
     """Move a set by one tick; return the number of its generators, -1 if a law is missing.
 
-    low, high : box of the set; laws (p, 4), force_low, force_high (p,) : filled
+    low, high : box of the set; laws (p, 6), force_low, force_high (p,) : filled
     """
     n = len(c)
     p = n // 2
@@ -168,8 +168,10 @@ def step(
     closed = motion.a.copy()
     size = np.zeros(n)
     for i in range(p):
-        tilt, half = strip(g, d, m, i, p + i)
-        law = law_of(table, low[i], high[i], c[p + i], tilt, half + ROUND * abs(c[p + i]))
+        tilt, half = strip_of(g, d, m, i, p + i)
+        half += ROUND * abs(c[p + i])
+        law = law_of(table, low[i], high[i], c[p + i], tilt, half)
+        laws[i, 4], laws[i, 5] = tilt, half
         if law.rho < 0.0:
             return -1
         laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3] = law.k_r, law.k_v, law.k_0, law.rho
@@ -362,13 +364,11 @@ def _slew(table: Table, motion: Motion, tick: int, trace: Trace) -> None:
         other = max(other, other + motion.mass * max(abs(f0[i]), abs(f1[i])))
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
-        trace.slew[tick, i] = slew_of(
-            table,
-            drift,
-            min(low[i], trace.low[tick + 1, i]),
-            max(high[i], trace.high[tick + 1, i]),
-            min(low[p + i], trace.low[tick + 1, p + i]),
-            max(high[p + i], trace.high[tick + 1, p + i]),
-            f0[i],
-            f1[i],
+        strip = Strip(
+            0.5 * (low[i] + high[i]),
+            0.5 * (low[p + i] + high[p + i]),
+            0.5 * (high[i] - low[i]) * (1.0 + ROUND),
+            trace.laws[tick, i, 4],
+            trace.laws[tick, i, 5],
         )
+        trace.slew[tick, i] = slew_of(table, drift, strip, f0[i], f1[i])
