@@ -68,33 +68,34 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     table = folder.table()
     problem.__dict__['table'] = table
     groups = {group: folder.cells(group) for group in GROUPS}
-    found = [*_claims(problem, groups, summary), *_counterexamples(folder, summary)]
+    found = [*claim_faults(problem, groups, summary), *_counterexamples(folder, summary)]
     for group, some in groups.items():
         say(f'{group} cells cover the box', 0, 1)
         found += cover_faults(problem, group, some)
     rng = np.random.default_rng(sample.seed)
     say('the surface', 0, 1)
     found += surface_faults(problem, table, rng, sample.surface)
-    at_rest = _rest_of(summary)
+    at_rest = rest_of_summary(summary)
     if at_rest is not None:
-        found += _rest(problem, at_rest)
+        found += rest_faults(problem, at_rest)
     for group, above in (('vertical', None), ('planar', groups['vertical'].tail)):
         prover = Prover(problem, group, at_rest or nowhere(problem), above)
-        found += _tubes(prover, groups[group], rng, sample, say)
+        found += tube_faults(prover, groups[group], rng, sample, say)
     return found
 
 
-def _rest_of(summary: Mapping[str, Any]) -> Rest | None:
+def rest_of_summary(summary: Mapping[str, Any]) -> Rest | None:
+    """Return the set of rest that a summary names, None if it names none."""
     return None if summary['rest'] is None else Rest(**summary['rest'])
 
 
-def _claims(
+def claim_faults(
     problem: Problem, groups: Mapping[str, Found], summary: Mapping[str, Any]
 ) -> Iterator[str]:
     """Yield claims that do not follow from the bounds of the cells."""
     written = summary['claims']
     flown = {key: (claim['found'], tuple(claim['start'])) for key, claim in written.items()}
-    for claim in claims_of(problem, groups, _rest_of(summary), flown):
+    for claim in claims_of(problem, groups, rest_of_summary(summary), flown):
         theirs = written.get(claim.key)
         if theirs is None:
             yield f'claim {claim.key}: is missing'
@@ -210,14 +211,14 @@ def _surface_cell(
                     yield f'table: a slope at {float(e)}, {float(w)} is out of bounds'
 
 
-def _rest(problem: Problem, at_rest: Rest) -> Iterator[str]:
+def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
     """Yield why the set of rest is not mapped into itself, in rational numbers."""
     radius, rate, speed = (exact(number) for number in at_rest)
     for group in GROUPS:
         motion = rest.motion_at_rest(problem, group)
         c, g, d, m = rest.as_set(motion, at_rest)
-        before, after, _ = _stepped(problem, motion, 0, c, g, d, m)
-        yield from _law_faults(problem, before, f'{group} set of rest')
+        before, after, _ = stepped(problem, motion, 0, c, g, d, m)
+        yield from law_faults(problem, before, f'{group} set of rest')
         yield from step_faults(motion, before, after, f'{group} set of rest')
         p = len(c) // 2
         c_, g_, d_ = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
@@ -229,7 +230,7 @@ def _rest(problem: Problem, at_rest: Rest) -> Iterator[str]:
                 yield f'{group} set of rest: a tick leaves it'
 
 
-def _stepped(
+def stepped(
     problem: Problem, motion: Motion, number: int, c: Floats, g: Floats, d: Floats, m: int
 ) -> tuple[Tick, Tick, int]:
     """Move a set by a tick with the prover's kernel; return before, after, and generators."""
@@ -244,7 +245,7 @@ def _stepped(
     return before, Tick(number + 1, c.copy(), g[:, : max(m, 0)].copy(), d.copy(), laws), m
 
 
-def _tubes(
+def tube_faults(
     prover: Prover, found: Found, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
@@ -274,7 +275,7 @@ def _tube(
     """Yield what is wrong with some ticks of a tube."""
     c, g, d, m = prover.start(cell)
     kept = m
-    for number in range(max(ticks) + 1):
+    for number in range(max(ticks, default=-1) + 1):
         if number not in ticks:
             low, high = np.empty(len(c)), np.empty(len(c))
             tube.box_of(c, g, d, m, low, high)
@@ -296,15 +297,15 @@ def _tube(
             m = tube.tidy(number, g, d, kept, m)
             continue
         where = f'{name}, tick {number}'
-        before, after, m = _stepped(problem, prover.motion, number, c, g, d, m)
-        yield from _law_faults(problem, before, where)
+        before, after, m = stepped(problem, prover.motion, number, c, g, d, m)
+        yield from law_faults(problem, before, where)
         yield from step_faults(prover.motion, before, after, where)
         m = tube.tidy(number, g, d, kept, m)
         tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
         yield from tidy_faults(after, tidied, kept, where)
 
 
-def _law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
+def law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:
     """Yield axes whose law does not hold on the set."""
     c, g, d = exact(tick.c.tolist()), exact(tick.g.tolist()), exact(tick.d.tolist())
     slack = exact(problem.table.slack)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,8 @@ def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str
     from matplotlib.colors import ListedColormap
 
     planar = groups['planar']
-    shares = BOUNDS[key](groups) / claim['limit']
+    alone = replace(groups['vertical'], values=np.zeros_like(groups['vertical'].values))
+    shares = BOUNDS[key]({'planar': planar, 'vertical': alone}) / claim['limit']
     grid, values = _raster(folder, planar, shares)
     figure, axes = style.new_panels(6.2)
     half = style.SHADES // 2
@@ -116,7 +118,7 @@ def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str
     return Picture(
         f'margin_{key}',
         figure,
-        f'{claim["statement"]}: the greatest bound of the cells at each place, for any start on z. '
+        f'{claim["statement"]}: the greatest bound of the motion on x and y, at each place. '
         f'The worst cell is about ({place}).',
         f'{claim["open_cells"]} of {len(shares)} cells exceed the limit.',
     )
