@@ -26,7 +26,7 @@ def problem_of(name, half=(10.0, 10.0, 10.0, 0.0, 0.0, 0.0)):
 
 
 def small_proof(path):
-    """Make a proof of a few cells in a folder."""
+    """Make a proof of a few cells in a folder, with few flights beside it."""
     folder = Folder.create(path, problem_of('robust', half=BOX))
-    proving.prove(folder, 1, '', lambda *_: None)
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
     return folder

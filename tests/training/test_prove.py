@@ -165,9 +165,9 @@ def test_a_proof_is_made_checked_and_resumed_to_the_same_bytes(tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        proving.prove(second, 1, '', stop)
+        proving.prove(second, 1, '', stop, probes=20)
     assert not second.finished and list((second.path / 'parts').glob('vertical*'))
-    proving.prove(Folder.open(second.path), 2, '', lambda *_: None)
+    proving.prove(Folder.open(second.path), 2, '', lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
 
@@ -178,7 +178,7 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     strict = replace(base, requirements=replace(base.requirements, slew_per_axis_n_s=0.01))
     problem = Problem.of(load_controller('robust'), strict, problem_of('robust', half=BOX).settings)
     folder = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(folder, 1, '', lambda *_: None)
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
     claim = folder.summary()['claims']['slew_per_axis_n_s']
     assert claim['verdict'] == 'refuted'
     path = folder.path / 'counterexample_slew_per_axis_n_s.yaml'

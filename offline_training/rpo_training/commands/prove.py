@@ -64,6 +64,9 @@ def prove(
     cells: Annotated[
         int, typer.Option(min=0, help='with --check: random cells of each group, 0 = all')
     ] = 20,
+    flights: Annotated[
+        int, typer.Option(min=0, help='with --check: random flights held against their tubes')
+    ] = 1000,
     workers: Workers = 0,
     cluster: Cluster = '',
 ) -> None:
@@ -76,7 +79,7 @@ def prove(
     if check is not None:
         if controller or resume is not None:
             raise InputError('`--check` takes everything from the folder: give nothing else')
-        _check(Folder.open(check), cells)
+        _check(Folder.open(check), cells, flights)
         return
     if resume is not None:
         if controller:
@@ -156,7 +159,7 @@ def _prove(folder: Folder, workers: int, cluster: str) -> None:
         raise typer.Exit(1)
 
 
-def _check(folder: Folder, cells: int) -> None:
+def _check(folder: Folder, cells: int, flights: int) -> None:
     from rpo_training.display import progress
     from rpo_training.proof.check import Sample, check
     from rpo_training.proof.folder import code_digest
@@ -167,7 +170,7 @@ def _check(folder: Folder, cells: int) -> None:
         )
     began = time.perf_counter()
     with progress() as show:
-        faults = check(folder, Sample(starts=cells), show)
+        faults = check(folder, Sample(starts=cells, flights=flights), show)
     _print(folder)
     for fault in faults:
         echo(f'WRONG: {fault}')
@@ -175,8 +178,9 @@ def _check(folder: Folder, cells: int) -> None:
     if faults:
         raise typer.Exit(1)
     echo(
-        f'nothing wrong was found in {took:.0f} s: every cell, bound and claim; {cells or "all"} '
-        'random tubes of each group made anew, 10 ticks of each in rational numbers'
+        f'Nothing wrong was found in {took:.0f} s: every cell, bound and claim; of each group '
+        f'{cells or "all"} tubes made anew, 10 ticks of each in rational numbers, and {flights} '
+        'flights at every tick'
     )
 
 

@@ -22,7 +22,7 @@ from rpo_core import files, scenario
 from rpo_core.flight import fly
 from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import REFUTED
-from rpo_training.proof import cells, rest, tables, tube
+from rpo_training.proof import cells, probing, rest, tables, tube
 from rpo_training.proof.cells import Cell, Found, Prover
 from rpo_training.proof.claims import claims_of, nowhere, values_of
 from rpo_training.proof.exact import FLIGHT, Matrix, Row, Strip, exact, law_holds, output
@@ -30,6 +30,9 @@ from rpo_training.proof.folder import Folder
 from rpo_training.proof.laws import Law
 from rpo_training.proof.problem import GROUPS, Problem
 from rpo_training.proof.tube import Motion, Rest
+
+FLIGHTS_EACH = 50
+"""Flights from each cell that is drawn."""
 
 Floats = NDArray[np.float64]
 Say = Callable[[str, int, int], None]
@@ -40,11 +43,13 @@ class Sample:
     """How much is checked in rational numbers, at random.
 
     starts : cells of starts, 0: all; ticks : of each; surface : cells of the table
+    flights : that are compared with the tubes of their cells at every tick
     """
 
     starts: int = 20
     ticks: int = 10
     surface: int = 40
+    flights: int = 0
     seed: int = 1
 
 
@@ -81,6 +86,7 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     for group, above in (('vertical', None), ('planar', groups['vertical'].tail)):
         prover = Prover(problem, group, at_rest or nowhere(problem), above)
         found += tube_faults(prover, groups[group], rng, sample, say)
+        found += flight_faults(prover, groups[group], rng, sample.flights, say)
     return found
 
 
@@ -267,6 +273,38 @@ def tube_faults(
         last = round(values[1] / problem.scenario.dt_s)
         ticks = set(rng.integers(max(last, 1), size=sample.ticks).tolist())
         yield from _tube(problem, prover, cell, ticks, name)
+
+
+def flight_faults(
+    prover: Prover, found: Found, rng: np.random.Generator, count: int, say: Say
+) -> Iterator[str]:
+    """Yield cells one of whose random flights leaves its tube: a box, or a strip of an axis."""
+    chosen, done = list(GROUPS[prover.group]), 0
+    while done < count:
+        say(f'{prover.group} flights', done, count)
+        k = int(rng.integers(len(found.centre)))
+        cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()))
+        last, _ = prover.fly(cell)
+        end = min(last, prover.problem.scenario.ticks)
+        for _ in range(min(FLIGHTS_EACH, count - done)):
+            start = np.zeros(6)
+            start[chosen] = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(chosen))
+            drawn = probing.varied(prover.problem, rng, start)
+            states = probing.fly(prover.problem, drawn).states[: end + 1, chosen]
+            if not _holds(prover, states, end):
+                yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
+            done += 1
+
+
+def _holds(prover: Prover, states: Floats, end: int) -> bool:
+    """Whether a tube holds the states (end+1, n) of a flight."""
+    t, p = prover.trace, states.shape[1] // 2
+    low, high = t.low[: end + 1], t.high[: end + 1]
+    if not ((low <= states) & (states <= high)).all():
+        return False
+    away = states[:end] - (low[:end] + high[:end]) / 2
+    tilt, half = t.laws[:end, :, 4], t.laws[:end, :, 5]
+    return bool((np.abs(away[:, p:] - tilt * away[:, :p]) <= half + 1e-12).all())
 
 
 def _tube(

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ class Claim:
     key : the requirement of `rpo_core.requirements` that it is
     bound : no start exceeds it; infinite: none is known
     found : the greatest value that was flown, from `start` (6,) [m, m/s]
-    open_cells : cells of starts that are not decided
+    open_cells : planar cells whose bound exceeds the limit
     """
 
     key: str
@@ -99,6 +98,12 @@ BOUNDS: dict[str, Callable[[Groups], Floats]] = {
 """Requirement -> bound (k,) for the planar cells, whatever the vertical start."""
 
 
+def of_planar(groups: Groups, key: str) -> Floats:
+    """Return the bound (k,) of each planar cell, where nothing moves on z."""
+    vertical = groups['vertical']
+    return BOUNDS[key]({**groups, 'vertical': replace(vertical, values=0.0 * vertical.values[:1])})
+
+
 def unknown(problem: Problem) -> list[str]:
     """Return the requirements of the scenario that the proof says nothing about."""
     return [key for key in limits_of(problem) if key not in BOUNDS]
@@ -135,8 +140,16 @@ def claims_of(
         unit = metrics.UNITS[key]
         bound = float(bounds.max())
         found.append(
-            Claim(key, statement, unit, limit, bound, value, start, int((bounds > limit).sum()))
+            Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
         )
+    return found
+
+
+def _open(groups: Groups, key: str, limit: float) -> int:
+    """Return the number of planar cells that exceed a limit; all of them, if z alone does."""
+    found = int((of_planar(groups, key) > limit).sum())
+    if not found and (BOUNDS[key](groups) > limit).any():
+        return len(groups['planar'].values)
     return found
 
 
@@ -156,13 +169,3 @@ def worst(claims: Sequence[Claim]) -> str:
     """Return the verdict over all claims: refuted before undecided before proven."""
     found = {claim.verdict for claim in claims}
     return next((v for v in (REFUTED, UNDECIDED) if v in found), PROVEN)
-
-
-def excess(groups: Groups, problem: Problem) -> Floats:
-    """Return the greatest bound beside its limit (k,) of each planar cell, over all claims."""
-    shares = [
-        BOUNDS[key](groups) / limit
-        for key, limit in limits_of(problem).items()
-        if key in BOUNDS and limit > 0.0
-    ]
-    return np.asarray(np.max(shares, axis=0)) if shares else np.array([math.inf])

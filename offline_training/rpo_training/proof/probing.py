@@ -14,7 +14,7 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_training.proof import flights
-from rpo_training.proof.claims import BOUNDS, Groups, values_of
+from rpo_training.proof.claims import Groups, of_planar, values_of
 from rpo_training.proof.problem import GROUPS, Problem
 
 Floats = NDArray[np.float64]
@@ -93,18 +93,19 @@ def anywhere(problem: Problem, count: int, seed: int) -> Iterator[Floats]:
 
 
 def suspects(problem: Problem, groups: Groups, key: str, count: int, seed: int) -> Iterator[Floats]:
-    """Yield starts from the cells whose bounds of a claim are greatest."""
+    """Yield starts from the planar and the vertical cells whose bounds of a claim are greatest."""
     rng = np.random.default_rng(seed)
-    planar, vertical = groups['planar'], groups['vertical']
-    order = np.argsort(BOUNDS[key](groups))[::-1]
-    column = {'slew_per_axis_n_s': 'slew_n_s'}.get(key, 'mean_error_m')
-    above = int(vertical.column(column).argmax())
+    column = 'slew_n_s' if key == 'slew_per_axis_n_s' else 'mean_error_m'
+    orders = {
+        'planar': np.argsort(of_planar(groups, key))[::-1],
+        'vertical': np.argsort(groups['vertical'].column(column))[::-1],
+    }
     for number in range(count):
-        cell = order[(number // 4) % len(order)]
         start = np.zeros(6)
-        for name, found, row in (('planar', planar, cell), ('vertical', vertical, above)):
+        for name, order in orders.items():
+            found, cell = groups[name], order[(number // 4) % len(order)]
             share = rng.uniform(-1.0, 1.0, found.centre.shape[1])
-            start[list(GROUPS[name])] = found.centre[row] + share * found.half[row]
+            start[list(GROUPS[name])] = found.centre[cell] + share * found.half[cell]
         yield start
 
 

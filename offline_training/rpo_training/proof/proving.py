@@ -31,7 +31,7 @@ from rpo_training.proof.tube import Rest
 UNIT = 25
 """First cells of a unit."""
 
-PROBES, SUSPECTS = 200, 200
+PROBES, SUSPECTS = 1000, 200
 """Flights before the proof, from anywhere, and after it for each claim, from the worst cells."""
 
 SEED = 1
@@ -62,11 +62,14 @@ class Outcome:
     counterexamples: dict[str, Scenario]
 
 
-def prove(folder: Folder, workers: int, address: str, progress: Progress) -> Outcome:
+def prove(
+    folder: Folder, workers: int, address: str, progress: Progress, probes: int = PROBES
+) -> Outcome:
     """Make the proof of a folder, from where it was interrupted.
 
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler
+    probes : flights from anywhere, before
     """
     problem = folder.problem
     problem.__dict__['table'] = folder.table()
@@ -74,7 +77,7 @@ def prove(folder: Folder, workers: int, address: str, progress: Progress) -> Out
     speed = limits.get('hold_speed_per_axis_m_s')
     rest = rest_of(problem, limits[HOLD], speed)
     asked = rest or nowhere(problem)
-    flown = probing.probe(problem, probing.anywhere(problem, PROBES, SEED), SEED)
+    flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
     groups: dict[str, Found] = {}
     targets, above = targets_of(problem, refuted), None

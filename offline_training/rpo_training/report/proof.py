@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_log.show import style
 from rpo_training.proof.cells import Found
-from rpo_training.proof.claims import BOUNDS
+from rpo_training.proof.claims import of_planar
 from rpo_training.proof.folder import TEXTS, Folder
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 
@@ -100,8 +99,7 @@ def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str
     from matplotlib.colors import ListedColormap
 
     planar = groups['planar']
-    alone = replace(groups['vertical'], values=np.zeros_like(groups['vertical'].values))
-    shares = BOUNDS[key]({'planar': planar, 'vertical': alone}) / claim['limit']
+    shares = of_planar(groups, key) / claim['limit']
     grid, values = _raster(folder, planar, shares)
     figure, axes = style.new_panels(6.2)
     half = style.SHADES // 2
