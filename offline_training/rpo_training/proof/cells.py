@@ -23,8 +23,11 @@ Floats = NDArray[np.float64]
 LONGER = 2
 """A tube may take so many times the time of the scenario to rest."""
 
-DEEPEST = 8
+DEEPEST = 12
 """Halvings of a cell, at most."""
+
+MOST_TUBES = 60
+"""Tubes for each first cell of a unit, after which no more cells are halved."""
 
 CHECKPOINT_S = 10.0
 """The boxes of a tube are kept so often."""
@@ -236,12 +239,13 @@ class Prover(threading.local):
         """Return the cells, halved where a target is missed, with what is known of them."""
         names = [VALUES.index(name) for name in Targets._fields]
         rows, boxes, tails, done = [], [], [], []
-        todo = list(reversed(cells))
+        todo, tubes = list(reversed(cells)), 0
         while todo:
             cell = todo.pop()
             row, box, squares = self.values(cell)
             reached = self.arrived(row) and bool((row[names] <= np.array(targets)).all())
-            if not reached and cell.depth < DEEPEST:
+            tubes += 1
+            if not reached and cell.depth < DEEPEST and tubes < MOST_TUBES * len(cells):
                 todo += reversed(list(halves(cell)))
                 continue
             rows.append(row)
