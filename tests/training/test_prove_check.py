@@ -172,8 +172,8 @@ def test_a_planted_error_is_found(bench, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize('kind', KINDS)
 def test_a_hundred_planted_errors_are_found(bench, kind):
-    """Ten of each of eleven kinds."""
-    assert missed(bench, kind, 10) == []
+    """Ten of each kind; four of the table, which is made anew each time."""
+    assert missed(bench, kind, 4 if kind == 'table' else 10) == []
 
 
 def test_tubes_hold_the_flights_of_the_proof(bench):
