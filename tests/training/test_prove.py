@@ -18,7 +18,7 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
-from rpo_training.proof import cells, check, laws, probing, proving, tables
+from rpo_training.proof import cells, check, check_ticks, laws, probing, proving, tables
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
 from rpo_training.proof.rest import rest_of
@@ -66,7 +66,7 @@ def test_the_table_agrees_with_rational_numbers(surface):
     controller, table = surface
     settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
     problem = Problem.of(controller, load('paper_training').base, settings)
-    assert not list(check.surface_faults(problem, table, np.random.default_rng(1), 15))
+    assert not list(check_ticks.surface_faults(problem, table, np.random.default_rng(1), 15))
 
 
 @pytest.mark.parametrize('name', ['robust', 'trained'])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from proofs import small_proof
 
-from rpo_training.proof import cells, check, tube
+from rpo_training.proof import cells, check, check_ticks, tube
 from rpo_training.proof.problem import GROUPS
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
@@ -105,13 +105,13 @@ class Bench:
             ]
             k_r, k_v, k_0, rho = wrong[axis, :4]
             if (np.abs(force - k_r * r - k_v * v - k_0) > rho).any():
-                return check.law_faults(self.problem, replace(before, laws=wrong), 'planted')
+                return check_ticks.law_faults(self.problem, replace(before, laws=wrong), 'planted')
 
     def rounding(self, rng):
         """Nothing is widened for rounding."""
         prover, before, after, _, _ = self.tick(rng)
         wrong = replace(after, d=before.d.copy() * 0.0)
-        return check.step_faults(prover.motion, before, wrong, 'planted')
+        return check_ticks.step_faults(prover.motion, before, wrong, 'planted')
 
     def set(self, rng):
         """A number of the next set is off by a millionth of a millimetre."""
@@ -122,14 +122,14 @@ class Bench:
             g[row, int(rng.integers(g.shape[1]))] += 1e-9
         else:
             c[row] -= 1e-9
-        return check.step_faults(prover.motion, before, replace(after, g=g, c=c), 'planted')
+        return check_ticks.step_faults(prover.motion, before, replace(after, g=g, c=c), 'planted')
 
     def boxed(self, rng):
         """The box of small generators is a little too small."""
         _, _, after, tidied, kept = self.tick(rng)
         g = tidied.g.copy()
         g[:, -4:] *= 1.0 - 1e-9
-        return check.tidy_faults(after, replace(tidied, g=g), kept, 'planted')
+        return check_ticks.tidy_faults(after, replace(tidied, g=g), kept, 'planted')
 
     def rest_set(self, rng):
         share = rng.uniform(0.01, 0.1)
@@ -141,7 +141,7 @@ class Bench:
         values = getattr(table, name).copy()
         values.flat[int(rng.integers(values.size))] += 1e-9
         wrong = table._replace(**{name: values})
-        return check.surface_faults(self.problem, wrong, rng, 0)
+        return check_ticks.surface_faults(self.problem, wrong, rng, 0)
 
 
 @pytest.fixture(scope='module')
@@ -158,9 +158,9 @@ def missed(bench, kind, count):
 def test_a_sound_tick_has_no_faults(bench):
     for seed in range(3):
         prover, before, after, tidied, kept = bench.tick(np.random.default_rng(seed))
-        assert not list(check.law_faults(bench.problem, before, ''))
-        assert not list(check.step_faults(prover.motion, before, after, ''))
-        assert not list(check.tidy_faults(after, tidied, kept, ''))
+        assert not list(check_ticks.law_faults(bench.problem, before, ''))
+        assert not list(check_ticks.step_faults(prover.motion, before, after, ''))
+        assert not list(check_ticks.tidy_faults(after, tidied, kept, ''))
     assert not list(check.rest_faults(bench.problem, bench.rest))
 
 
