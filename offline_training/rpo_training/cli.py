@@ -22,6 +22,7 @@ from rpo_training.commands import (
     log,
     optimal,
     plan,
+    prove,
     report,
     safety,
     simulate,
@@ -84,6 +85,7 @@ app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
 app.command(epilog=plan.EXAMPLES)(plan.plan)
 app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
 app.command(epilog=truth.EXAMPLES)(truth.truth)
+app.command(epilog=prove.EXAMPLES)(prove.prove)
 app.command(epilog=compare.EXAMPLES)(compare.compare)
 app.command(epilog=explain.EXAMPLES)(explain.explain)
 app.command(epilog=export.EXAMPLES)(export.export)

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_core.controller import load_controller, load_fuzzy
+from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario, load_set
+from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_safety.settings import Assurance
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import fly_runs
@@ -21,6 +21,9 @@ from rpo_training.engine.cases import case_of_set
 from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
+from rpo_training.proof import cells, probing
+from rpo_training.proof.claims import nowhere
+from rpo_training.proof.problem import Problem, Settings
 from rpo_training.safety.attack import attack
 from rpo_training.safety.quiet import quiet
 
@@ -40,6 +43,16 @@ def main() -> None:
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())
     metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
+    _prove(load_set('paper_training').base, controller)
+
+
+def _prove(base: Scenario, controller: FuzzyController) -> None:
+    """Move one set through a proof on a coarse table, and fly beside it."""
+    metre = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+    settings = Settings(centre=(0.0,) * 6, half=metre, coarseness=16.0)
+    problem = Problem.of(controller, base, settings)
+    cells.Prover(problem, 'planar', nowhere(problem)).values(cells.roots(problem, 'planar')[0])
+    probing.fly(problem, base)
 
 
 if __name__ == '__main__':

@@ -233,7 +233,7 @@ def test_folders_are_recognised(folder, store, tmp_path):
     assert recognise.subject_of(str(folder / 'run.mcap')) == 'run'
     assert recognise.subject_of(str(store.folder)) == 'campaign'
     assert recognise.subject_of('trained') == 'controller'
-    with pytest.raises(InputError, match=r'must be the folder of a run .* or of a campaign'):
+    with pytest.raises(InputError, match=r'the folder of a run .* of a campaign .* or of a proof'):
         recognise.subject_of(str(tmp_path))
 
 

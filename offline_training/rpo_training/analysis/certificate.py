@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.fuzzy import FuzzySystem
-from rpo_training.analysis import surface
+from rpo_training.analysis import damping, surface
 from rpo_training.analysis.surface import Boxes, Enclosure, Floats
 
 PROVEN, REFUTED, UNDECIDED = 'proven', 'refuted', 'undecided'
@@ -125,6 +125,7 @@ class _Examination:
             self.oddness(),
             self.monotonicity('position error', 0),
             self.monotonicity('velocity error', 1),
+            self.damping(),
             self.equilibrium(),
             self.pull(),
         )
@@ -248,6 +249,20 @@ class _Examination:
         allowed = f'(allowed {self.max_fall:g})'
         statement = f'u falls by at most {bound:.4f} as the {name} grows {allowed}{seen}'
         return Claim(f'monotone in {name}', statement, verdict, bound, found, points)
+
+    def damping(self) -> Claim:
+        """Claim that a velocity error pushes the output to its own side, but for `max_fall`."""
+        found, row, column = damping.found(self.e, self.v, self.grid)
+        bound, spent = damping.bound(self.system, self.e, self.v, found, self.most_boxes // 4)
+        self.boxes += spent
+        points = self.point(self.e[column], 0.0), self.point(self.e[column], self.v[row])
+        verdict = PROVEN if bound <= self.max_fall else UNDECIDED
+        verdict = REFUTED if found > self.max_fall else verdict
+        statement = (
+            f'a velocity error moves u to the other side by at most {bound:.4f} '
+            f'(allowed {self.max_fall:g}); {found:.4f} seen'
+        )
+        return Claim('damping', statement, verdict, bound, found, points)
 
     def equilibrium(self) -> Claim:
         """Claim that there is no force at rest at the target."""

@@ -27,13 +27,15 @@ def report(
     target: Annotated[
         str,
         typer.Argument(
-            help='run (folder or .mcap), campaign (folder) or controller (shipped name or file)'
+            help='run (folder or .mcap), campaign, proof (folder), controller (name or file)'
         ),
     ],
     output: Annotated[
         Path | None,
         typer.Option(
-            '--output', '-o', help='folder  [report/ in the run or campaign, runs/report_NAME]'
+            '--output',
+            '-o',
+            help='folder  [report/ in the folder, runs/report_NAME of a controller]',
         ),
     ] = None,
     scenario: Annotated[
@@ -45,7 +47,7 @@ def report(
     ] = '',
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
 ) -> None:
-    """Draw a run, a campaign or a controller: PNGs, and one HTML page that needs nothing else."""
+    """Draw a run, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained."""
     from rich.text import Text
 
     from rpo_training.display import plain_console
@@ -89,6 +91,12 @@ def _of_campaign(target: str, _: str) -> Made:
     return campaign.report_of(Path(target)), Path(target) / 'report', 0
 
 
+def _of_proof(target: str, _: str) -> Made:
+    from rpo_training.report import proof
+
+    return proof.report_of(Path(target)), Path(target) / 'report', 0
+
+
 def _of_controller(target: str, scenario: str) -> Made:
     from rpo_training.report import controller
 
@@ -114,5 +122,6 @@ def _folder(target: str) -> str:
 _OF: dict[str, Callable[[str, str], Made]] = {
     'run': _of_run,
     'campaign': _of_campaign,
+    'proof': _of_proof,
     'controller': _of_controller,
 }

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a report is about: a run, a campaign or a controller."""
+"""What a report is about: a run, a campaign, a proof or a controller."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Literal
 from rpo_core.validation import InputError
 from rpo_log.format.run import log_files
 
-_CAMPAIGN = 'campaign.yaml'
+_CAMPAIGN, _PROOF = 'campaign.yaml', 'proof.yaml'
 
-Subject = Literal['run', 'campaign', 'controller']
+Subject = Literal['run', 'campaign', 'proof', 'controller']
 
 
 def subject_of(target: str) -> Subject:
@@ -22,7 +22,7 @@ def subject_of(target: str) -> Subject:
     Raises
     ------
     InputError
-        If it is a folder of neither a run nor a campaign.
+        If it is a folder of neither a run nor a campaign nor a proof.
     """
     if target.endswith('.mcap'):
         return 'run'
@@ -33,7 +33,9 @@ def subject_of(target: str) -> Subject:
         return 'run'
     if (folder / _CAMPAIGN).is_file():
         return 'campaign'
+    if (folder / _PROOF).is_file():
+        return 'proof'
     raise InputError(
-        f'{target}: must be the folder of a run (it holds run.mcap) or of a campaign '
-        f'({_CAMPAIGN}); of a training, give the .yaml of its controller'
+        f'{target}: must be the folder of a run (it holds run.mcap), of a campaign '
+        f'({_CAMPAIGN}) or of a proof ({_PROOF}); of a training, give the .yaml of its controller'
     )

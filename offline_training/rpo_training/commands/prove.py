@@ -1,0 +1,204 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo prove`."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_core.validation import InputError
+from rpo_training.commands.shared import Cluster, Workers, echo, interruptible
+
+if TYPE_CHECKING:
+    from rpo_training.proof.folder import Folder
+    from rpo_training.proof.problem import Problem
+
+EXAMPLES = """
+Examples: `rpo prove robust` | `rpo prove robust --velocity 0.05` | `rpo prove mine.yaml --scenario
+paper_test --position 5 --velocity 0.06 --mass 0.09` | `rpo prove --resume runs/proof_robust` |
+`rpo prove --check runs/proof_robust`. Exit code 1: a claim is refuted or open
+"""
+
+
+def prove(
+    controller: Annotated[str, typer.Argument(help='shipped name or file')] = '',
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='set whose outermost starts are the box, or single flight, the middle of the box'
+        ),
+    ] = 'paper_training',
+    position: Annotated[
+        float | None, typer.Option(help='half-width of the box of starts, each axis [m]')
+    ] = None,
+    velocity: Annotated[
+        float, typer.Option(min=0.0, help='half-width in velocity, each axis [m/s]')
+    ] = 0.0,
+    mass: Annotated[float, typer.Option(help='share by which the mass may differ')] = 0.0,
+    disturbance: Annotated[
+        float,
+        typer.Option(
+            help="the scenario's disturbance at any phase, up to so many times; 0: as it is"
+        ),
+    ] = 0.0,
+    any_disturbance: Annotated[
+        float, typer.Option(help='any other disturbance of an axis, changing at every tick [N]')
+    ] = 0.0,
+    cell: Annotated[float, typer.Option(help='half-width of the first cells [m]')] = 1.0,
+    cell_velocity: Annotated[
+        float, typer.Option(help='half-width of the first cells in velocity [m/s]')
+    ] = 0.025,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/proof_NAME]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    check: Annotated[
+        Path | None, typer.Option(help='folder of a finished proof to check independently')
+    ] = None,
+    cells: Annotated[
+        int, typer.Option(min=0, help='with --check: random cells of each group, 0 = all')
+    ] = 20,
+    flights: Annotated[
+        int, typer.Option(min=0, help='with --check: random flights held against their tubes')
+    ] = 1000,
+    workers: Workers = 0,
+    cluster: Cluster = '',
+) -> None:
+    """Prove what the closed loop does from every start of a box, or show a counterexample.
+
+    Finished cells are saved: Ctrl-C stops cleanly, --resume goes on.
+    """
+    from rpo_training.proof.folder import Folder
+
+    if check is not None:
+        if controller or resume is not None:
+            raise InputError('`--check` takes everything from the folder: give nothing else')
+        _check(Folder.open(check), cells, flights)
+        return
+    if resume is not None:
+        if controller:
+            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        found = Folder.open(resume)
+        found.refuse_other_code()
+        _prove(found, workers, cluster)
+        return
+    if not controller:
+        raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
+    half = None if position is None else (position, position, position)
+    options = {
+        'mass_share': mass,
+        'disturbance_share': disturbance,
+        'any_n': any_disturbance,
+        'cell_m': cell,
+        'cell_m_s': cell_velocity,
+    }
+    problem = _problem(controller, scenario, half, velocity, options)
+    folder = output or Path('runs') / f'proof_{problem.controller.name}'
+    _prove(Folder.create(folder, problem), workers, cluster)
+
+
+def _problem(
+    controller: str,
+    scenario: str,
+    position: Sequence[float] | None,
+    velocity: float,
+    options: dict[str, float],
+) -> Problem:
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import ScenarioSet, load
+    from rpo_training.proof.problem import Problem, Settings
+
+    found = load(scenario)
+    if isinstance(found, ScenarioSet):
+        base, starts = found.base, found.initial_positions_m
+        least, most = starts.min(axis=0), starts.max(axis=0)
+        centre, half = ((least + most) / 2).tolist(), ((most - least) / 2).tolist()
+        half = half if position is None else list(position)
+    else:
+        base, centre = found, list(found.initial_position_m)
+        if position is None:
+            raise InputError('`--scenario` names a single flight: give `--position` too')
+        half = list(position)
+    settings = Settings(
+        centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
+    )
+    return Problem.of(load_controller(controller), base, settings)
+
+
+def _prove(folder: Folder, workers: int, cluster: str) -> None:
+    from rpo_training.analysis.certificate import PROVEN
+    from rpo_training.proof.claims import unknown, worst
+    from rpo_training.proof.progress import ProofDisplay
+    from rpo_training.proof.proving import prove as make
+
+    problem = folder.problem
+    again = shlex.join(['rpo', 'prove', '--resume', str(folder.path)])
+    sentence = f'Interrupted; finished cells are saved. Go on with: {again}'
+    if not problem.controller.system.rules.is_odd:
+        echo('The rules are not odd: the whole box is proven, not half of it.', err=True)
+    began, cpu = time.perf_counter(), time.process_time()
+    with interruptible(lambda: sentence), ProofDisplay(folder.path) as display:
+        outcome = make(folder, workers, cluster, display.advance)
+    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    _print(folder)
+    for key in unknown(problem):
+        echo(f'{key}: the proof says nothing about it')
+    for key in outcome.counterexamples:
+        flight = folder.path / f'counterexample_{key}.yaml'
+        controller = str(folder.path / 'controller.yaml')
+        echo(shlex.join(['rpo', 'simulate', str(flight), '--controller', controller]))
+    echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
+    echo(folder.path)
+    if worst(outcome.claims) != PROVEN:
+        raise typer.Exit(1)
+
+
+def _check(folder: Folder, cells: int, flights: int) -> None:
+    from rpo_training.display import progress
+    from rpo_training.proof.check import Sample, check
+    from rpo_training.proof.folder import code_digest
+
+    if folder.stamped['code_sha256'] != code_digest():
+        echo(
+            'The proof was made with other code: its bounds may differ in the last bits.', err=True
+        )
+    began = time.perf_counter()
+    with progress() as show:
+        faults = check(folder, Sample(starts=cells, flights=flights), show)
+    _print(folder)
+    for fault in faults:
+        echo(f'WRONG: {fault}')
+    took = time.perf_counter() - began
+    if faults:
+        raise typer.Exit(1)
+    echo(
+        f'Nothing wrong was found in {took:.0f} s: every cell, bound and claim; of each group '
+        f'{cells or "all"} tubes made anew, 10 ticks of each in rational numbers, and {flights} '
+        'flights at every tick'
+    )
+
+
+def _print(folder: Folder) -> None:
+    from rpo_training.display import print_table
+
+    summary, settings = folder.summary(), folder.problem.settings
+    rows = [
+        (
+            claim['statement'],
+            f'{claim["limit"]:g} {claim["unit"]}',
+            f'{claim["bound"]:.4g}',
+            f'{claim["found"]:.4g}',
+            str(claim['open_cells']),
+            claim['verdict'],
+        )
+        for claim in summary['claims'].values()
+    ]
+    box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
+    title = f'{folder.problem.controller.name}, {folder.problem.scenario.name}, from ({box})'
+    print_table(('claim', 'limit', 'proven', 'flown', 'open cells', ''), rows, title)

@@ -1,0 +1,267 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells of starts, their tubes, and what each tube says; cells that say too little are halved."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.metrics import Windows, windows_of
+from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.tube import MOST, WORTH_S, Motion, Rest, Trace, fly
+
+Floats = NDArray[np.float64]
+
+LONGER = 2
+"""A tube may take so many times the time of the scenario to rest."""
+
+DEEPEST = 12
+"""Halvings of a cell, at most."""
+
+MOST_TUBES = 60
+"""Tubes for each first cell of a unit, after which no more cells are halved."""
+
+CHECKPOINT_S = 10.0
+"""The boxes of a tube are kept so often."""
+
+WIDEST = (8.0, 1.0)
+"""Half-widths [m], [m/s] at which a tube is given up."""
+
+OVERLAP = 2.0**-48
+"""Share of its place and width by which a cell reaches into its neighbours."""
+
+FINER = 4.0
+"""Vertical cells are so much smaller: they are few, and add to what all planar ones have."""
+
+VALUES = (
+    'depth',
+    'last_s',
+    'rest_s',
+    'hold_error_m',
+    'hold_speed_m_s',
+    'mean_error_m',
+    'mean_speed_m_s',
+    'slew_n_s',
+    'force_n',
+    'speed_m_s',
+    'energy_low_n2s',
+    'energy_high_n2s',
+    'arrival_s',
+)
+"""Columns of what is known of a cell. Bounds of all states, commands and axes of its tube.
+
+last_s, rest_s : end of the tube; time from which it is inside the set of rest, infinite if never
+hold : from the time of hold until rest; mean : of the norm, over the scenario's window, whatever
+the vertical start of a planar cell
+slew : of the scenario's time; arrival : after it every axis is within 0.5 m, infinite if never
+"""
+
+
+class Cell(NamedTuple):
+    """A box of starts of a group."""
+
+    centre: tuple[float, ...]
+    half: tuple[float, ...]
+    depth: int = 0
+
+
+class Targets(NamedTuple):
+    """What a cell's tube should show; infinite: not asked for."""
+
+    hold_error_m: float
+    hold_speed_m_s: float
+    mean_error_m: float
+    mean_speed_m_s: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """Cells of a unit, with what their tubes say.
+
+    centre, half : (k, n); values : (k, len(VALUES)); boxes : (k, checkpoints, 2, n) low, high
+    tail : (2, ticks of the window) greatest square of the norms of position and velocity of any
+        cell at each tick
+    """
+
+    centre: Floats
+    half: Floats
+    values: Floats
+    boxes: Floats
+    tail: Floats
+
+    def column(self, name: str) -> Floats:
+        """Return a column of values (k,)."""
+        return self.values[:, VALUES.index(name)]
+
+
+def roots(problem: Problem, group: str) -> list[Cell]:
+    """Return the first cells, which cover the box of starts; half of it where all is odd."""
+    settings, chosen = problem.settings, GROUPS[group]
+    lines = []
+    for place, i in enumerate(chosen):
+        centre, half = settings.centre[i], settings.half[i]
+        size = settings.cell_m if i < 3 else settings.cell_m_s
+        size = size / FINER if group == 'vertical' else size
+        low = centre - half
+        if problem.odd and place == 0:
+            low, half = centre, half / 2
+        count = max(1, math.ceil(half / size - 1e-9))
+        width = 2.0 * half / count
+        lines.append([(low + (k + 0.5) * width, 0.5 * width) for k in range(count)])
+    return [
+        Cell(tuple(c for c, _ in corner), tuple(_wider(*side) for side in corner))
+        for corner in itertools.product(*lines)
+    ]
+
+
+def _wider(centre: float, half: float) -> float:
+    """Return a half-width with which neighbours overlap, whatever was rounded."""
+    return half * (1.0 + OVERLAP) + OVERLAP * abs(centre) if half > 0.0 else 0.0
+
+
+def halves(cell: Cell) -> Iterator[Cell]:
+    """Yield both halves, across the side that weighs most."""
+    n = len(cell.half)
+    weights = [h * (1.0 if 2 * i < n else WORTH_S) for i, h in enumerate(cell.half)]
+    axis = weights.index(max(weights))
+    for side in (-0.5, 0.5):
+        centre, half = list(cell.centre), list(cell.half)
+        centre[axis] += side * half[axis]
+        half[axis] = _wider(centre[axis], 0.5 * half[axis])
+        yield Cell(tuple(centre), tuple(half), cell.depth + 1)
+
+
+class Prover(threading.local):
+    """Moves the sets of a group; one for each thread.
+
+    rest : where tubes end
+    above : (2, ticks of the window) squares of norms of the other group, which add to these
+    """
+
+    def __init__(
+        self, problem: Problem, group: str, rest: Rest, above: Floats | None = None
+    ) -> None:
+        self.problem, self.group, self.rest = problem, group, rest
+        self.windows: Windows = windows_of(problem.scenario)
+        self.above = np.zeros((2, self.windows.tail)) if above is None else above
+        self.ticks = LONGER * max(problem.hold_tick, problem.scenario.ticks)
+        if not problem.undisturbed:
+            self.ticks = problem.scenario.ticks
+        self.motion: Motion = problem.motion(group, self.ticks)
+        n = len(GROUPS[group])
+        p = n // 2
+        self.trace = Trace(
+            np.zeros((self.ticks + 1, n)),
+            np.zeros((self.ticks + 1, n)),
+            np.zeros((self.ticks, p)),
+            np.zeros((self.ticks, p)),
+            np.zeros((self.ticks, p)),
+            np.zeros((self.ticks, p, 6)),
+        )
+
+    def start(self, cell: Cell) -> tuple[Floats, Floats, Floats, int]:
+        """Return the set of a cell: centre, generators, box, number of generators."""
+        n, first = len(cell.centre), self.motion.carried.shape[1]
+        g = np.zeros((n, MOST + 4 * n))
+        m = first
+        for i, half in enumerate(cell.half):
+            if half > 0.0:
+                g[i, m] = half
+                m += 1
+        return np.array(cell.centre), g, np.zeros(n), m
+
+    def fly(self, cell: Cell) -> tuple[int, int]:
+        """Fill `trace`; return its last tick, and the tick from which the tube rests or -1."""
+        c, g, d, m = self.start(cell)
+        n = len(c)
+        widest = np.repeat(WIDEST, n // 2)
+        last, resting = fly(
+            self.problem.table,
+            self.motion,
+            c,
+            g,
+            d,
+            m,
+            m,
+            self.rest,
+            max(self.problem.hold_tick, self.problem.scenario.ticks),
+            widest,
+            self.trace,
+        )
+        return int(last), int(resting)
+
+    def values(self, cell: Cell) -> tuple[Floats, Floats, Floats]:
+        """Return the row of a cell, the boxes at its checkpoints, and its tail."""
+        last, resting = self.fly(cell)
+        t, dt, p = self.trace, self.problem.scenario.dt_s, len(cell.centre) // 2
+        size = np.maximum(-t.low[: last + 1], t.high[: last + 1])
+        judged, hold = self.windows.ticks, self.problem.hold_tick
+        row, squares = np.full(len(VALUES), np.inf), np.full(self.above.shape, np.inf)
+        row[:3] = cell.depth, last * dt, resting * dt if resting >= 0 else np.inf
+        if last >= max(judged, hold):
+            late = size[hold:]
+            tail = size[judged - self.windows.tail + 1 : judged + 1] ** 2
+            squares = np.stack([tail[:, :p].sum(axis=1), tail[:, p:].sum(axis=1)]) * (1.0 + 1e-12)
+            means = np.sqrt(squares + self.above).mean(axis=1)
+            commands = np.maximum(-t.force_low[:judged], t.force_high[:judged])
+            least = np.maximum(np.maximum(t.force_low[:judged], -t.force_high[:judged]), 0.0)
+            outside = np.flatnonzero((size[:, :p] > 0.5).any(axis=1))
+            row[3:] = (
+                late[:, :p].max(),
+                late[:, p:].max(),
+                *means,
+                t.slew[: judged - 1].max(),
+                commands.max(),
+                size[: judged + 1, p:].max(),
+                (least**2).sum() * dt,
+                (commands**2).sum() * dt,
+                (outside[-1] + 1) * dt if len(outside) else 0.0,
+            )
+            row[3:] *= 1.0 + 1e-12
+            row[VALUES.index('energy_low_n2s')] *= 1.0 - 4e-12
+        every = round(CHECKPOINT_S / dt)
+        count = judged // every + 1
+        boxes = np.full((count, 2, 2 * p), np.nan)
+        shown = min(count, last // every + 1)
+        for side, values in enumerate((t.low, t.high)):
+            boxes[:shown, side] = values[: last + 1 : every][:shown]
+        return row, boxes, squares
+
+    def prove(self, cells: list[Cell], targets: Targets) -> Found:
+        """Return the cells, halved where a target is missed, with what is known of them."""
+        names = [VALUES.index(name) for name in Targets._fields]
+        rows, boxes, tails, done = [], [], [], []
+        todo, tubes = list(reversed(cells)), 0
+        while todo:
+            cell = todo.pop()
+            row, box, squares = self.values(cell)
+            reached = self.arrived(row) and bool((row[names] <= np.array(targets)).all())
+            tubes += 1
+            if not reached and cell.depth < DEEPEST and tubes < MOST_TUBES * len(cells):
+                todo += reversed(list(halves(cell)))
+                continue
+            rows.append(row)
+            boxes.append(box)
+            tails.append(squares)
+            done.append(cell)
+        return Found(
+            np.array([cell.centre for cell in done]),
+            np.array([cell.half for cell in done]),
+            np.array(rows),
+            np.array(boxes),
+            np.max(tails, axis=0),
+        )
+
+    def arrived(self, row: Floats) -> bool:
+        """Whether a tube comes to rest or, where that is not asked for, lasts to the end."""
+        return bool(np.isfinite(row[3])) and (
+            bool(np.isfinite(row[2])) or not self.problem.undisturbed
+        )

@@ -1,0 +1,171 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What follows for every start of the box: each claim proven, refuted by a flight, or open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import metrics, verdicts
+from rpo_core.flight import Flight
+from rpo_core.requirements import Requirements
+from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
+from rpo_training.proof.cells import Found
+from rpo_training.proof.problem import HOLD_ERROR_M, Problem
+from rpo_training.proof.tube import Rest
+
+Floats = NDArray[np.float64]
+Groups = Mapping[str, Found]
+"""Planar and vertical cells."""
+
+HOLD = 'hold_error_per_axis_m'
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim over all starts of the box.
+
+    key : the requirement of `rpo_core.requirements` that it is
+    bound : no start exceeds it; infinite: none is known
+    found : the greatest value that was flown, from `start` (6,) [m, m/s]
+    open_cells : planar cells whose bound exceeds the limit
+    """
+
+    key: str
+    statement: str
+    unit: str
+    limit: float
+    bound: float
+    found: float
+    start: tuple[float, ...]
+    open_cells: int
+
+    @property
+    def verdict(self) -> str:
+        """`PROVEN`, `REFUTED` or `UNDECIDED`."""
+        if self.found > self.limit:
+            return REFUTED
+        return PROVEN if self.bound <= self.limit else UNDECIDED
+
+
+def limits_of(problem: Problem) -> dict[str, float]:
+    """Return requirement -> limit: those of the scenario, and to hold the error at its end."""
+    required = problem.scenario.requirements
+    found = {} if required is None else dict(required.limits)
+    found.setdefault(HOLD, HOLD_ERROR_M)
+    return found
+
+
+def _planar(name: str) -> Callable[[Groups], Floats]:
+    """Return the bound of each planar cell, in which every vertical start is counted."""
+
+    def bounds(groups: Groups) -> Floats:
+        return groups['planar'].column(name)
+
+    return bounds
+
+
+def _per_axis(name: str) -> Callable[[Groups], Floats]:
+    """Return the bound of each planar cell, or of the vertical one where that is greater."""
+
+    def bounds(groups: Groups) -> Floats:
+        above = float(groups['vertical'].column(name).max())
+        return np.asarray(np.maximum(groups['planar'].column(name), above))
+
+    return bounds
+
+
+def _sum(name: str) -> Callable[[Groups], Floats]:
+    def bounds(groups: Groups) -> Floats:
+        above = float(groups['vertical'].column(name).max())
+        return np.asarray(groups['planar'].column(name) + above)
+
+    return bounds
+
+
+BOUNDS: dict[str, Callable[[Groups], Floats]] = {
+    HOLD: _per_axis('hold_error_m'),
+    'hold_speed_per_axis_m_s': _per_axis('hold_speed_m_s'),
+    'mean_error_norm_m': _planar('mean_error_m'),
+    'mean_speed_norm_m_s': _planar('mean_speed_m_s'),
+    'slew_per_axis_n_s': _per_axis('slew_n_s'),
+    'energy_n2s': _sum('energy_high_n2s'),
+}
+"""Requirement -> bound (k,) for the planar cells, whatever the vertical start."""
+
+
+def of_planar(groups: Groups, key: str) -> Floats:
+    """Return the bound (k,) of each planar cell, where nothing moves on z."""
+    vertical = groups['vertical']
+    return BOUNDS[key]({**groups, 'vertical': replace(vertical, values=0.0 * vertical.values[:1])})
+
+
+def unknown(problem: Problem) -> list[str]:
+    """Return the requirements of the scenario that the proof says nothing about."""
+    return [key for key in limits_of(problem) if key not in BOUNDS]
+
+
+def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
+    """Return requirement -> value of a flight, of all that the proof is about."""
+    found = {verdict.key: verdict.value for verdict in verdicts.verdicts(flight)}
+    if HOLD not in found:
+        late = flight.errors[problem.hold_tick :, :3]
+        found[HOLD] = float(np.abs(late).max())
+    return {key: value for key, value in found.items() if key in BOUNDS}
+
+
+def claims_of(
+    problem: Problem,
+    groups: Groups,
+    rest: Rest | None,
+    flown: Mapping[str, tuple[float, tuple[float, ...]]],
+) -> list[Claim]:
+    """Return the claims; flown : requirement -> greatest value, and its start."""
+    required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **{HOLD: 0.0})
+    found = []
+    for key, limit in limits_of(problem).items():
+        if key not in BOUNDS:
+            continue
+        bounds = BOUNDS[key](groups)
+        statement = verdicts.statement(key, required, problem.scenario.duration_s)
+        if key == HOLD:
+            hold_s = problem.hold_tick * problem.scenario.dt_s
+            ever = ', for ever' if rest_follows(problem, groups, rest) else ''
+            statement = f'position error per axis, from {hold_s:g} s on{ever}'
+        value, start = flown.get(key, (0.0, ()))
+        unit = metrics.UNITS[key]
+        bound = float(bounds.max())
+        found.append(
+            Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
+        )
+    return found
+
+
+def _open(groups: Groups, key: str, limit: float) -> int:
+    """Return the number of planar cells that exceed a limit; all of them, if z alone does."""
+    found = int((of_planar(groups, key) > limit).sum())
+    if not found and (BOUNDS[key](groups) > limit).any():
+        return len(groups['planar'].values)
+    return found
+
+
+def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
+    """Whether every tube ends in a set of rest that is small enough to hold."""
+    if rest is None or rest.radius_m > limits_of(problem)[HOLD]:
+        return False
+    return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
+
+
+def nowhere(problem: Problem) -> Rest:
+    """Return an empty set of rest, for tubes that fly on to the end."""
+    return Rest(limits_of(problem)[HOLD], 0.06, 0.0)
+
+
+def worst(claims: Sequence[Claim]) -> str:
+    """Return the verdict over all claims: refuted before undecided before proven."""
+    found = {claim.verdict for claim in claims}
+    return next((v for v in (REFUTED, UNDECIDED) if v in found), PROVEN)

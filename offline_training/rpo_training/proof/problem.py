@@ -1,0 +1,219 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is to be proven: a controller, a scenario, a box of starts, and what may differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rpo_core import controller as controllers
+from rpo_core import cw, scenario
+from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.stage import section_of
+from rpo_core.validation import InputError, check_fields, mapping, real, schema
+from rpo_training.proof import tables
+from rpo_training.proof.tube import Motion
+
+Floats = NDArray[np.float64]
+
+SCHEMA = 'rpo/proof/1'
+
+HOLD_ERROR_M = 0.5
+"""What a scenario without requirements must hold, from its end on: the paper's claim."""
+
+GROUPS = {'planar': (0, 1, 3, 4), 'vertical': (2, 5)}
+"""States that move together, in the order of a state: x and y are coupled, z is alone."""
+
+_share = partial(real, least=0.0, below=0.5)
+_Six = tuple[float, float, float, float, float, float]
+
+
+def _six(name: str, value: Any) -> _Six:
+    if not isinstance(value, (list, tuple)) or len(value) != 6:
+        raise InputError(f'`{name}` must be 6 numbers; got {value!r}')
+    x, y, z, vx, vy, vz = (real(name, number, most=1e6, least=-1e6) for number in value)
+    return x, y, z, vx, vy, vz
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What of a scenario may differ, and how finely the proof begins.
+
+    centre, half : (6,) of the box of starts [m, m/s]
+    mass_share : the mass differs by so much
+    disturbance_share : harmonics of the scenario's disturbance have any phase and any amplitude up
+        to so many times, its constant any size up to so many times
+    any_n : a disturbance that changes at every tick, of any axis
+    cell_m, cell_m_s : half-width of the first cells
+    coarseness : of the table of the surface, see `tables.table_of`
+    """
+
+    centre: Annotated[_Six, _six]
+    half: Annotated[_Six, _six]
+    mass_share: Annotated[float, _share] = 0.0
+    disturbance_share: Annotated[float, partial(real, least=0.0, most=10.0)] = 0.0
+    any_n: Annotated[float, partial(real, unit='N', least=0.0, most=1.0)] = 0.0
+    coarseness: Annotated[float, partial(real, least=1.0, most=16.0)] = 1.0
+    cell_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 1.0
+    cell_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.0125
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A proof to be made."""
+
+    controller: FuzzyController
+    scenario: Scenario
+    settings: Settings
+
+    @classmethod
+    def of(cls, controller: AnyController, found: Scenario, settings: Settings) -> Problem:
+        """Return the problem; raises InputError where the theory does not know something."""
+        if not isinstance(controller, FuzzyController):
+            raise InputError(
+                f'`controller` must be fuzzy to be proven: only its surface can be enclosed; '
+                f'{controller.name} is of kind {controller.kind}'
+            )
+        for section in found.sections:
+            raise InputError(
+                f'scenario {found.name} has a stage that the proof does not know: '
+                f'`{section_of(section).name}`'
+            )
+        if found.goal is not None:
+            raise InputError(
+                f'scenario {found.name} has a goal away from the target, which the proof does not '
+                'know: `goal_position_m`'
+            )
+        return cls(controller, found, settings)
+
+    @property
+    def odd(self) -> bool:
+        """Whether the closed loop from -s is the negative of that from s, and so is the box."""
+        still = self.scenario.disturbance.is_zero or self.settings.disturbance_share > 0.0
+        centred = not any(self.settings.centre)
+        return self.controller.system.rules.is_odd and still and centred
+
+    @property
+    def undisturbed(self) -> bool:
+        """Whether nothing but an `any_n` pushes."""
+        return self.scenario.disturbance.is_zero
+
+    @cached_property
+    def hold_tick(self) -> int:
+        """The tick from which the chaser must hold: the required time, else the end."""
+        required = self.scenario.requirements
+        if required is None or required.hold_from_s is None:
+            return self.scenario.ticks
+        return round(required.hold_from_s / self.scenario.dt_s)
+
+    @cached_property
+    def table(self) -> tables.Table:
+        """The enclosure of the control surface."""
+        return self.table_anew()
+
+    def table_anew(self) -> tables.Table:
+        """Return the enclosure of the control surface, computed again."""
+        limit_n = self.scenario.max_force_n
+        return tables.table_of(self.controller, limit_n, self.settings.coarseness)
+
+    @property
+    def strongest_n(self) -> float:
+        """A bound of the disturbance on any axis at any time, without `any_n` [N]."""
+        disturbance, share = self.scenario.disturbance, self.settings.disturbance_share or 1.0
+        sums = [abs(constant) for constant in disturbance.constant_n]
+        for h in disturbance.harmonics:
+            sums['xyz'.index(h.axis)] += abs(h.amplitude_n)
+        return share * max(sums) * (1.0 + 1e-12)
+
+    def motion(self, group: str, ticks: int) -> Motion:
+        """Return what moves the sets of a group of states, for so many ticks."""
+        chosen = list(GROUPS[group])
+        axes = [i for i in chosen if i < 3]
+        a, b = cw.matrices(self.scenario.step)
+        constant, carried = self._forces(axes, ticks)
+        return Motion(
+            np.ascontiguousarray(a[np.ix_(chosen, chosen)]),
+            np.ascontiguousarray(b[np.ix_(chosen, axes)]),
+            self.scenario.dt_s,
+            constant,
+            carried,
+            self._lightness,
+            self.settings.any_n,
+        )
+
+    @property
+    def _lightness(self) -> float:
+        """Share by which 1/m may differ from 1 / nominal mass, on either side."""
+        share = self.settings.mass_share
+        return share / (1.0 - share)
+
+    def _forces(self, axes: Sequence[int], ticks: int) -> tuple[Floats, Floats]:
+        """Return known forces (N, p) and those of each unknown constant (N, q, p) [N]."""
+        times = np.array([self.scenario.time_s(k) for k in range(ticks)])
+        disturbance, share = self.scenario.disturbance, self.settings.disturbance_share
+        extra = [np.zeros((ticks, len(axes)))] if self._lightness > 0.0 else []
+        if share == 0.0:
+            constant = np.zeros((ticks, len(axes)))
+            if not disturbance.is_zero:
+                constant = disturbance.over(times)[:, axes]
+            return np.ascontiguousarray(constant), _stacked(extra, ticks, len(axes))
+        found = []
+        for place, axis in enumerate(axes):
+            waves: list[Floats] = []
+            if disturbance.constant_n[axis]:
+                waves.append(np.full(ticks, share * abs(disturbance.constant_n[axis])))
+            for h in disturbance.harmonics:
+                if 'xyz'.index(h.axis) == axis:
+                    size = share * abs(h.amplitude_n)
+                    angle = h.angular_rate_rad_s * times
+                    waves += [size * np.cos(angle), size * np.sin(angle)]
+            for wave in waves:
+                column = np.zeros((ticks, len(axes)))
+                column[:, place] = wave * (1.0 + 1e-12)
+                found.append(column)
+        return np.zeros((ticks, len(axes))), _stacked([*found, *extra], ticks, len(axes))
+
+    @property
+    def texts(self) -> tuple[str, str, str]:
+        """Controller, scenario and settings as files."""
+        half = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in vars(self.settings).items()
+        }
+        return (
+            controllers.dumps(self.controller),
+            scenario.dumps(self.scenario),
+            yaml.safe_dump({'schema': SCHEMA, **half}, sort_keys=False),
+        )
+
+    @classmethod
+    def of_texts(cls, texts: Sequence[str]) -> Problem:
+        """Return the problem of the texts of its files; raises InputError."""
+        controller, found, settings = (yaml.safe_load(text) for text in texts)
+        parsed = scenario.parse(found)
+        if isinstance(parsed, ScenarioSet):
+            raise InputError('`scenario` of a proof must be a single flight; it is a set')
+        schema(settings, SCHEMA)
+        known = list(Settings.__dataclass_fields__)
+        chosen = mapping('', settings, ['schema', *known])
+        return cls.of(
+            controllers.parse(controller), parsed, Settings(**{k: chosen[k] for k in known})
+        )
+
+
+def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:
+    """Return forces (N, q, p) of columns (N, p)."""
+    if not columns:
+        return np.zeros((ticks, 0, p))
+    return np.ascontiguousarray(np.stack(columns, axis=1))

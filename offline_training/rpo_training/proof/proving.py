@@ -1,0 +1,212 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Making a proof: units of cells on all cores or a cluster, then the claims."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import scenario as scenarios
+from rpo_core.scenario import Scenario
+from rpo_training.analysis.certificate import REFUTED
+from rpo_training.cluster import pool
+from rpo_training.outputs import write_text
+from rpo_training.proof import probing
+from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
+from rpo_training.proof.claims import HOLD, Claim, claims_of, limits_of, nowhere
+from rpo_training.proof.folder import Folder, joined
+from rpo_training.proof.problem import Problem
+from rpo_training.proof.rest import rest_of
+from rpo_training.proof.tube import Rest
+
+UNIT = 25
+"""First cells of a unit."""
+
+PROBES, SUSPECTS = 1000, 200
+"""Flights before the proof, from anywhere, and after it for each claim, from the worst cells."""
+
+SEED = 1
+
+Progress = Callable[[str, int, int], None]
+
+
+class Work(NamedTuple):
+    """The cells of a group that are to be proven; see `Prover`."""
+
+    problem: Problem
+    group: str
+    rest: Rest
+    targets: Targets
+    above: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished proof.
+
+    counterexamples : requirement -> scenario that breaks it
+    """
+
+    claims: list[Claim]
+    rest: Rest | None
+    groups: dict[str, Found]
+    counterexamples: dict[str, Scenario]
+
+
+def prove(
+    folder: Folder, workers: int, address: str, progress: Progress, probes: int = PROBES
+) -> Outcome:
+    """Make the proof of a folder, from where it was interrupted.
+
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler
+    probes : flights from anywhere, before
+    """
+    problem = folder.problem
+    problem.__dict__['table'] = folder.table()
+    limits = limits_of(problem)
+    speed = limits.get('hold_speed_per_axis_m_s')
+    rest = rest_of(problem, limits[HOLD], speed)
+    asked = rest or nowhere(problem)
+    flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
+    refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
+    groups: dict[str, Found] = {}
+    targets, above = targets_of(problem, refuted), None
+    for group in ('vertical', 'planar'):
+        work = Work(problem, group, asked, targets, above)
+        groups[group] = _cells(folder, work, workers, address, progress)
+        above = groups[group].tail
+    flown = _suspected(problem, groups, rest, flown, progress)
+    values = {key: (value, start) for key, (value, start, _) in flown.items()}
+    claims = claims_of(problem, groups, rest, values)
+    against = {c.key: flown[c.key][2] for c in claims if c.verdict == REFUTED}
+    for key, breaking in against.items():
+        write_text(folder.path / f'counterexample_{key}.yaml', scenarios.dumps(breaking))
+    outcome = Outcome(claims, rest, groups, against)
+    folder.finish(groups, summary_of(outcome))
+    return outcome
+
+
+def targets_of(problem: Problem, refuted: set[str]) -> Targets:
+    """Return what tubes should show; nothing of what is refuted already."""
+    limits = {k: v for k, v in limits_of(problem).items() if k not in refuted}
+    keys = (HOLD, 'hold_speed_per_axis_m_s', 'mean_error_norm_m', 'mean_speed_norm_m_s')
+    return Targets(*(limits.get(key, np.inf) for key in keys))
+
+
+def _suspected(
+    problem: Problem,
+    groups: dict[str, Found],
+    rest: Rest | None,
+    flown: probing.Flown,
+    progress: Progress,
+) -> probing.Flown:
+    """Fly from the worst cells of the claims that are open; return the greatest values."""
+    values = {key: (value, start) for key, (value, start, _) in flown.items()}
+    for claim in claims_of(problem, groups, rest, values):
+        if claim.bound > claim.limit >= claim.found:
+            progress('looking for a counterexample', 0, SUSPECTS)
+            starts = probing.suspects(problem, groups, claim.key, SUSPECTS, SEED)
+            flown = probing.merged(flown, probing.probe(problem, starts, SEED))
+    return flown
+
+
+def _cells(folder: Folder, work: Work, workers: int, address: str, progress: Progress) -> Found:
+    """Return all cells of a group; those of finished units are read."""
+    group, cells = work.group, roots(work.problem, work.group)
+    units = [cells[first : first + UNIT] for first in range(0, len(cells), UNIT)]
+    parts = {unit: folder.done(group, unit) for unit in range(len(units))}
+    pending = [unit for unit, found in parts.items() if found is None]
+    finished = len(units) - len(pending)
+    progress(f'{group} cells', finished * UNIT, len(cells))
+    make = _on_cluster if address else _on_threads
+    for unit, found in make(work, units, pending, workers, address):
+        folder.put(group, unit, found)
+        parts[unit] = found
+        finished += 1
+        progress(f'{group} cells', min(finished * UNIT, len(cells)), len(cells))
+    return joined(part for part in parts.values() if part is not None)
+
+
+Source = Iterator[tuple[int, Found]]
+
+
+def _on_threads(
+    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
+) -> Source:
+    """Yield units as they are finished."""
+    prover = Prover(work.problem, work.group, work.rest, work.above)
+    workers = workers or len(os.sched_getaffinity(0))
+    executor = ThreadPoolExecutor(workers, 'rpo-prove')
+    todo, under_way = iter(pending), dict[Future[Found], int]()
+    try:
+        while True:
+            for unit in islice(todo, 2 * workers - len(under_way)):
+                under_way[executor.submit(prover.prove, units[unit], work.targets)] = unit
+            if not under_way:
+                return
+            done, _pending = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield under_way.pop(future), future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+@lru_cache(maxsize=2)
+def _prover(texts: tuple[str, str, str], group: str, rest: Rest, above: bytes | None) -> Prover:
+    tail = None if above is None else np.frombuffer(above).reshape(2, -1)
+    return Prover(Problem.of_texts(texts), group, rest, tail)
+
+
+def prove_remote(
+    texts: tuple[str, str, str],
+    group: str,
+    rest: Rest,
+    above: bytes | None,
+    cells: list[Cell],
+    targets: Targets,
+) -> Found:
+    """Prove a unit on a worker."""
+    return _prover(texts, group, rest, above).prove(cells, targets)
+
+
+def _on_cluster(
+    work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
+) -> Source:
+    """Yield units as they come in."""
+    above = None if work.above is None else work.above.tobytes()
+    same = work.problem.texts, work.group, work.rest, above
+    calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
+    with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
+        yield from pool.results(client, prove_remote, calls)
+
+
+def summary_of(outcome: Outcome) -> dict[str, Any]:
+    """Return the summary of a proof, as it is written."""
+    rest = outcome.rest
+    return {
+        'rest': None if rest is None else {k: float(v) for k, v in rest._asdict().items()},
+        'cells': {group: len(found.values) for group, found in outcome.groups.items()},
+        'claims': {
+            claim.key: {
+                'statement': claim.statement,
+                'verdict': claim.verdict,
+                'unit': claim.unit,
+                'limit': float(claim.limit),
+                'bound': float(claim.bound),
+                'found': float(claim.found),
+                'start': [float(x) for x in claim.start],
+                'open_cells': claim.open_cells,
+            }
+            for claim in outcome.claims
+        },
+    }

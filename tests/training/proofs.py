@@ -1,0 +1,32 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Small proofs for tests: a coarse table, a small box."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load
+from rpo_training.proof import proving
+from rpo_training.proof.folder import Folder
+from rpo_training.proof.problem import Problem, Settings
+
+COARSE = 4.0
+"""Cells of the table beside the default ones: a sixteenth of the time."""
+
+BOX = (2.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@cache
+def problem_of(name, half=(10.0, 10.0, 10.0, 0.0, 0.0, 0.0)):
+    """Return the problem of a shipped controller, from rest in a box about the target."""
+    settings = Settings(centre=(0.0,) * 6, half=half, coarseness=COARSE, cell_m_s=0.025)
+    return Problem.of(load_controller(name), load('paper_training').base, settings)
+
+
+def small_proof(path):
+    """Make a proof of a few cells in a folder, with few flights beside it."""
+    folder = Folder.create(path, problem_of('robust', half=BOX))
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    return folder

@@ -1,0 +1,245 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Proofs: laws and tubes that hold what flies, sets of rest, claims, refusals, resuming."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from proofs import BOX, COARSE, problem_of, small_proof
+from typer.testing import CliRunner
+
+from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.flight import fly
+from rpo_core.fuzzy import RuleTable
+from rpo_core.navigation import Navigation
+from rpo_core.scenario import load, load_scenario
+from rpo_core.validation import InputError
+from rpo_training.cli import app
+from rpo_training.proof import cells, check, check_ticks, laws, probing, proving, tables
+from rpo_training.proof.folder import Folder
+from rpo_training.proof.problem import GROUPS, Problem, Settings
+from rpo_training.proof.rest import rest_of
+from rpo_training.proof.tube import Rest
+
+SHIPPED = ('robust', 'trained', 'handmade')
+NOWHERE = Rest(0.0, 0.06, 0.0)
+"""No tube is in it, so each flies on to the end."""
+
+
+@pytest.fixture(scope='module', params=SHIPPED)
+def surface(request):
+    controller = load_fuzzy(request.param)
+    return controller, tables.table_of(controller, 0.5, COARSE)
+
+
+def test_the_force_follows_the_law_on_its_strip(surface):
+    """The kernel, at corners, edges and random points of strips of all sizes and places."""
+    controller, table = surface
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        r, v = rng.uniform(-80.0, 80.0), rng.uniform(-1.4, 1.4)
+        if rng.random() < 0.5:
+            r, v = 0.01 * r, 0.01 * v
+        size = 10.0 ** rng.uniform(-6.0, 0.5)
+        tilt, half = rng.uniform(-0.2, 0.05), 0.05 * size * rng.random()
+        law = laws.law_of(table, r - size, r + size, v, tilt, half)
+        shares = np.vstack(
+            [rng.uniform(-1.0, 1.0, (20, 2)), [[a, b] for a in (-1, 0, 1) for b in (-1, 1)]]
+        )
+        for a, b in shares:
+            at, fast = r + size * a, v + tilt * size * a + half * b
+            force = controller.force_n([at] * 3, [fast] * 3)[0]
+            assert abs(force - law.k_r * at - law.k_v * fast - law.k_0) <= law.rho
+
+
+def test_a_law_of_a_point_is_sharp(surface):
+    """In a smooth place, what is left shrinks with the square of the strip."""
+    _, table = surface
+    coarse, fine = (laws.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01))
+    assert fine < 0.02 * coarse
+
+
+def test_the_table_agrees_with_rational_numbers(surface):
+    controller, table = surface
+    settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
+    problem = Problem.of(controller, load('paper_training').base, settings)
+    assert not list(check_ticks.surface_faults(problem, table, np.random.default_rng(1), 15))
+
+
+@pytest.mark.parametrize('name', ['robust', 'trained'])
+def test_tubes_hold_the_flights_of_their_cells(name):
+    """States, forces and slew of every tick: corners and random starts, with a velocity."""
+    problem = problem_of(name, half=(40.0, 40.0, 40.0, 0.05, 0.05, 0.05))
+    rng = np.random.default_rng(5)
+    for group, centre, half in (
+        ('planar', (35.0, -22.0, 0.03, -0.04), (0.4, 0.4, 0.01, 0.01)),
+        ('planar', (0.3, 0.1, 0.0, 0.0), (0.3, 0.3, 0.0, 0.0)),
+        ('vertical', (38.0, -0.03), (0.5, 0.02)),
+    ):
+        prover = cells.Prover(problem, group, NOWHERE)
+        cell = cells.Cell(centre, half)
+        last, _ = prover.fly(cell)
+        chosen = list(GROUPS[group])
+        axes = [i for i in chosen if i < 3]
+        for number in range(12):
+            share = (
+                np.sign(rng.uniform(-1, 1, len(half)))
+                if number < 6
+                else rng.uniform(-1, 1, len(half))
+            )
+            start = np.zeros(6)
+            start[chosen] = np.array(centre) + np.array(half) * share
+            flight = probing.fly(problem, probing.varied(problem, rng, start))
+            end = min(last, len(flight.states) - 1)
+            states, t = flight.states[: end + 1, chosen], prover.trace
+            assert (t.low[: end + 1] <= states).all() and (states <= t.high[: end + 1]).all()
+            forces = flight.forces_n[:end, axes]
+            assert (t.force_low[:end] <= forces).all() and (forces <= t.force_high[:end]).all()
+            slew = np.abs(np.diff(forces, axis=0)) / problem.scenario.dt_s
+            assert (slew <= t.slew[: end - 1]).all()
+
+
+def test_flights_of_a_proof_have_the_bits_of_simulate():
+    problem = problem_of('robust')
+    scenario = probing.varied(
+        problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0])
+    )
+    ours, theirs = probing.fly(problem, scenario), fly(scenario, problem.controller)
+    assert (ours.states == theirs.states).all() and (ours.forces_n == theirs.forces_n).all()
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_no_flight_leaves_the_set_of_rest(name):
+    """From its corners, where a flight would leave first."""
+    problem = problem_of(name)
+    rest = rest_of(problem, 0.5, None)
+    assert rest is not None
+    for signs in np.ndindex(2, 2, 2, 2, 2, 2):
+        a, b = (1.0 - 2.0 * np.array(signs)).reshape(2, 3)
+        position = rest.radius_m * a
+        start = np.concatenate([position, -rest.rate * position + rest.speed_m_s * b])
+        start *= 1.0 - 1e-9
+        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        r, v = flight.states[:300, :3], flight.states[:300, 3:]
+        assert np.abs(r).max() <= rest.radius_m
+        assert np.abs(v + rest.rate * r).max() <= rest.speed_m_s
+
+
+def test_there_is_no_rest_without_damping():
+    """Rules that ignore the velocity: an oscillator, which never comes to rest."""
+    robust = load_fuzzy('robust')
+    rows = tuple(robust.system.rules.words[2] for _ in range(5))
+    undamped = replace(robust, system=replace(robust.system, rules=RuleTable(rows)))
+    problem = Problem.of(undamped, load('paper_training').base, problem_of('robust').settings)
+    assert rest_of(problem, 0.5, None) is None
+
+
+def test_rounding_of_a_cell_leaves_no_gap():
+    problem = problem_of('robust', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
+    for group in GROUPS:
+        some = cells.roots(problem, group)
+        halved = [half for cell in some[1:] for half in cells.halves(cell)]
+        found = cells.Found(
+            np.array([c.centre for c in (some[0], *halved)]),
+            np.array([c.half for c in (some[0], *halved)]),
+            *3 * [np.empty((0, 0))],
+        )
+        assert not list(check.cover_faults(problem, group, found))
+        fewer = replace(found, centre=found.centre[:-1], half=found.half[:-1])
+        assert list(check.cover_faults(problem, group, fewer))
+
+
+def test_a_proof_is_made_checked_and_resumed_to_the_same_bytes(tmp_path):
+    first = small_proof(tmp_path / 'first')
+    summary = first.summary()
+    assert {claim['verdict'] for claim in summary['claims'].values()} == {'proven'}
+    assert 'for ever' in summary['claims']['hold_error_per_axis_m']['statement']
+    assert not check.check(first, check.Sample(starts=2, ticks=4, surface=5))
+    second = Folder.create(tmp_path / 'second', problem_of('robust', half=BOX))
+
+    def stop(what, done, total):
+        if what == 'planar cells':
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        proving.prove(second, 1, '', stop, probes=20)
+    assert not second.finished and list((second.path / 'parts').glob('vertical*'))
+    proving.prove(Folder.open(second.path), 2, '', lambda *_: None, probes=20)
+    for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
+        assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
+
+
+def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
+    """A limit of slew that no flight keeps: refuted by a flight, whose file breaks it."""
+    base = load('paper_training').base
+    strict = replace(base, requirements=replace(base.requirements, slew_per_axis_n_s=0.01))
+    problem = Problem.of(load_controller('robust'), strict, problem_of('robust', half=BOX).settings)
+    folder = Folder.create(tmp_path / 'proof', problem)
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    claim = folder.summary()['claims']['slew_per_axis_n_s']
+    assert claim['verdict'] == 'refuted'
+    path = folder.path / 'counterexample_slew_per_axis_n_s.yaml'
+    run = CliRunner().invoke(app, ['simulate', str(path), '--controller', 'robust'])
+    assert 'MISSED' in run.output
+    assert not check.check(folder, check.Sample(starts=1, ticks=1, surface=1))
+
+
+def test_what_the_theory_does_not_know_is_refused():
+    base, settings = load('paper_training').base, problem_of('robust').settings
+    with pytest.raises(InputError, match='of kind lqr'):
+        Problem.of(load_controller('lqr'), base, settings)
+    noisy = base.equipped(Navigation(position_noise_m=0.1))
+    with pytest.raises(InputError, match='`navigation`'):
+        Problem.of(load_controller('robust'), noisy, settings)
+    away = replace(base, goal_position_m=(0.0, 10.0, 0.0))
+    with pytest.raises(InputError, match='goal_position_m'):
+        Problem.of(load_controller('robust'), away, settings)
+    robust = load_fuzzy('robust')
+    part = replace(robust.system.position, sp_left=robust.system.position.sp_centre)
+    jumping = replace(robust, system=replace(robust.system, position=part))
+    with pytest.raises(InputError, match=r'vertical edge at 0\.1921'):
+        tables.table_of(jumping, 0.5, COARSE)
+
+
+def test_rules_that_are_not_odd_are_proven_from_the_whole_box():
+    robust = load_fuzzy('robust')
+    words = [list(row) for row in robust.system.rules.words]
+    words[0][0] = 'SN'
+    rules = RuleTable(tuple(map(tuple, words)))
+    uneven: FuzzyController = replace(robust, system=replace(robust.system, rules=rules))
+    settings = problem_of('robust').settings
+    base = load('paper_training').base
+    whole, half = (cells.roots(Problem.of(c, base, settings), 'planar') for c in (uneven, robust))
+    assert len(whole) == 2 * len(half)
+
+
+def test_the_command_says_what_is_wrong(tmp_path):
+    def said(*words):
+        run = CliRunner().invoke(app, ['prove', *map(str, words)])
+        return run.exit_code, run.output
+
+    assert said()[0] == 2
+    assert said('robust', '--scenario', 'paper_test')[0] == 2
+    assert said('--check', tmp_path)[0] == 2
+    assert said('--resume', tmp_path / 'none')[0] == 2
+    (tmp_path / 'file').write_text('something')
+    assert said('robust', '-o', tmp_path)[0] == 2
+
+
+def test_a_known_disturbance_is_part_of_the_tube():
+    """The paper's test, whose disturbance is known: its flight is in the tube of a small cell."""
+    base = replace(load_scenario('paper_test'), duration_s=60.0, requirements=None)
+    start = base.start
+    settings = Settings(centre=start, half=(0.2, 0.2, 0.2, 0.0, 0.0, 0.0), coarseness=COARSE)
+    problem = Problem.of(load_controller('robust'), base, settings)
+    flight = fly(base, problem.controller)
+    for group, chosen in GROUPS.items():
+        prover = cells.Prover(problem, group, NOWHERE)
+        centre = tuple(start[i] for i in chosen)
+        last, _ = prover.fly(cells.Cell(centre, tuple(settings.half[i] for i in chosen)))
+        assert last == base.ticks
+        states = flight.states[:, list(chosen)]
+        assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()

@@ -1,0 +1,191 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checker of proofs finds errors that are planted; tubes hold their flights."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from proofs import small_proof
+
+from rpo_training.proof import cells, check, check_ticks, tube
+from rpo_training.proof.problem import GROUPS
+
+KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
+
+
+class Bench:
+    """A sound proof, and its parts as the checker takes them."""
+
+    def __init__(self, folder):
+        self.folder, self.problem = folder, folder.problem
+        self.summary = folder.summary()
+        self.groups = {group: folder.cells(group) for group in GROUPS}
+        self.rest = check.rest_of_summary(self.summary)
+
+    def prover(self, group):
+        above = self.groups['vertical'].tail if group == 'planar' else None
+        return cells.Prover(self.problem, group, self.rest, above)
+
+    def tick(self, rng):
+        """Return a prover, a tick of a tube before and after, and after small ones are boxed."""
+        prover = self.prover('planar')
+        found = self.groups['planar']
+        k = int(rng.integers(len(found.values)))
+        c, g, d, m = prover.start(cells.Cell(tuple(found.centre[k]), tuple(found.half[k])))
+        kept, number = m, 0
+        boxing = False
+        last = int(rng.integers(20, 120))
+        while number < last or not boxing:
+            before, after, m = check.stepped(self.problem, prover.motion, number, c, g, d, m)
+            m = tube.tidy(number, g, d, kept, m)
+            boxing = m < after.g.shape[1]
+            number += 1
+        tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+        return prover, before, after, tidied, kept
+
+    def faults(self, kind, rng):
+        """Plant an error of a kind; return what the checker says."""
+        return list(getattr(self, kind)(rng))
+
+    def _rows(self, rng, change):
+        group = ('planar', 'vertical')[int(rng.integers(2))]
+        found = copy.deepcopy(self.groups[group])
+        change(found, int(rng.integers(len(found.values))))
+        every = check.Sample(starts=0, ticks=0)
+        return check.tube_faults(self.prover(group), found, rng, every, lambda *_: None)
+
+    def row(self, rng):
+        def change(found, k):
+            known = np.flatnonzero(np.isfinite(found.values[k]) & (found.values[k] > 0.0))
+            found.values[k, int(rng.choice(known[known >= 3]))] *= 1.0 - 1e-9
+
+        return self._rows(rng, change)
+
+    def boxes(self, rng):
+        def change(found, k):
+            moment = int(rng.integers(found.boxes.shape[1]))
+            found.boxes[k, moment, 1] -= 1e-9
+
+        return self._rows(rng, change)
+
+    def cell(self, rng):
+        def change(found, k):
+            found.centre[k] += 1e-6
+
+        return self._rows(rng, change)
+
+    def gap(self, rng):
+        group = ('planar', 'vertical')[int(rng.integers(2))]
+        found = copy.deepcopy(self.groups[group])
+        found.half[int(rng.integers(len(found.half))), 0] *= 1.0 - 10.0 ** -rng.uniform(2.0, 9.0)
+        return check.cover_faults(self.problem, group, found)
+
+    def claim(self, rng):
+        summary = copy.deepcopy(self.summary)
+        key = sorted(summary['claims'])[int(rng.integers(len(summary['claims'])))]
+        summary['claims'][key]['bound'] *= 1.0 - 10.0 ** -rng.uniform(1.0, 9.0)
+        return check.claim_faults(self.problem, self.groups, summary)
+
+    def law(self, rng):
+        """A number of a law that is wrong: the kernel's force contradicts it in the set."""
+        while True:
+            _, before, _, _, _ = self.tick(rng)
+            axis, wrong = int(rng.integers(2)), before.laws.copy()
+            column = int(rng.integers(4))
+            wrong[axis, column] *= 1.0 + rng.uniform(-0.6, -0.1)
+            xi = rng.choice([-1.0, 1.0], (before.g.shape[1], 500))
+            r, v = (before.c[i] + before.g[i] @ xi for i in (axis, 2 + axis))
+            force = [
+                self.problem.controller.force_n([a] * 3, [b] * 3)[0]
+                for a, b in zip(r, v, strict=True)
+            ]
+            k_r, k_v, k_0, rho = wrong[axis, :4]
+            if (np.abs(force - k_r * r - k_v * v - k_0) > rho).any():
+                return check_ticks.law_faults(self.problem, replace(before, laws=wrong), 'planted')
+
+    def rounding(self, rng):
+        """Nothing is widened for rounding."""
+        prover, before, after, _, _ = self.tick(rng)
+        wrong = replace(after, d=before.d.copy() * 0.0)
+        return check_ticks.step_faults(prover.motion, before, wrong, 'planted')
+
+    def set(self, rng):
+        """A number of the next set is off by a millionth of a millimetre."""
+        prover, before, after, _, _ = self.tick(rng)
+        g, c = after.g.copy(), after.c.copy()
+        row = int(rng.integers(4))
+        if rng.random() < 0.5:
+            g[row, int(rng.integers(g.shape[1]))] += 1e-9
+        else:
+            c[row] -= 1e-9
+        return check_ticks.step_faults(prover.motion, before, replace(after, g=g, c=c), 'planted')
+
+    def boxed(self, rng):
+        """The box of small generators is a little too small."""
+        _, _, after, tidied, kept = self.tick(rng)
+        g = tidied.g.copy()
+        g[:, -4:] *= 1.0 - 1e-9
+        return check_ticks.tidy_faults(after, replace(tidied, g=g), kept, 'planted')
+
+    def rest_set(self, rng):
+        share = rng.uniform(0.01, 0.1)
+        return check.rest_faults(self.problem, self.rest._replace(speed_m_s=share * 1e-3))
+
+    def table(self, rng):
+        table = self.problem.table
+        name = ('u', 'bend', 'slopes')[int(rng.integers(3))]
+        values = getattr(table, name).copy()
+        values.flat[int(rng.integers(values.size))] += 1e-9
+        wrong = table._replace(**{name: values})
+        return check_ticks.surface_faults(self.problem, wrong, rng, 0)
+
+
+@pytest.fixture(scope='module')
+def bench(tmp_path_factory):
+    return Bench(small_proof(tmp_path_factory.mktemp('proof') / 'proof'))
+
+
+def missed(bench, kind, count):
+    """Plant errors of a kind; return the seeds of those that were not found."""
+    found = 'rest_set' if kind == 'rest' else kind
+    return [n for n in range(count) if not bench.faults(found, np.random.default_rng(n))]
+
+
+def test_a_sound_tick_has_no_faults(bench):
+    for seed in range(3):
+        prover, before, after, tidied, kept = bench.tick(np.random.default_rng(seed))
+        assert not list(check_ticks.law_faults(bench.problem, before, ''))
+        assert not list(check_ticks.step_faults(prover.motion, before, after, ''))
+        assert not list(check_ticks.tidy_faults(after, tidied, kept, ''))
+    assert not list(check.rest_faults(bench.problem, bench.rest))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_planted_error_is_found(bench, kind):
+    assert missed(bench, kind, 1) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_hundred_planted_errors_are_found(bench, kind):
+    """Ten of each kind; four of the table, which is made anew each time."""
+    assert missed(bench, kind, 4 if kind == 'table' else 10) == []
+
+
+def test_tubes_hold_the_flights_of_the_proof(bench):
+    rng = np.random.default_rng(7)
+    for group, found in bench.groups.items():
+        assert not list(check.flight_faults(bench.prover(group), found, rng, 50, lambda *_: None))
+
+
+def test_flights_of_a_larger_cell_leave_the_tube(bench):
+    """A tube of half the cell: the checker notices that flights of the whole cell leave it."""
+    prover, found = bench.prover('planar'), bench.groups['planar']
+    fly = prover.fly
+    prover.fly = lambda cell: fly(cell._replace(half=tuple(0.5 * h for h in cell.half)))
+    rng = np.random.default_rng(7)
+    assert list(check.flight_faults(prover, found, rng, 10, lambda *_: None))
