@@ -1,0 +1,242 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A static fuzzy controller in other coordinates: how far the target is, and the pace towards it.
+
+The least-energy approach from rest has the same form from every distance: f = |r| g(-v T / r) (a
+homogeneous law of degree one). So distance and pace, the closing speed beside the distance, say
+more than position and velocity. A zero-order Takagi-Sugeno system of these (`baseline_kernels.
+pace_force`): if the target is near and the pace is steady, then the force is so many newtons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from math import sqrt
+from typing import Annotated, Any, ClassVar
+
+from rpo_core.baseline_kernels import (
+    BaselineLaw,
+    baseline_force,
+    interval,
+    law_of,
+    pace_inputs,
+)
+from rpo_core.controller_file import Reason, register
+from rpo_core.family import Family, Gene, Mission
+from rpo_core.kernels import State
+from rpo_core.validation import InputError, check_fields, real, shown, store
+
+DISTANCES = ('at', 'very near', 'near', 'middle', 'far', 'very far')
+PACES = (
+    'away',
+    'drifting away',
+    'resting',
+    'very slow',
+    'slow',
+    'steady',
+    'brisk',
+    'fast',
+    'passing',
+)
+"""The words, ascending. `at` has its peak at 0 m; `away` at -1, `resting` at 0, `passing` at 1."""
+
+Numbers = tuple[float, ...]
+
+
+def _numbers(name: str, value: Any) -> Numbers:
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f'`{name}` must be a list of numbers; got {shown(value)}')
+    return tuple(
+        real(f'{name}[{i}]', number, least=-1e6, most=1e6) for i, number in enumerate(value)
+    )
+
+
+def _ascending(name: str, peaks: Numbers, count: int) -> None:
+    ascends = all(a < b for a, b in zip(peaks, peaks[1:], strict=False))
+    if len(peaks) != count or not ascends:
+        raise InputError(f'`{name}` must be {count} ascending numbers; got {list(peaks)}')
+
+
+def _table(name: str, value: Any) -> tuple[Numbers, ...]:
+    rows = value if isinstance(value, (list, tuple)) else ()
+    found = tuple(_numbers(f'{name}[{i}]', row) for i, row in enumerate(rows))
+    count = len(DISTANCES) - 1
+    if len(found) != count or any(len(row) != len(PACES) for row in found):
+        raise InputError(f'`{name}` must be {count} rows of {len(PACES)} numbers; got {shown(value)}')
+    for i, row in enumerate(found):
+        if row[0] != -row[-1]:
+            raise InputError(
+                f'`{name}[{i}]` must end with minus its first number, {-row[0]!r}, so that the '
+                f'force has no jump at the target; got {row[-1]!r}'
+            )
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pace(Family):
+    """Forces by distance and pace: a table of rules in words, each axis alike.
+
+    lead_s : with h = lead_s * closing speed, distance is |r| + |h|, and pace h / (|r| + |h|)
+    distance_peaks_m : of `DISTANCES` without `at`
+    pace_peaks : of `PACES`; the first is -1, the last 1
+    force_n : towards the target; a row for each distance without `at`, whose force is 0
+    """
+
+    kind: ClassVar[str] = 'pace'
+
+    lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
+    distance_peaks_m: Annotated[Numbers, _numbers]
+    pace_peaks: Annotated[Numbers, _numbers]
+    force_n: Annotated[tuple[Numbers, ...], _table]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ascending('distance_peaks_m', self.distance_peaks_m, len(DISTANCES) - 1)
+        _ascending('pace_peaks', self.pace_peaks, len(PACES))
+        if self.distance_peaks_m[0] <= 0.0:
+            raise InputError(f'`distance_peaks_m` must be above 0; got {self.distance_peaks_m[0]}')
+        if (self.pace_peaks[0], self.pace_peaks[-1]) != (-1.0, 1.0):
+            raise InputError(f'`pace_peaks` must be from -1 to 1; got {list(self.pace_peaks)}')
+
+    @property
+    def _peaks(self) -> Numbers:
+        return (0.0, *self.distance_peaks_m)
+
+    @property
+    def _rows(self) -> tuple[Numbers, ...]:
+        return ((0.0,) * len(PACES), *self.force_n)
+
+    @cached_property
+    def law(self) -> BaselineLaw:
+        """What the kernels read."""
+        return law_of(self.max_force_n, pace=(self._peaks, self.pace_peaks, self._rows, self.lead_s))
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        found = {'lead_s': self.lead_s}
+        for word, peak in zip(DISTANCES[1:], self.distance_peaks_m, strict=True):
+            found[f'{word}: peak_m'] = peak
+        for word, peak in zip(PACES[3:-1], self.pace_peaks[3:-1], strict=True):
+            found[f'{word}: peak'] = peak
+        for word, row in zip(DISTANCES[1:], self.force_n, strict=True):
+            for pace, force in zip(PACES[:-1], row, strict=False):
+                found[f'{word}, {pace}'] = force
+        return found
+
+    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+        """Return its rules as a table, and the peaks of its words."""
+        headings = ('distance', 'peak [m]', *PACES)
+        rows = [
+            (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
+            for word, peak, row in zip(DISTANCES, self._peaks, self._rows, strict=True)
+        ]
+        peaks = ('peak of the pace', '', *(f'{peak:.3g}' for peak in self.pace_peaks))
+        title = f'Force towards the target [N] of each axis; lead {self.lead_s:g} s'
+        return [(title, headings, [peaks, *rows])]
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z."""
+        forces = baseline_force(state, tick, self.law)
+        return [self._reason(state[i], state[3 + i], forces[i]) for i in range(3)]
+
+    def _reason(self, r: float, v: float, force: float) -> Reason:
+        distance, pace = pace_inputs(r, v, self.lead_s)
+        i, far = interval(distance, self._peaks)
+        j, fast = interval(pace, self.pace_peaks)
+        near = [(DISTANCES[i], 1.0 - far), (DISTANCES[i + 1], far)]
+        slow = [(PACES[j], 1.0 - fast), (PACES[j + 1], fast)]
+        fired = [
+            (a, b, grade * other, self._rows[i + m][j + n])
+            for m, (a, grade) in enumerate(near)
+            for n, (b, other) in enumerate(slow)
+            if grade * other > 0.0
+        ]
+        fired.sort(key=lambda rule: -rule[2])
+        a, b, strength, pull = fired[0]
+        sentence = (
+            f'the target is {a} ({distance:.3g} m) and the pace is {b} ({pace:.2f}) → '
+            f'{pull:.3g} N towards it, {strength:.2f}'
+        )
+        pairs = [
+            ('force_n', force),
+            ('distance_m', distance),
+            ('pace', pace),
+            *((f'rule.{_key(a)}.{_key(b)}', strength) for a, b, strength, _ in fired),
+        ]
+        return sentence, pairs
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies; it begins at `_start`."""
+        found = [Gene('lead_s', 10.0, 120.0, _LEAD_S, seconds=1, logarithmic=True)]
+        for word, peak in zip(DISTANCES[1:], _DISTANCES_M, strict=True):
+            found.append(Gene(f'{word}: peak_m', peak / 2.0, peak * 2.0, peak, 1, logarithmic=True))
+        for word, peak in zip(PACES[3:-1], _PACES[3:-1], strict=True):
+            found.append(Gene(f'{word}: peak', peak - 0.07, peak + 0.07, peak))
+        for word, peak in zip(DISTANCES[1:], _DISTANCES_M, strict=True):
+            most = min(0.5, 0.15 * peak)
+            for pace, at in zip(PACES[:-1], _PACES, strict=False):
+                start = min(max(_start(peak, at), -most), most)
+                found.append(Gene(f'{word}, {pace}', -most, most, start, newtons=1))
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> Pace:
+        """Return the controller of the values of all genes."""
+        rows = [[values[f'{word}, {pace}'] for pace in PACES[:-1]] for word in DISTANCES[1:]]
+        return cls(
+            name=name,
+            description='Forces by distance and pace, in words.',
+            max_force_n=mission.max_force_n,
+            lead_s=values['lead_s'],
+            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in DISTANCES[1:]),
+            pace_peaks=(*_PACES[:3], *(values[f'{word}: peak'] for word in PACES[3:-1]), 1.0),
+            force_n=tuple((*row, -row[0]) for row in rows),
+        )
+
+
+def _key(word: str) -> str:
+    return word.replace(' ', '_')
+
+
+_LEAD_S = 35.0
+_DISTANCES_M = (0.8, 3.0, 12.0, 45.0, 180.0)
+_PACES = (-1.0, -0.4, 0.0, 0.2, 0.37, 0.53, 0.68, 0.83, 1.0)
+_MASS_KG, _TIME_S = 10.0, 175.0
+_STIFF_N_M, _DAMPING_N_S_M = 0.1, 2.0  # near the target
+
+
+def _start(distance_m: float, pace: float) -> float:
+    """Return the force [N] towards the target where a search begins.
+
+    Far away, that of the least-energy approach of a free mass from rest, in `_TIME_S`; within some
+    metres, that of a stiff linear law.
+    """
+    lead = pace * distance_m
+    r, closing = distance_m - abs(lead), lead / _LEAD_S
+    stiff = _STIFF_N_M * r - _DAMPING_N_S_M * closing
+    share = min(max((distance_m - 0.8) / 15.0, 0.0), 1.0)
+    return share * _least_energy_force(r, closing) + (1.0 - share) * stiff
+
+
+def _least_energy_force(r: float, closing: float) -> float:
+    """Return the force [N] of the least-energy approach that passes r [m] at a closing speed [m/s].
+
+    From rest at R, with s = t / T: r = R (1 - s)^2 (1 + 2 s), closing speed 6 R s (1 - s) / T, and
+    force 6 m R (1 - 2 s) / T^2; s follows from their ratio.
+    """
+    m, t = _MASS_KG, _TIME_S
+    if closing <= 0.0:
+        return 6.0 * m * r / t**2 - 4.0 * m * closing / t
+    if r <= 0.05 * _LEAD_S * closing:  # the passing is as hard as at the end of the table
+        r = 0.05 * _LEAD_S * closing
+    ratio = closing * t / (6.0 * r)  # s = ratio (1 - s) (1 + 2 s)
+    b = 1.0 - ratio
+    s = (sqrt(b * b + 8.0 * ratio * ratio) - b) / (4.0 * ratio)
+    start_m = r / ((1.0 - s) ** 2 * (1.0 + 2.0 * s))
+    return 6.0 * m * start_m * (1.0 - 2.0 * s) / t**2
+
+
+register(Pace)

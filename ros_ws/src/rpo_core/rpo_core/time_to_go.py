@@ -1,0 +1,196 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A fuzzy controller of three inputs: position, velocity, and the time to go until arrival.
+
+A first-order Takagi-Sugeno system: if the time to go is long, then f = -k r - d v with the gains of
+`long`; and so on for five words. Triangles partition the time to go, so the gains are interpolated
+between the words' peaks. With the mass m, the least-energy transfer of a free mass to rest in the
+time T is the law k = 6 m / T^2, d = 4 m / T (Bryson and Ho, Applied Optimal Control, 1975).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from rpo_core.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
+from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS
+from rpo_core.controller_file import Reason, register
+from rpo_core.cw import TickLength
+from rpo_core.family import Family, Gene, Mission
+from rpo_core.kernels import State
+from rpo_core.validation import InputError, check_fields, choice, real, store
+
+WORDS = ('long', 'medium', 'short', 'very short', 'due')
+"""The words of the time to go; `due` is also the word after arrival."""
+
+_PAPER_PEAKS_S = ((130.0, 180.0), (75.0, 130.0), (40.0, 75.0), (18.0, 40.0), (4.0, 18.0))
+_PAPER_ARRIVAL_S = (150.0, 200.0, 180.0)
+_PAPER_MASS_KG = 10.0
+
+_gain = partial(real, least=0.0, most=MAX_GAIN)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """If the time to go is `time_to_go`, then f = -position_gain r - velocity_gain v.
+
+    peak_s : time to go at which only this rule fires
+    """
+
+    time_to_go: str
+    peak_s: Annotated[float, partial(real, unit='s', least=0.0, most=1e6)]
+    position_gain_n_m: Annotated[float, partial(_gain, unit='N/m')]
+    velocity_gain_n_s_m: Annotated[float, partial(_gain, unit='N s/m')]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        choice('time_to_go', self.time_to_go, WORDS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeToGo(Family):
+    """Gains by the time to go: five rules in words, each axis alike.
+
+    arrival_s : since the start of the run, when the time to go becomes 0 and stays so
+    tick_s : length of the ticks that it counts
+    rules : one for each of `WORDS`, in this order, their peaks descending
+    """
+
+    kind: ClassVar[str] = 'time_to_go'
+
+    arrival_s: float
+    tick_s: TickLength
+    rules: tuple[Rule, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        longest_s = MAX_HORIZON_TICKS * self.tick_s
+        store(self, arrival_s=real('arrival_s', self.arrival_s, 's', above=0.0, most=longest_s))
+        words = tuple(rule.time_to_go for rule in self.rules)
+        if words != WORDS:
+            raise InputError(f'`rules` must be one for each of {", ".join(WORDS)}; got {words}')
+        peaks = [rule.peak_s for rule in self.rules]
+        if any(late >= early for early, late in zip(peaks, peaks[1:], strict=False)):
+            raise InputError(f'`rules` must have descending `peak_s`; got {peaks}')
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts."""
+        return self.tick_s
+
+    def time_to_go_s(self, tick: int) -> float:
+        """Return the time to go at a tick."""
+        return max(self.arrival_s - tick * self.tick_s, 0.0)
+
+    def grades(self, tick: int) -> tuple[float, ...]:
+        """Return the memberships of `WORDS` at a tick; they add up to 1."""
+        peaks = [rule.peak_s for rule in reversed(self.rules)]
+        i, share = interval(self.time_to_go_s(tick), peaks)
+        found = [0.0] * len(WORDS)
+        found[len(WORDS) - 1 - i] = 1.0 - share
+        found[len(WORDS) - 2 - i] = share
+        return tuple(found)
+
+    def gains(self, tick: int) -> tuple[float, float]:
+        """Return the gains of position [N/m] and velocity [N s/m] at a tick."""
+        k = d = 0.0
+        for grade, rule in zip(self.grades(tick), self.rules, strict=True):
+            k += grade * rule.position_gain_n_m
+            d += grade * rule.velocity_gain_n_s_m
+        return k, d
+
+    @cached_property
+    def law(self) -> BaselineLaw:
+        """What the kernels read: gains for each tick, until only `due` fires."""
+        last = max(self.arrival_s - self.rules[-1].peak_s, 0.0)
+        ticks = int(last / self.tick_s) + 2
+        rows = np.zeros((ticks, 3, 6))
+        for tick in range(ticks):
+            k, d = self.gains(tick)
+            for axis in range(3):
+                rows[tick, axis, axis], rows[tick, axis, 3 + axis] = k, d
+        return law_of(self.max_force_n, gains=rows)
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies; it begins at the least-energy law of a free mass."""
+        m = _PAPER_MASS_KG
+        found = [Gene('arrival_s', *_PAPER_ARRIVAL_S, seconds=1)]
+        for word, (least, most) in zip(WORDS, _PAPER_PEAKS_S, strict=True):
+            t = 0.5 * (least + most)
+            k, d = 6.0 * m / t**2, 4.0 * m / t
+            found += [
+                Gene(f'{word}: peak_s', least, most, t, seconds=1),
+                Gene(f'{word}: k', 0.2 * k, 3.0 * k, 0.8 * k, -1, 0, 1, logarithmic=True),
+                Gene(f'{word}: d', 0.2 * d, 3.0 * d, 0.9 * d, -1, 1, 1, logarithmic=True),
+            ]
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> TimeToGo:
+        """Return the controller of the values of all genes."""
+        rules = (
+            Rule(word, *(values[f'{word}: {key}'] for key in ('peak_s', 'k', 'd')))
+            for word in WORDS
+        )
+        return cls(
+            name=name,
+            description='Gains by the time to go, in five words.',
+            max_force_n=mission.max_force_n,
+            arrival_s=values['arrival_s'],
+            tick_s=mission.dt_s,
+            rules=tuple(rules),
+        )
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        found = {'arrival_s': self.arrival_s}
+        for rule in self.rules:
+            numbers = (rule.peak_s, rule.position_gain_n_m, rule.velocity_gain_n_s_m)
+            for key, number in zip(('peak_s', 'k', 'd'), numbers, strict=True):
+                found[f'{rule.time_to_go}: {key}'] = number
+        return found
+
+    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+        """Return its rules as a table."""
+        rows = [
+            (
+                rule.time_to_go,
+                f'{rule.peak_s:g}',
+                f'f = −{rule.position_gain_n_m:.4g} r − {rule.velocity_gain_n_s_m:.4g} v',
+            )
+            for rule in self.rules
+        ]
+        title = f'Rules of each axis [N, m, m/s]; arrival at {self.arrival_s:g} s'
+        return [(title, ('time to go', 'peak [s]', 'then'), rows)]
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z."""
+        to_go, grades, (k, d) = self.time_to_go_s(tick), self.grades(tick), self.gains(tick)
+        fired = [(w, g) for w, g in zip(WORDS, grades, strict=True) if g > 0.0]
+        words = ', '.join(f'{word} {grade:.2f}' for word, grade in fired)
+        found = []
+        for axis, force in enumerate(baseline_force(state, tick, self.law)):
+            sentence = (
+                f'time to go is {words} ({to_go:.1f} s) → force −{k:.3g} r − {d:.3g} v '
+                f'= {force:.3g} N'
+            )
+            pairs = [
+                ('force_n', force),
+                ('time_to_go_s', to_go),
+                *((f'time_to_go.{word.replace(" ", "_")}', grade) for word, grade in fired),
+                ('position_gain_n_m', k),
+                ('velocity_gain_n_s_m', d),
+                ('position_m', state[axis]),
+                ('velocity_m_s', state[3 + axis]),
+            ]
+            found.append((sentence, pairs))
+        return found
+
+
+register(TimeToGo)
