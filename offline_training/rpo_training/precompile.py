@@ -8,8 +8,6 @@ at once would each compile the same kernels; one that runs before them spares th
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
@@ -21,7 +19,7 @@ from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
 
-_CAMPAIGN = Path(__file__).parents[1] / 'campaigns' / 'paper_test.yaml'
+_CAMPAIGN = config.find('paper_test')
 
 
 def main() -> None:

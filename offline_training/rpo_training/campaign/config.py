@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -266,6 +267,18 @@ class Campaign:
             if not config.success:
                 config = replace(config, success=success_of(scenario))
             return cls(config, scenario, controller, texts)
+
+
+SHIPPED = Path(__file__).parents[2] / 'campaigns'
+"""The folder of the campaigns that ship."""
+
+
+def find(name: str) -> Path:
+    """Return the file of a shipped campaign, or of a path; raises InputError."""
+    if os.sep in name or name.endswith(('.yaml', '.yml')):
+        return Path(name)
+    known = {path.stem: path for path in sorted(SHIPPED.glob('*.yaml'))}
+    return known[choice('campaign', name, known)]
 
 
 def load(path: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rpo_training.cluster import pool
 from rpo_training.engine import counters
 from rpo_training.engine.cases import Case
+from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 
@@ -44,9 +45,8 @@ class ClusterSimulator:
     Raises InputError if the cluster does not answer, or is lost later.
     """
 
-    def __init__(self, cases: Sequence[Case], workers: int, address: str) -> None:
-        self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
-        self._cases = pickle.dumps(tuple(cases))
+    def __init__(self, cases: Sequence[Case | DrawnCase], workers: int, address: str) -> None:
+        self.take(cases)
         self._stack = ExitStack()
         count = workers or len(os.sched_getaffinity(0))
         self._client = self._stack.enter_context(pool.connected(address, count))
@@ -56,6 +56,11 @@ class ClusterSimulator:
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    def take(self, cases: Sequence[Case | DrawnCase]) -> None:
+        """Fly these cases from now on."""
+        self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
+        self._cases = pickle.dumps(tuple(cases))
 
     def fly(self, population: Population) -> list[Floats]:
         """Return the metrics (members, starts, columns) of each case."""

@@ -21,12 +21,15 @@ from rpo_core.controller import Controller, FuzzyController
 from rpo_core.flight import fly
 from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
+from rpo_core.validation import InputError
 from rpo_training.engine import counters, lanes, parts, tick
 from rpo_training.engine.cases import Case
+from rpo_training.engine.drawn import DrawnCase, with_own_queue
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
 
 Floats = NDArray[np.float64]
+Candidates = Population | Sequence[Controller]
 
 
 class Scratch(threading.local):
@@ -50,11 +53,11 @@ class Simulator:
     """
 
     def __init__(
-        self, cases: Sequence[Case], workers: int = 0, samples: int = DEFAULT_SAMPLES
+        self, cases: Sequence[Case | DrawnCase], workers: int = 0, samples: int = DEFAULT_SAMPLES
     ) -> None:
-        self.cases, self.samples = tuple(cases), samples
+        self.samples = samples
         self.workers = workers or len(os.sched_getaffinity(0))
-        self._scratch = Scratch(max(case.windows.tail for case in cases))
+        self.take(cases)
         self._pool = ThreadPoolExecutor(self.workers, 'rpo-engine')
 
     def __enter__(self) -> Simulator:
@@ -63,14 +66,21 @@ class Simulator:
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
-    def fly(self, candidates: Population | Sequence[Controller]) -> list[Floats]:
+    def take(self, cases: Sequence[Case | DrawnCase]) -> None:
+        """Fly these cases from now on."""
+        self.cases = tuple(cases)
+        self._scratch = Scratch(max(case.windows.tail for case in cases))
+
+    def fly(self, candidates: Candidates) -> list[Floats]:
         """Return the metrics (candidates, starts, columns) of each case."""
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
         found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
 
         def one(index: int) -> None:
             for case, rows in zip(self.cases, found, strict=True):
-                if isinstance(candidates, Population):
+                if isinstance(case, DrawnCase):
+                    self._fly_drawn(candidates, index, case, rows[index])
+                elif isinstance(candidates, Population):
                     self._fly_fuzzy(candidates, index, self.samples, case, rows[index])
                 else:
                     self._fly_controller(candidates[index], case, rows[index])
@@ -108,6 +118,26 @@ class Simulator:
             tick.fly(runs, control, case.plant, case.windows, w, None, None)
             some = rows[first : first + parts.RUNS]
             counters.finish_paired(case.plant, masses, case.windows, w, some, final)
+
+    def _fly_drawn(self, candidates: Candidates, index: int, case: DrawnCase, rows: Floats) -> None:
+        w, final = self._scratch.w, np.empty((parts.RUNS, 6))
+        control = self._control(candidates, index)
+        for first, runs in zip(range(0, len(rows), parts.RUNS), case.batches, strict=True):
+            tick.fly(with_own_queue(runs), control, case.plant, case.windows, w, None, None)
+            some = slice(first, first + parts.RUNS)
+            masses = case.masses_kg[some]
+            counters.finish_paired(case.plant, masses, case.windows, w, rows[some], final)
+
+    def _control(self, candidates: Candidates, index: int) -> parts.Control:
+        if isinstance(candidates, Population):
+            return parts.Control(candidates.law(index, self.samples))
+        controller = candidates[index]
+        if isinstance(controller, Baseline):
+            return parts.Control(None, controller.law)
+        if isinstance(controller, FuzzyController):
+            law = population_of(controller).law(0, controller.system.samples)
+            return parts.Control(law)
+        raise InputError(f'the engine does not know controller {controller.name}')
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

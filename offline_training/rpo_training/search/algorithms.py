@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import cma
 import numpy as np
@@ -25,6 +25,16 @@ from rpo_core.validation import real, whole
 from rpo_training.search.genetic import GaSettings, PaperGa, first_generation, generator
 
 Floats = NDArray[np.float64]
+
+
+class Stage(NamedTuple):
+    """A part of a search with a fitness of its own.
+
+    number : of the draws; genes : the best chromosome when it began
+    """
+
+    number: int
+    genes: Floats
 
 
 class Search(Protocol):

@@ -10,14 +10,16 @@ by how far a limit is exceeded:
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
 - `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
-- `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added.
+- `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
+- `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
+- `damping`: where on a grid of errors the force of a velocity does not oppose it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -48,6 +50,8 @@ from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
 from rpo_training.search.conditions import FINAL, HOLD, JUDGED, conditions_of
+from rpo_training.search.damping import driving
+from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 
 Floats = NDArray[np.float64]
 
@@ -82,6 +86,8 @@ class FitnessSettings:
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
+    damping : weight [N^2 s] of the mean force that drives, as a share of full output
+    drawn : the runs of campaigns
     """
 
     penalty: str = 'flat'
@@ -93,6 +99,8 @@ class FitnessSettings:
     disturbance: float = 0.0
     robustness: float = 0.0
     mass_kg: tuple[float, ...] = ()
+    damping: float = 0.0
+    drawn: DrawnSettings = field(default_factory=DrawnSettings)
 
     def __post_init__(self) -> None:
         choice('fitness.penalty', self.penalty, ('flat', 'graded'))
@@ -100,7 +108,7 @@ class FitnessSettings:
             raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
         if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
-        for name in ('limit_cycle', 'disturbance', 'robustness'):
+        for name in ('limit_cycle', 'disturbance', 'robustness', 'damping'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
         real('fitness.error_weight', self.error_weight, above=0.0)
         real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
@@ -113,7 +121,8 @@ class Scores(NamedTuple):
 
     fitness : (n,) the minimised number [N^2 s]
     energy : (n,) mean J over the starts [N^2 s]
-    failures : (n, k) starts that miss each of the conditions
+    failures : (n, k) starts that miss each of the conditions, then drawn flights of each campaign
+        that miss a limit
     arrival : (n,) mean time [s] after which every axis stays within 0.5 m, or what is required
     """
 
@@ -158,7 +167,34 @@ class Fitness:
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
         self._windows = [w for w in (HOLD, FINAL) if w in self.conditions.windows]
-        self.simulator = make_simulator(self._cases(scenarios), workers)
+        self._fixed, self.stage = self._cases(scenarios), -2
+        names = settings.drawn.campaigns if settings.drawn.weight else ()
+        self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
+        self._drawn: list[Any] = []
+        self.simulator = make_simulator(self._fixed, workers)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the columns of `Scores.failures`."""
+        return (*self.conditions.labels, *(flights.label for flights in self.drawn))
+
+    def enter(self, stage: int, best: Population | None = None) -> None:
+        """Draw the flights of a stage; `best` says which of them are hard."""
+        if stage == self.stage or not self.drawn:
+            return
+        self.stage = stage
+        if stage == HELD_OUT:
+            cases = [flights.case(stage) for flights in self.drawn]
+        else:
+            pools: list[Floats | None] = [None] * len(self.drawn)
+            if best is not None and self.settings.drawn.pool:
+                self.simulator.take([flights.case(stage) for flights in self.drawn])
+                pools = [rows[0] for rows in self.simulator.fly(best)]
+            cases = [
+                flights.case(stage, flights.choose(rows))
+                for flights, rows in zip(self.drawn, pools, strict=True)
+            ]
+        self.simulator.take([*self._fixed, *cases])
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
         """Return the cases: the training, once for each late window; its masses; other terms."""
@@ -183,6 +219,8 @@ class Fitness:
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
+        if self.drawn and self.stage < HELD_OUT:
+            self.enter(0)
         outcomes = iter(self.simulator.fly(population))
         cycling = [next(outcomes)] if settings.limit_cycle else []
         judged = self._judged(outcomes, cycling)
@@ -197,9 +235,17 @@ class Fitness:
         if settings.disturbance:
             fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
         if settings.robustness:
-            fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
-        missed = (values > self.conditions.limits).sum(axis=-2)
-        return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
+            flights = [next(outcomes) for _ in corners.MASS_SHARES]
+            fitness = fitness + settings.robustness * self._cornered(np.hstack(flights))
+        missed = [(values > self.conditions.limits).sum(axis=-2)]
+        for drawn, rows in zip(self.drawn, outcomes, strict=True):
+            values = drawn.values(rows)
+            over = self._missed(values, drawn.limits).sum(axis=-1)
+            fitness = fitness + settings.drawn.weight * mean(over)
+            missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1)[:, None])
+        if settings.damping and isinstance(population, Population):
+            fitness = fitness + settings.damping * driving(population)
+        return Scores(fitness, energy, np.hstack(missed), mean(training[..., ARRIVAL_TIME]))
 
     def _judged(self, outcomes: Iterator[Floats], first: list[Floats]) -> dict[str, Floats]:
         """Return the metrics (n, starts, columns) of each window of the training."""
@@ -210,10 +256,7 @@ class Fitness:
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
-        limits = self.conditions.limits * (1.0 - self.settings.margin)
-        missed = (values > limits).astype(np.float64)
-        if self.settings.penalty == 'graded':
-            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        missed = self._missed(values, self.conditions.limits)
         total = np.zeros(values.shape[:-1])
         for index, name in enumerate(self.conditions.labels):
             if self.settings.arrival or name != 'arrival':
@@ -221,6 +264,14 @@ class Fitness:
                 weight = self.settings.error_weight if is_error else 1.0
                 total = total + weight * missed[..., index]
         return self.settings.penalty_n2s * total
+
+    def _missed(self, values: Floats, limits: Floats) -> Floats:
+        """Return the shares of the penalty of values (..., k) at limits (k,) less the margin."""
+        limits = limits * (1.0 - self.settings.margin)
+        missed = (values > limits).astype(np.float64)
+        if self.settings.penalty == 'graded':
+            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        return missed
 
     def _cycling(self, training: Floats) -> Floats:
         keep = 1.0 - self.settings.margin

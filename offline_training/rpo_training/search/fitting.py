@@ -142,6 +142,7 @@ def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
             limit_cycle=0.0,
             disturbance=0.0,
             robustness=0.0,
+            drawn=replace(fitness.drawn, weight=0.0),
         ),
         cmaes=replace(base.cmaes, tolerance=_short(base.cmaes.tolerance * energy)),
         race=replace(base.race, gain=_short(base.race.gain * energy)),

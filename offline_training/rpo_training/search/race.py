@@ -6,6 +6,10 @@ There are only fifty odd, monotone tables. A search that moves between them by r
 rarely finds the feet that suit the new table. A round therefore runs CMA-ES over all genes from the
 best controller so far; then, for each of the tables that do best with its feet, a short CMA-ES over
 feet and scales. The race ends after a round that gains too little.
+
+Where the fitness draws flights anew (`stages`), each round is a stage with draws of its own, by
+which the best so far is judged again. At the end the best of every descent of the last two stages
+are judged by the draws that are held out; the least fitness wins.
 """
 
 from __future__ import annotations
@@ -17,8 +21,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import real, whole
-from rpo_training.search.algorithms import Best, CmaSearch, CmaSettings
+from rpo_core.validation import InputError, real, whole
+from rpo_training.search.algorithms import Best, CmaSearch, CmaSettings, Stage
+from rpo_training.search.drawn import HELD_OUT
 from rpo_training.search.genes import GeneSpace
 
 Floats = NDArray[np.float64]
@@ -34,6 +39,7 @@ class RaceSettings:
     population, sigma, evaluations : of each such descent
     gain : the race ends after a round that gains less [N^2 s]
     scan : scales between the bounds that are tried first with the start, each with each; 0: none
+    stages : whether each round draws its flights anew, and held-out flights decide at the end
     """
 
     rounds: int = 3
@@ -43,8 +49,11 @@ class RaceSettings:
     evaluations: int = 2000
     gain: float = 0.01
     scan: int = 0
+    stages: bool = False
 
     def __post_init__(self) -> None:
+        if not isinstance(self.stages, bool):
+            raise InputError(f'`race.stages` must be true or false; got {self.stages!r}')
         whole('race.rounds', self.rounds, least=1)
         whole('race.entrants', self.entrants, least=1)
         whole('race.population', self.population, least=4)
@@ -67,8 +76,10 @@ class TableRace:
     ) -> None:
         self.settings, self.descent, self.seed, self.space = settings, descent, seed, space
         self.stopped, self.phase, self.evaluations = '', '', 0
-        self.best = Best(start)
+        self._reason = f'{settings.rounds} rounds'
+        self.best, self.stage = Best(start), Stage(0, start)
         self._tables, self._streams = space.rule_tables(), 0
+        self._finalists: list[list[Floats]] = []
         self._course = self._run()
         self._asked = next(self._course)
 
@@ -91,7 +102,7 @@ class TableRace:
         try:
             self._asked = self._course.send(values)
         except StopIteration:
-            self.stopped = self.stopped or f'{self.settings.rounds} rounds'
+            self.stopped = self._reason
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""
@@ -99,15 +110,35 @@ class TableRace:
             self.phase = 'scales'
             yield self._scales()
         for number in range(1, self.settings.rounds + 1):
+            yield from self._enter(number)
             before = self.best.value
             self.phase = f'round {number}, descent'
             yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
             yield from self._enter_tables(number)
             if before - self.best.value < self.settings.gain:
-                self.stopped = f'round {number} gained less than {self.settings.gain:g} N^2 s'
-                return
-        self.phase = 'last descent'
-        yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
+                self._reason = f'round {number} gained less than {self.settings.gain:g} N^2 s'
+                break
+        else:
+            yield from self._enter(self.settings.rounds + 1)
+            self.phase = 'last descent'
+            yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
+        if self.settings.stages:
+            yield from self._decide()
+
+    def _enter(self, number: int) -> Script:
+        """Begin a stage, which judges the best so far anew."""
+        if self.settings.stages:
+            self.stage, self.phase = Stage(number, self.best.genes), f'stage {number}'
+            self.best = Best(self.best.genes)
+            self._finalists.append([])
+            yield self.best.genes[None]
+
+    def _decide(self) -> Script:
+        """Let the draws that are held out decide."""
+        self.stage, self.phase = Stage(HELD_OUT, self.best.genes), 'held-out flights'
+        finalists = [self.best.genes, *(genes for some in self._finalists[-2:] for genes in some)]
+        self.best = Best(self.best.genes)
+        yield np.unique(finalists, axis=0)
 
     def _scales(self) -> Floats:
         """Return the start, and the start with other scales."""
@@ -147,3 +178,5 @@ class TableRace:
         while not search.stopped:
             values = yield complete(search.ask())
             search.tell(values)
+        if self.settings.stages:
+            self._finalists[-1].append(complete(search.best.genes[None])[0])

@@ -24,7 +24,7 @@ from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError
 from rpo_training.evaluation.judgement import judge
 from rpo_training.outputs import alone, make_folder, write_text
-from rpo_training.search.algorithms import Search
+from rpo_training.search.algorithms import Search, Stage
 from rpo_training.search.checkpoint import Checkpoint, digest
 from rpo_training.search.conditions import label
 from rpo_training.search.fitness import Fitness, Scores
@@ -84,6 +84,7 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint = Checkpoint(self.dumps(), self.inputs())
         self.best = np.full(3, np.inf)
         self.best_genes: Floats = np.empty(0)
+        self.stages: list[int] = []
         self._evaluated = 0
         self._began: float | None = None
 
@@ -118,6 +119,16 @@ class SearchRun(Generic[Config, Found]):
         """What the run does now."""
         return self.search.phase
 
+    @property
+    def stage(self) -> Stage:
+        """The stage of the search; most searches have but one."""
+        return getattr(self.search, 'stage', Stage(0, np.empty(0)))
+
+    def _enter_stage(self) -> None:
+        """Draw the flights of the stage."""
+        number, genes = self.stage
+        self.fitness.enter(number, self.decode(genes[None]) if len(genes) else None)
+
     def decode(self, genes: Floats) -> Any:
         """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
@@ -126,7 +137,8 @@ class SearchRun(Generic[Config, Found]):
         """Return condition -> starts at which a controller misses it, by exact values."""
         conditions = self.fitness.conditions
         if conditions.exact:
-            return dict(zip(conditions.labels, map(int, scores.failures[0]), strict=True))
+            failures = map(int, scores.failures[0])
+            return dict(zip(conditions.labels, failures, strict=False))
         judged = judge(controller, self.starts, lambda *_: None)
         return {label(j.worst.key): j.missed for j in judged}
 
@@ -184,7 +196,9 @@ class SearchRun(Generic[Config, Found]):
         self.checkpoint.add(genes, scores)
         rows = self.checkpoint.scores[-1]
         index = int(rows[:, 0].argmin())
-        if rows[index, 0] < self.best[0]:
+        self.stages.append(self.stage.number)
+        anew = self.stages[-2:-1] != self.stages[-1:]  # another stage has another fitness
+        if anew or rows[index, 0] < self.best[0]:
             self.best, self.best_genes = rows[index], genes[index].copy()
         self.search.tell(self.objectives(genes, scores))
 
@@ -200,6 +214,7 @@ class SearchRun(Generic[Config, Found]):
         doing = f'goes on with this {self.kind}'
         with alone(self.folder / self.config_file, doing), self.fitness.simulator:
             while not self.search.stopped:
+                self._enter_stage()
                 genes = self.search.ask()
                 scores = self.fitness.score(self.decode(genes))
                 if self._began is None:  # the first generation may have waited for the compiler
@@ -209,6 +224,7 @@ class SearchRun(Generic[Config, Found]):
                 self._enter(genes, scores)
                 self.checkpoint.save(self.folder / CHECKPOINT)
                 report(self.progress())
+            self._enter_stage()
             best = self.found()
             self.save(best)
             self.save_more()
@@ -229,7 +245,7 @@ class SearchRun(Generic[Config, Found]):
             self.checkpoint.evaluations,
             best,
             energy,
-            dict(zip(self.fitness.conditions.labels, map(int, failures), strict=True)),
+            dict(zip(self.fitness.labels, map(int, failures), strict=True)),
             arrival,
             float(fitness.mean()),
             float(fitness.std()),

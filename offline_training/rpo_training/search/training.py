@@ -77,10 +77,11 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         return configs.dumps(self.config)
 
     def inputs(self) -> list[str]:
-        """Return the texts of the scenario and of the starts."""
+        """Return the texts of the scenario, of the starts, and of the campaigns."""
         starts = (files.find('controller', name) for name in self.config.start)
         paths = files.find('scenario', self.config.scenario), *starts
-        return [files.read_text(path) for path in paths]
+        flown = (text for flights in self.fitness.drawn for text in flights.texts)
+        return [*(files.read_text(path) for path in paths), *flown]
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
@@ -128,15 +129,18 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                 'mean_fitness',
                 'fitness_spread',
                 'best_energy_n2s',
-                *(f'best_misses_{name}' for name in self.fitness.conditions.labels),
+                *(f'best_misses_{name}' for name in self.fitness.labels),
                 'best_arrival_s',
+                'stage',
             )
         ]
         best, evaluations = np.full(1, np.inf), 0
+        before = None
         for number, scores in enumerate(self.checkpoint.scores):
             evaluations += len(scores)
-            first = scores[int(scores[:, 0].argmin())]
-            best = first if first[0] < best[0] else best
+            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
+            best = first if stage != before or first[0] < best[0] else best
+            before = stage
             history.append(
                 [
                     number,
@@ -147,6 +151,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                     float(best[1]),
                     *best[2:-1].astype(int),
                     float(best[-1]),
+                    stage,
                 ]
             )
         self._write_csv(HISTORY, history)

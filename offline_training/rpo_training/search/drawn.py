@@ -1,0 +1,124 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fitness term of drawn flights: what campaigns fly, a few of it, the same for all candidates.
+
+Corner flights deceive: a controller that keeps its limits in all of them may miss in one of five
+dispersed runs. So a search flies runs of campaigns. A stage of the search has its own draws: of a
+pool, the runs that are hardest for the best controller so far (largest value beside its limit), and
+as many that are simply the first. At the end, draws of another seed decide among finalists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import metrics
+from rpo_core.validation import MOST_PATH, real, text, whole
+from rpo_training.campaign.config import Campaign, find, load
+from rpo_training.campaign.run_batch import make_batch
+from rpo_training.campaign.sampling import DrawnRuns, draw
+from rpo_training.engine.drawn import DrawnCase
+from rpo_training.engine.parts import RUNS
+
+Floats = NDArray[np.float64]
+
+HELD_OUT = -1
+"""The stage of the draws that no search has seen."""
+
+_SEEDS = 1000  # between the seeds of stages and those held out
+
+
+@dataclass(frozen=True)
+class DrawnSettings:
+    """Settings of the term.
+
+    weight : [N^2 s] of a flight that misses a limit by far, over the number of flights; 0 = off
+    campaigns : shipped names or files; each adds a term
+    flights : of each campaign, in each stage
+    pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
+    held_out : runs of each campaign that decide among the finalists
+    seed : of the draws
+    """
+
+    weight: float = 0.0
+    campaigns: tuple[str, ...] = ()
+    flights: int = 40
+    pool: int = 2000
+    held_out: int = 2000
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
+        for i, name in enumerate(self.campaigns):
+            text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
+        whole('fitness.drawn.flights', self.flights, least=1, most=10_000)
+        whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
+        whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)
+        whole('fitness.drawn.seed', self.seed, least=0, most=2**31)
+
+
+class DrawnFlights:
+    """The runs of one campaign that a search flies.
+
+    label : the name of the campaign
+    columns, limits : of the metrics by which a run succeeds
+    """
+
+    def __init__(self, name: str, settings: DrawnSettings) -> None:
+        self._campaign, self._settings = load(find(name)), settings
+        self.label = self._campaign.config.name
+        success = self._campaign.config.success
+        self.columns = [list(metrics.UNITS).index(metric) for metric in success]
+        self.limits = np.array(list(success.values()))
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """YAML of the campaign and of its scenario."""
+        return self._campaign.texts[0], self._campaign.texts[1]
+
+    def pool(self, stage: int) -> tuple[Campaign, DrawnRuns]:
+        """Return all runs that are drawn for a stage, and the campaign that draws them."""
+        own = self._settings
+        runs = own.held_out if stage == HELD_OUT else max(own.pool, own.flights)
+        first = 2 * _SEEDS * own.seed
+        seed = first + (_SEEDS if stage == HELD_OUT else stage)
+        config = replace(self._campaign.config, runs=runs, seed=seed)
+        campaign = replace(self._campaign, config=config)
+        return campaign, draw(campaign, 0, runs)
+
+    def case(self, stage: int, chosen: Sequence[int] | None = None) -> DrawnCase:
+        """Return runs of a stage, by number; all of them if not given."""
+        campaign, drawn = self.pool(stage)
+        if chosen is not None:
+            numbers, parameters, keys = drawn
+            some = list(chosen)
+            drawn = DrawnRuns(numbers[some], parameters[some], keys[some])
+        batches = range(0, len(drawn.numbers), RUNS)
+        return DrawnCase(
+            f'{self.label}, stage {stage}',
+            campaign.scenario,
+            drawn.starts,
+            drawn.masses_kg,
+            tuple(make_batch(campaign, drawn, first) for first in batches),
+        )
+
+    def choose(self, rows: Floats | None) -> list[int]:
+        """Return the numbers of the flights of a stage.
+
+        rows : (pool, columns) metrics of the pool, of the best controller so far; None: no such
+        """
+        count = self._settings.flights
+        if rows is None:
+            return list(range(count))
+        shares = (rows[:, self.columns] / self.limits).max(axis=1)
+        hardest = np.argsort(-shares, kind='stable')[: count // 2].tolist()
+        others = [i for i in range(len(rows)) if i not in hardest]
+        return sorted([*hardest, *others[: count - len(hardest)]])
+
+    def values(self, rows: Floats) -> Floats:
+        """Return what is judged (..., k) of metrics (..., columns)."""
+        return rows[..., self.columns]

@@ -1,0 +1,149 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fitness by drawn flights: what is flown, which are chosen, what they cost, and stages."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpo_core.controller import load_controller
+from rpo_core.fuzzy import RuleTable
+from rpo_core.scenario import load_set
+from rpo_core.starts import Cube
+from rpo_core.validation import InputError
+from rpo_training.campaign import config as campaigns
+from rpo_training.campaign import run_batch
+from rpo_training.engine.population import population_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.search import config as configs
+from rpo_training.search.damping import driving
+from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo_training.search.fitness import Fitness, FitnessSettings
+from rpo_training.search.training import Training
+
+TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
+FEW = DrawnSettings(100.0, ('paper_test',), flights=6, pool=50, held_out=45)
+ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))
+
+
+def test_drawn_flights_have_the_bits_of_the_campaign():
+    flights = DrawnFlights('paper_test', FEW)
+    campaign, _ = flights.pool(3)
+    case = flights.case(3, [1, 41, 44])
+    with Simulator([case], 1) as simulator:
+        (rows,) = simulator.fly(population_of(ROBUST, TRAINED))
+    for row, controller in zip(rows, (ROBUST, TRAINED), strict=True):
+        columns = run_batch.fly_runs(replace(campaign, controller=controller), 0, 45)
+        names = list(campaign.config.success)
+        expected = np.column_stack([columns[name] for name in names])[[1, 41, 44]]
+        np.testing.assert_array_equal(flights.values(row), expected)
+
+
+def test_stages_and_what_is_held_out_have_draws_of_their_own():
+    flights = DrawnFlights('paper_test', FEW)
+    starts = [flights.case(stage).starts for stage in (0, 1, 2, HELD_OUT)]
+    assert [len(s) for s in starts] == [50, 50, 50, 45]
+    assert len(np.unique(np.vstack(starts), axis=0)) == 195
+    np.testing.assert_array_equal(flights.case(1).starts, starts[1])
+
+
+def test_half_of_the_flights_are_the_hardest():
+    flights = DrawnFlights('paper_test', FEW)
+    with Simulator([flights.case(0)], 1) as simulator:
+        (rows,) = simulator.fly(population_of(TRAINED))
+    chosen = flights.choose(rows[0])
+    shares = (flights.values(rows[0]) / flights.limits).max(axis=1)
+    assert len(set(chosen)) == 6
+    assert set(np.argsort(shares)[-3:]) <= set(chosen)
+    assert flights.choose(None) == list(range(6))
+
+
+def test_the_term_is_the_mean_graded_penalty_of_the_flights():
+    settings = FitnessSettings(penalty='graded', margin=0.03, drawn=FEW)
+    fitness = Fitness(ONE_START, settings, 1)
+    alone = Fitness(ONE_START, replace(settings, drawn=DrawnSettings()), 1)
+    flights = DrawnFlights('paper_test', FEW)
+    population = population_of(TRAINED, ROBUST)
+    with fitness.simulator, alone.simulator, Simulator([flights.case(HELD_OUT)], 1) as simulator:
+        fitness.enter(HELD_OUT)
+        scores, without = fitness.score(population), alone.score(population)
+        values = flights.values(simulator.fly(population)[0])
+    limits = 0.97 * flights.limits
+    shares = 0.1 + 0.9 * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
+    expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=-1).mean(axis=-1)
+    np.testing.assert_allclose(scores.fitness - without.fitness, expected, rtol=1e-9)
+    assert fitness.labels == (*alone.labels, 'paper_test')
+    missed = (values > flights.limits).any(axis=-1).sum(axis=-1)
+    assert scores.failures[:, -1].tolist() == missed.tolist()
+    assert missed[0] > 5 > missed[1], 'of `trained`, one run in four misses'
+
+
+def test_a_force_that_drives_is_seen():
+    """Mirrored along velocity, the rules push a fast chaser on."""
+    codes = ROBUST.system.rules.codes[::-1]
+    system = replace(ROBUST.system, rules=RuleTable.from_codes(codes))
+    good, bad = driving(population_of(ROBUST, replace(ROBUST, system=system)))
+    assert good < 1e-3 < 0.1 < bad
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'message'),
+    [
+        ({'weight': -1.0}, 'fitness.drawn.weight'),
+        ({'flights': 0}, 'fitness.drawn.flights'),
+        ({'campaigns': ('',)}, 'fitness.drawn.campaigns'),
+    ],
+)
+def test_impossible_settings_are_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        DrawnSettings(**wrong)
+
+
+def test_an_unknown_campaign_is_refused_by_name():
+    with pytest.raises(InputError, match='random_starts'):
+        campaigns.find('paper_tset')
+
+
+@pytest.fixture
+def short():
+    """A race of two rounds with a few flights each."""
+    settings = [
+        'fitness.drawn.weight=100',
+        'fitness.drawn.campaigns=[random_starts]',
+        'fitness.drawn.flights=4',
+        'fitness.drawn.pool=40',
+        'fitness.drawn.held_out=40',
+        'fitness.limit_cycle=0',
+        'cmaes.population=4',
+        'cmaes.evaluations=8',
+        'race.population=4',
+        'race.evaluations=4',
+        'race.entrants=1',
+        'race.rounds=2',
+        'race.gain=0',
+        'race.stages=true',
+    ]
+    return configs.override(configs.PRESETS['best'], settings)
+
+
+def test_a_race_by_stages_resumes_to_the_same_bits(short, tmp_path):
+    whole = Training.create(short, tmp_path / 'whole', 1)
+    best = whole.run()
+    assert whole.stages[0] == 1 and whole.stages[-1] == HELD_OUT
+    assert sorted(set(whole.stages)) == [HELD_OUT, 1, 2, 3]
+    parts = Training.create(short, tmp_path / 'parts', 1)
+
+    class Stopped(Exception):
+        pass
+
+    def stop(progress):
+        if progress.generation == whole.stages.index(2) + 1:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        parts.run(stop)
+    again = Training.resume(tmp_path / 'parts', 1).run()
+    assert again == best
+    made = best.provenance
+    assert 'starts_that_miss' in made
