@@ -34,11 +34,11 @@ VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 
 def test_shipped_names():
-    names = ['approach', 'paper_box', 'paper_test', 'paper_test_phase', 'paper_training', 'quick']
-    assert list(files.shipped('scenario')) == names
+    names = 'approach paper_box paper_test paper_test_phase paper_training quick'
+    assert ' '.join(files.shipped('scenario')) == names
 
 
-@pytest.mark.parametrize('name', ['approach', 'paper_box', 'paper_test', 'paper_test_phase', 'quick'])
+@pytest.mark.parametrize('name', ['approach', 'paper_test', 'paper_test_phase', 'quick'])
 def test_shipped_scenarios_are_the_papers_test(name):
     loaded = scenario.load_scenario(name)
     assert loaded.name == name

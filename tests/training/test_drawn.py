@@ -23,7 +23,7 @@ from rpo_training.search.fitness import Fitness, FitnessSettings
 from rpo_training.search.training import Training
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
-FEW = DrawnSettings(100.0, ('paper_test',), flights=6, pool=50, held_out=45)
+FEW = DrawnSettings(100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45)
 ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))
 
 
@@ -77,6 +77,24 @@ def test_the_term_is_the_mean_graded_penalty_of_the_flights():
     missed = (values > flights.limits).any(axis=-1).sum(axis=-1)
     assert scores.failures[:, -1].tolist() == missed.tolist()
     assert missed[0] > 5 > missed[1], 'of `trained`, one run in four misses'
+
+
+def test_candidates_that_cannot_reach_the_better_half_are_not_flown():
+    """The better half, and its order, are those of flying all."""
+    settings = FitnessSettings(penalty='graded', drawn=FEW)
+    fitness = Fitness(ONE_START, settings, 1)
+    worse = [replace(ROBUST, velocity_scale_m_s=scale) for scale in (0.8, 0.9, 1.2, 2.0, 4.0, 6.0)]
+    population = population_of(*worse, TRAINED, ROBUST)
+    with fitness.simulator:
+        fitness.enter(0)
+        scores = fitness.score(population)
+        each = [fitness.score(population.members(slice(i, i + 1))) for i in range(8)]
+    expected = np.array([float(s.fitness[0]) for s in each])
+    best = np.argsort(expected)[:4]
+    np.testing.assert_array_equal(np.argsort(scores.fitness)[:4], best)
+    np.testing.assert_array_equal(scores.fitness[best], expected[best])
+    assert (scores.fitness > expected).any(), 'some were not flown'
+    assert (scores.fitness >= expected).all()
 
 
 def test_a_force_that_drives_is_seen():

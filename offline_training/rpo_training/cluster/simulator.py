@@ -31,9 +31,9 @@ def _simulator(cases: bytes) -> Simulator:
     return Simulator(pickle.loads(cases), workers=1)
 
 
-def fly_remote(cases: bytes, members: Population) -> list[Floats]:
-    """Fly members of a population on a worker, in the thread of the task."""
-    return _simulator(cases).fly(members)
+def fly_remote(cases: bytes, members: Population, some: slice) -> list[Floats]:
+    """Fly members of a population through some cases, on a worker, in the thread of the task."""
+    return _simulator(cases).fly(members, some)
 
 
 class ClusterSimulator:
@@ -62,13 +62,13 @@ class ClusterSimulator:
         self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
         self._cases = pickle.dumps(tuple(cases))
 
-    def fly(self, population: Population) -> list[Floats]:
-        """Return the metrics (members, starts, columns) of each case."""
+    def fly(self, population: Population, some: slice = slice(None)) -> list[Floats]:
+        """Return the metrics (members, starts, columns) of each case, or of some."""
         n = len(population.scales)
-        outcomes = [np.empty((n, *shape)) for shape in self._shapes]
+        outcomes = [np.empty((n, *shape)) for shape in self._shapes[some]]
         size = -(-n // (SHARES * pool.threads(self._client)))
         calls = (
-            (first, (self._cases, population.members(slice(first, first + size))))
+            (first, (self._cases, population.members(slice(first, first + size)), some))
             for first in range(0, n, size)
         )
         for first, rows in pool.results(self._client, fly_remote, calls):

@@ -37,7 +37,7 @@ class Population(NamedTuple):
         scales = self.scales[index].tolist()
         return FuzzyController(name, FuzzySystem(position, velocity, force, rules), *scales)
 
-    def members(self, some: slice) -> Population:
+    def members(self, some: slice | Ints) -> Population:
         """Return some members."""
         return Population(self.scales[some], self.functions[some], self.rules[some])
 

@@ -71,13 +71,14 @@ class Simulator:
         self.cases = tuple(cases)
         self._scratch = Scratch(max(case.windows.tail for case in cases))
 
-    def fly(self, candidates: Candidates) -> list[Floats]:
-        """Return the metrics (candidates, starts, columns) of each case."""
+    def fly(self, candidates: Candidates, some: slice = slice(None)) -> list[Floats]:
+        """Return the metrics (candidates, starts, columns) of each case, or of some."""
+        cases = self.cases[some]
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
-        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in self.cases]
+        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in cases]
 
         def one(index: int) -> None:
-            for case, rows in zip(self.cases, found, strict=True):
+            for case, rows in zip(cases, found, strict=True):
                 if isinstance(case, DrawnCase):
                     self._fly_drawn(candidates, index, case, rows[index])
                 elif isinstance(candidates, Population):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import metrics
-from rpo_core.validation import MOST_PATH, real, text, whole
+from rpo_core.validation import MOST_PATH, InputError, real, text, whole
 from rpo_training.campaign.config import Campaign, find, load
 from rpo_training.campaign.run_batch import make_batch
 from rpo_training.campaign.sampling import DrawnRuns, draw
@@ -38,6 +38,7 @@ class DrawnSettings:
 
     weight : [N^2 s] of a flight that misses a limit by far, over the number of flights; 0 = off
     campaigns : shipped names or files; each adds a term
+    margin : share by which the limits of a run are made stricter, in [0, 1)
     flights : of each campaign, in each stage
     pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
     held_out : runs of each campaign that decide among the finalists
@@ -46,6 +47,7 @@ class DrawnSettings:
 
     weight: float = 0.0
     campaigns: tuple[str, ...] = ()
+    margin: float = 0.0
     flights: int = 40
     pool: int = 2000
     held_out: int = 2000
@@ -55,6 +57,8 @@ class DrawnSettings:
         real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
         for i, name in enumerate(self.campaigns):
             text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
+        if real('fitness.drawn.margin', self.margin, least=0.0, most=1.0) == 1.0:
+            raise InputError('`fitness.drawn.margin` must be below 1; got 1.0')
         whole('fitness.drawn.flights', self.flights, least=1, most=10_000)
         whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
         whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)
@@ -65,12 +69,13 @@ class DrawnFlights:
     """The runs of one campaign that a search flies.
 
     label : the name of the campaign
+    count : in a stage
     columns, limits : of the metrics by which a run succeeds
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
         self._campaign, self._settings = load(find(name)), settings
-        self.label = self._campaign.config.name
+        self.label, self.count = self._campaign.config.name, settings.flights
         success = self._campaign.config.success
         self.columns = [list(metrics.UNITS).index(metric) for metric in success]
         self.limits = np.array(list(success.values()))
