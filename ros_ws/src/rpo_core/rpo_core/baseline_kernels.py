@@ -131,9 +131,7 @@ def pace_inputs(r: float, v: float, lead_s: float) -> tuple[float, float]:
 
 
 @kernel
-def pace_force(
-    r: float, v: float, distances: Any, paces: Any, forces: Any, lead_s: float
-) -> float:
+def pace_force(r: float, v: float, distances: Any, paces: Any, forces: Any, lead_s: float) -> float:
     """Force [N] of an axis by a zero-order Takagi-Sugeno system of its distance and pace.
 
     Triangles with peaks at `distances` [m] and `paces` partition both inputs; AND is the product,

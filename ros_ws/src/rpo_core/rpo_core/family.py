@@ -78,6 +78,14 @@ class Mission(NamedTuple):
     dt_s: float
 
 
+class Table(NamedTuple):
+    """Rules as a table that a person reads."""
+
+    title: str
+    headings: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Family(Baseline):
     """A kind of controller that a search can train, and that says in words what it does."""
@@ -97,8 +105,8 @@ class Family(Baseline):
         """Return the values of all genes; a search can begin there."""
 
     @abstractmethod
-    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-        """Return its rules as tables: title, headings, rows."""
+    def tables(self) -> list[Table]:
+        """Return its rules as tables."""
 
     @abstractmethod
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:

@@ -13,7 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import sqrt
+from itertools import pairwise
+from math import log, sqrt
 from typing import Annotated, Any, ClassVar
 
 from rpo_core.baseline_kernels import (
@@ -24,9 +25,9 @@ from rpo_core.baseline_kernels import (
     pace_inputs,
 )
 from rpo_core.controller_file import Reason, register
-from rpo_core.family import Family, Gene, Mission
+from rpo_core.family import Family, Gene, Mission, Table
 from rpo_core.kernels import State
-from rpo_core.validation import InputError, check_fields, real, shown, store
+from rpo_core.validation import InputError, real, shown
 
 DISTANCES = ('at', 'very near', 'near', 'middle', 'far', 'very far')
 PACES = (
@@ -54,7 +55,7 @@ def _numbers(name: str, value: Any) -> Numbers:
 
 
 def _ascending(name: str, peaks: Numbers, count: int) -> None:
-    ascends = all(a < b for a, b in zip(peaks, peaks[1:], strict=False))
+    ascends = all(a < b for a, b in pairwise(peaks))
     if len(peaks) != count or not ascends:
         raise InputError(f'`{name}` must be {count} ascending numbers; got {list(peaks)}')
 
@@ -64,7 +65,8 @@ def _table(name: str, value: Any) -> tuple[Numbers, ...]:
     found = tuple(_numbers(f'{name}[{i}]', row) for i, row in enumerate(rows))
     count = len(DISTANCES) - 1
     if len(found) != count or any(len(row) != len(PACES) for row in found):
-        raise InputError(f'`{name}` must be {count} rows of {len(PACES)} numbers; got {shown(value)}')
+        size = f'{count} rows of {len(PACES)} numbers'
+        raise InputError(f'`{name}` must be {size}; got {shown(value)}')
     for i, row in enumerate(found):
         if row[0] != -row[-1]:
             raise InputError(
@@ -74,6 +76,7 @@ def _table(name: str, value: Any) -> tuple[Numbers, ...]:
     return found
 
 
+@register
 @dataclass(frozen=True, kw_only=True)
 class Pace(Family):
     """Forces by distance and pace: a table of rules in words, each axis alike.
@@ -81,7 +84,7 @@ class Pace(Family):
     lead_s : with h = lead_s * closing speed, distance is |r| + |h|, and pace h / (|r| + |h|)
     distance_peaks_m : of `DISTANCES` without `at`
     pace_peaks : of `PACES`; the first is -1, the last 1
-    force_n : towards the target; a row for each distance without `at`, whose force is 0
+    forces_n : towards the target; a row for each distance without `at`, whose force is 0
     """
 
     kind: ClassVar[str] = 'pace'
@@ -89,7 +92,7 @@ class Pace(Family):
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
     distance_peaks_m: Annotated[Numbers, _numbers]
     pace_peaks: Annotated[Numbers, _numbers]
-    force_n: Annotated[tuple[Numbers, ...], _table]
+    forces_n: Annotated[tuple[Numbers, ...], _table]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,12 +109,13 @@ class Pace(Family):
 
     @property
     def _rows(self) -> tuple[Numbers, ...]:
-        return ((0.0,) * len(PACES), *self.force_n)
+        return ((0.0,) * len(PACES), *self.forces_n)
 
     @cached_property
     def law(self) -> BaselineLaw:
         """What the kernels read."""
-        return law_of(self.max_force_n, pace=(self._peaks, self.pace_peaks, self._rows, self.lead_s))
+        table = (self._peaks, self.pace_peaks, self._rows, self.lead_s)
+        return law_of(self.max_force_n, pace=table)
 
     def values(self) -> dict[str, float]:
         """Return the values of all genes."""
@@ -120,12 +124,12 @@ class Pace(Family):
             found[f'{word}: peak_m'] = peak
         for word, peak in zip(PACES[3:-1], self.pace_peaks[3:-1], strict=True):
             found[f'{word}: peak'] = peak
-        for word, row in zip(DISTANCES[1:], self.force_n, strict=True):
+        for word, row in zip(DISTANCES[1:], self.forces_n, strict=True):
             for pace, force in zip(PACES[:-1], row, strict=False):
                 found[f'{word}, {pace}'] = force
         return found
 
-    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    def tables(self) -> list[Table]:
         """Return its rules as a table, and the peaks of its words."""
         headings = ('distance', 'peak [m]', *PACES)
         rows = [
@@ -134,7 +138,7 @@ class Pace(Family):
         ]
         peaks = ('peak of the pace', '', *(f'{peak:.3g}' for peak in self.pace_peaks))
         title = f'Force towards the target [N] of each axis; lead {self.lead_s:g} s'
-        return [(title, headings, [peaks, *rows])]
+        return [Table(title, headings, [peaks, *rows])]
 
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z."""
@@ -176,10 +180,10 @@ class Pace(Family):
         for word, peak in zip(PACES[3:-1], _PACES[3:-1], strict=True):
             found.append(Gene(f'{word}: peak', peak - 0.07, peak + 0.07, peak))
         for word, peak in zip(DISTANCES[1:], _DISTANCES_M, strict=True):
-            most = min(0.5, 0.15 * peak)
             for pace, at in zip(PACES[:-1], _PACES, strict=False):
-                start = min(max(_start(peak, at), -most), most)
-                found.append(Gene(f'{word}, {pace}', -most, most, start, newtons=1))
+                start = min(max(_start(peak, at), -_MOST_N), _MOST_N)
+                off = 0.5 * abs(start) + 0.3 * abs(_start(peak, 0.0))
+                found.append(Gene(f'{word}, {pace}', start - off, start + off, start, newtons=1))
         return tuple(found)
 
     @classmethod
@@ -193,7 +197,7 @@ class Pace(Family):
             lead_s=values['lead_s'],
             distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in DISTANCES[1:]),
             pace_peaks=(*_PACES[:3], *(values[f'{word}: peak'] for word in PACES[3:-1]), 1.0),
-            force_n=tuple((*row, -row[0]) for row in rows),
+            forces_n=tuple((*row, -row[0]) for row in rows),
         )
 
 
@@ -204,7 +208,7 @@ def _key(word: str) -> str:
 _LEAD_S = 35.0
 _DISTANCES_M = (0.8, 3.0, 12.0, 45.0, 180.0)
 _PACES = (-1.0, -0.4, 0.0, 0.2, 0.37, 0.53, 0.68, 0.83, 1.0)
-_MASS_KG, _TIME_S = 10.0, 175.0
+_MASS_KG, _TIME_S, _MOST_N = 10.0, 175.0, 0.5
 _STIFF_N_M, _DAMPING_N_S_M = 0.1, 2.0  # near the target
 
 
@@ -217,7 +221,7 @@ def _start(distance_m: float, pace: float) -> float:
     lead = pace * distance_m
     r, closing = distance_m - abs(lead), lead / _LEAD_S
     stiff = _STIFF_N_M * r - _DAMPING_N_S_M * closing
-    share = min(max((distance_m - 0.8) / 15.0, 0.0), 1.0)
+    share = min(max(log(distance_m / 0.8) / log(20.0), 0.0), 1.0)
     return share * _least_energy_force(r, closing) + (1.0 - share) * stiff
 
 
@@ -237,6 +241,3 @@ def _least_energy_force(r: float, closing: float) -> float:
     s = (sqrt(b * b + 8.0 * ratio * ratio) - b) / (4.0 * ratio)
     start_m = r / ((1.0 - s) ** 2 * (1.0 + 2.0 * s))
     return 6.0 * m * start_m * (1.0 - 2.0 * s) / t**2
-
-
-register(Pace)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -21,7 +22,7 @@ from rpo_core.baseline_kernels import BaselineLaw, baseline_force, interval, law
 from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS
 from rpo_core.controller_file import Reason, register
 from rpo_core.cw import TickLength
-from rpo_core.family import Family, Gene, Mission
+from rpo_core.family import Family, Gene, Mission, Table
 from rpo_core.kernels import State
 from rpo_core.validation import InputError, check_fields, choice, real, store
 
@@ -52,6 +53,7 @@ class Rule:
         choice('time_to_go', self.time_to_go, WORDS)
 
 
+@register
 @dataclass(frozen=True, kw_only=True)
 class TimeToGo(Family):
     """Gains by the time to go: five rules in words, each axis alike.
@@ -75,7 +77,7 @@ class TimeToGo(Family):
         if words != WORDS:
             raise InputError(f'`rules` must be one for each of {", ".join(WORDS)}; got {words}')
         peaks = [rule.peak_s for rule in self.rules]
-        if any(late >= early for early, late in zip(peaks, peaks[1:], strict=False)):
+        if any(late >= early for early, late in pairwise(peaks)):
             raise InputError(f'`rules` must have descending `peak_s`; got {peaks}')
 
     @property
@@ -156,9 +158,9 @@ class TimeToGo(Family):
                 found[f'{rule.time_to_go}: {key}'] = number
         return found
 
-    def tables(self) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
+    def tables(self) -> list[Table]:
         """Return its rules as a table."""
-        rows = [
+        rows: list[tuple[str, ...]] = [
             (
                 rule.time_to_go,
                 f'{rule.peak_s:g}',
@@ -167,7 +169,7 @@ class TimeToGo(Family):
             for rule in self.rules
         ]
         title = f'Rules of each axis [N, m, m/s]; arrival at {self.arrival_s:g} s'
-        return [(title, ('time to go', 'peak [s]', 'then'), rows)]
+        return [Table(title, ('time to go', 'peak [s]', 'then'), rows)]
 
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z."""
@@ -191,6 +193,3 @@ class TimeToGo(Family):
             ]
             found.append((sentence, pairs))
         return found
-
-
-register(TimeToGo)
