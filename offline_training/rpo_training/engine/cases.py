@@ -75,6 +75,13 @@ class Case:
         return np.array([d.over(times) for d in self.disturbances])
 
     @cached_property
+    def fits(self) -> bool:
+        """Whether all distinct loops fit side by side."""
+        planar = len(np.unique(self.starts[:, [0, 1, 3, 4]], axis=0))
+        vertical = len(np.unique(self.starts[:, [2, 5]], axis=0))
+        return len(self.disturbances) == 1 and 2 * planar + vertical <= lanes.STRIDE
+
+    @cached_property
     def full(self) -> Crossed:
         """Loops for any fuzzy controller."""
         return _crossed(self, odd=False)

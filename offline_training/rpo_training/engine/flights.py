@@ -31,16 +31,10 @@ def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iter
     case = None if reason or isinstance(found, Scenario) else case_of_set(found)
     if case is None:
         yield from (fly(scenario, controller) for scenario in members)
-    elif isinstance(controller, FuzzyController) and _fits(case):
+    elif isinstance(controller, FuzzyController) and case.fits:
         yield from _fuzzy(controller, case, members)
     else:
         yield from _paired(controller, case, members)
-
-
-def _fits(case: Case) -> bool:
-    """Return whether all distinct loops of a case fit side by side."""
-    planar = len(np.unique(case.starts[:, [0, 1, 3, 4]], axis=0))
-    return 2 * planar + len(np.unique(case.starts[:, [2, 5]], axis=0)) <= lanes.STRIDE
 
 
 def _fuzzy(controller: FuzzyController, case: Case, members: list[Scenario]) -> Iterator[Flight]:

@@ -23,7 +23,7 @@ from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
 from rpo_core.validation import InputError
 from rpo_training.engine import counters, lanes, parts, tick
-from rpo_training.engine.cases import Case
+from rpo_training.engine.cases import Case, Crossed
 from rpo_training.engine.drawn import DrawnCase, with_own_queue
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
@@ -102,16 +102,24 @@ class Simulator:
     def _fly_fuzzy(
         self, population: Population, index: int, samples: int, case: Case, rows: Floats
     ) -> None:
-        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
         crossed = case.half if population.is_odd(index) else case.full
-        law = population.law(index, samples)
-        tick.fly(crossed.runs, parts.Control(law), case.plant, case.windows, w, norms, None)
+        control = parts.Control(population.law(index, samples))
+        self._fly_crossed(control, crossed, case, rows)
+
+    def _fly_crossed(
+        self, control: parts.Control, crossed: Crossed, case: Case, rows: Floats
+    ) -> None:
+        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
+        tick.fly(crossed.runs, control, case.plant, case.windows, w, norms, None)
         p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
         counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
         rows[:] = pairs[crossed.pairs]
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
+        if baseline.alike and case.fits:
+            self._fly_crossed(parts.Control(axes=baseline.law), case.half, case, rows)
+            return
         w = self._scratch.w
         masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
         control = parts.Control(None, baseline.law)

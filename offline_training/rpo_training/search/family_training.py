@@ -46,11 +46,13 @@ _JUDGED = FitnessSettings(
     drawn=DrawnSettings(
         weight=100.0,
         campaigns=('paper_test', 'random_starts', 'random_moving_starts'),
+        margin=0.03,
         flights=80,
     ),
 )
 
-_DESCENT = CmaSettings(population=20, sigma=0.08, evaluations=6000, descents=1, tolerance=1e-4)
+_DESCENT = CmaSettings(population=20, sigma=0.05, evaluations=6000, descents=1, tolerance=1e-4)
+_PER_GENE = (80, 30)  # evaluations of the first stage, and of each later one
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,9 @@ class FamilyConfig:
 
 def config_of(family: str, scenario: str = '') -> FamilyConfig:
     """Return the configuration of a family; of another scenario, without the paper's own terms."""
-    config = FamilyConfig(family, family)
+    first, later = (count * len(family_of(family).genes()) for count in _PER_GENE)
+    descent, staged = replace(_DESCENT, evaluations=first), StagedSettings(evaluations=later)
+    config = FamilyConfig(family, family, cmaes=descent, staged=staged)
     if scenario in ('', PAPER):
         return config
     starts = training_set(scenario)

@@ -168,6 +168,21 @@ def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
 
 
 @kernel
+def axis_force(r: float, v: float, tick: int, law: BaselineLaw) -> float:
+    """Force [N] of one axis at position r [m] and velocity v [m/s], of a law that treats all alike.
+
+    Such a law has a pace table, or gains whose rows are (k, 0, 0, d, 0, 0) and so on.
+    """
+    if len(law.forces) > 0:
+        force = pace_force(r, v, law.distances, law.paces, law.forces, law.lead_s)
+    else:
+        last = len(law.gains) - 1
+        row = law.gains[tick if tick < last else last]
+        force = -(row[0] * r + row[3] * v)
+    return saturate(force, law.limit)
+
+
+@kernel
 def solve_in_place(m: NDArray[np.float64]) -> None:
     """Solve m[:, :6] X = m[:, 6:] for a positive definite matrix; X is left in m[:, 6:].
 

@@ -81,7 +81,12 @@ class BaselineStage(ControllerStage):
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline(ControllerFile):
-    """A controller without memory: its force is `baseline_force` of the state and the tick."""
+    """A controller without memory: its force is `baseline_force` of the state and the tick.
+
+    alike : whether each axis has the same law, of its own position and velocity, odd in these
+    """
+
+    alike: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -86,6 +86,18 @@ class Table(NamedTuple):
     rows: list[tuple[str, ...]]
 
 
+class Claim(NamedTuple):
+    """What is proven or refuted of a controller.
+
+    holds : whether it is proven; needed : whether a certificate fails without it
+    """
+
+    name: str
+    statement: str
+    holds: bool
+    needed: bool = True
+
+
 @dataclass(frozen=True, kw_only=True)
 class Family(Baseline):
     """A kind of controller that a search can train, and that says in words what it does."""
@@ -107,6 +119,10 @@ class Family(Baseline):
     @abstractmethod
     def tables(self) -> list[Table]:
         """Return its rules as tables."""
+
+    @abstractmethod
+    def claims(self) -> list[Claim]:
+        """Return what is proven of it."""
 
     @abstractmethod
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:

@@ -25,7 +25,7 @@ from rpo_core.baseline_kernels import (
     pace_inputs,
 )
 from rpo_core.controller_file import Reason, register
-from rpo_core.family import Family, Gene, Mission, Table
+from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
 from rpo_core.validation import InputError, real, shown
 
@@ -42,6 +42,8 @@ PACES = (
     'passing',
 )
 """The words, ascending. `at` has its peak at 0 m; `away` at -1, `resting` at 0, `passing` at 1."""
+
+_HELD_M = 0.5  # error within which a disturbance is held, the paper's
 
 Numbers = tuple[float, ...]
 
@@ -88,6 +90,7 @@ class Pace(Family):
     """
 
     kind: ClassVar[str] = 'pace'
+    alike: ClassVar[bool] = True
 
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
     distance_peaks_m: Annotated[Numbers, _numbers]
@@ -140,6 +143,48 @@ class Pace(Family):
         title = f'Force towards the target [N] of each axis; lead {self.lead_s:g} s'
         return [Table(title, headings, [peaks, *rows])]
 
+    def claims(self) -> list[Claim]:
+        """Return what is proven of it: the table bounds and signs an interpolated force."""
+        rows, most = self.forces_n, max(abs(force) for row in self.forces_n for force in row)
+        rest = [row[PACES.index('resting')] for row in rows]
+        braking = [row[PACES.index('resting') :] for row in rows]
+        falls = all(a >= b for row in braking for a, b in pairwise(row[:-1]))
+        slope = min(force / peak for force, peak in zip(rest, self._peaks[1:], strict=True))
+        held = min(rest[0] / self._peaks[1] * _HELD_M, *rest)
+        return [
+            Claim(
+                'output',
+                f'|force| of an axis <= {min(most, self.max_force_n):.4g} N, because grades add '
+                'up to 1',
+                True,
+            ),
+            Claim(
+                'odd and continuous',
+                'force(-r, -v) = -force(r, v), without a jump at r = 0: each row ends with minus '
+                'its first number',
+                all(row[0] == -row[-1] for row in rows),
+            ),
+            Claim(
+                'only rest at the target',
+                f'from rest at any distance the force is towards the target: at least {slope:.3g} '
+                'N/m up to the last peak',
+                self.pace_peaks[PACES.index('resting')] == 0.0 and min(rest) > 0.0,
+            ),
+            Claim(
+                'held disturbance',
+                f'at rest {_HELD_M:g} m or farther from the target, the force outweighs a constant '
+                f'disturbance of {held:.3g} N',
+                self.pace_peaks[PACES.index('resting')] == 0.0 and held > 0.0,
+            ),
+            Claim(
+                'brakes',
+                'at each distance, the force towards the target falls as the pace grows from '
+                'resting to fast',
+                falls,
+                needed=False,
+            ),
+        ]
+
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z."""
         forces = baseline_force(state, tick, self.law)
@@ -147,8 +192,8 @@ class Pace(Family):
 
     def _reason(self, r: float, v: float, force: float) -> Reason:
         distance, pace = pace_inputs(r, v, self.lead_s)
-        i, far = interval(distance, self._peaks)
-        j, fast = interval(pace, self.pace_peaks)
+        i, far = interval(distance, self.law.distances)
+        j, fast = interval(pace, self.law.paces)
         near = [(DISTANCES[i], 1.0 - far), (DISTANCES[i + 1], far)]
         slow = [(PACES[j], 1.0 - fast), (PACES[j + 1], fast)]
         fired = [

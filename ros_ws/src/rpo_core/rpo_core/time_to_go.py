@@ -11,18 +11,19 @@ time T is the law k = 6 m / T^2, d = 4 m / T (Bryson and Ho, Applied Optimal Con
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rpo_core.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
-from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS
+from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
 from rpo_core.controller_file import Reason, register
 from rpo_core.cw import TickLength
-from rpo_core.family import Family, Gene, Mission, Table
+from rpo_core.family import Claim, Family, Gene, Mission, Table
+from rpo_core.jit import as_table
 from rpo_core.kernels import State
 from rpo_core.validation import InputError, check_fields, choice, real, store
 
@@ -32,6 +33,9 @@ WORDS = ('long', 'medium', 'short', 'very short', 'due')
 _PAPER_PEAKS_S = ((130.0, 180.0), (75.0, 130.0), (40.0, 75.0), (18.0, 40.0), (4.0, 18.0))
 _PAPER_ARRIVAL_S = (150.0, 200.0, 180.0)
 _PAPER_MASS_KG = 10.0
+
+_BOX_M, _BOX_M_S = 100.0, 0.05  # starts for which claims are made
+_FLIGHT_S = 200.0
 
 _gain = partial(real, least=0.0, most=MAX_GAIN)
 
@@ -53,6 +57,15 @@ class Rule:
         choice('time_to_go', self.time_to_go, WORDS)
 
 
+class _Worst(NamedTuple):
+    """Largest values over a box of starts."""
+
+    force_n: float
+    slew_n_s: float
+    distance_m: float
+    speed_m_s: float
+
+
 @register
 @dataclass(frozen=True, kw_only=True)
 class TimeToGo(Family):
@@ -64,6 +77,7 @@ class TimeToGo(Family):
     """
 
     kind: ClassVar[str] = 'time_to_go'
+    alike: ClassVar[bool] = True
 
     arrival_s: float
     tick_s: TickLength
@@ -89,10 +103,13 @@ class TimeToGo(Family):
         """Return the time to go at a tick."""
         return max(self.arrival_s - tick * self.tick_s, 0.0)
 
+    @cached_property
+    def _peaks_s(self) -> Any:
+        return as_table([rule.peak_s for rule in reversed(self.rules)])
+
     def grades(self, tick: int) -> tuple[float, ...]:
         """Return the memberships of `WORDS` at a tick; they add up to 1."""
-        peaks = [rule.peak_s for rule in reversed(self.rules)]
-        i, share = interval(self.time_to_go_s(tick), peaks)
+        i, share = interval(self.time_to_go_s(tick), self._peaks_s)
         found = [0.0] * len(WORDS)
         found[len(WORDS) - 1 - i] = 1.0 - share
         found[len(WORDS) - 2 - i] = share
@@ -170,6 +187,63 @@ class TimeToGo(Family):
         ]
         title = f'Rules of each axis [N, m, m/s]; arrival at {self.arrival_s:g} s'
         return [Table(title, ('time to go', 'peak [s]', 'then'), rows)]
+
+    def claims(self) -> list[Claim]:
+        """Return what is proven for every start in the box of the paper's training.
+
+        The closed loop is linear in the start, so the largest value of a force or of a state over a
+        box is the sum of the absolute values of its row. Norms are bounded axis by axis. For the
+        paper's chaser, without disturbance; floating point is not rounded outwards.
+        """
+        from rpo_core import metrics
+
+        worst = self._worst_of_box(metrics.ARRIVAL_WINDOW_S)
+        far, fast = metrics.MAX_ARRIVAL_DISTANCE_M, metrics.MAX_ARRIVAL_SPEED_M_S
+        limits = (
+            ('force', 'of an axis, without saturation', worst.force_n, self.max_force_n, 'N'),
+            ('slew', 'of an axis', worst.slew_n_s, metrics.MAX_SLEW_N_S, 'N/s'),
+            ('arrival', 'mean of |r| over the last 30 s', worst.distance_m, far, 'm'),
+            ('speed', 'mean of |v| over the last 30 s', worst.speed_m_s, fast, 'm/s'),
+        )
+        claims = [
+            Claim(
+                name,
+                f'{what}: at most {value:.4g} {unit}, limit {limit:g}, from any start in the box '
+                f'of {_BOX_M:g} m, at {_BOX_M_S:g} m/s',
+                value <= limit,
+            )
+            for name, what, value, limit, unit in limits
+        ]
+        radius = self._hold_radius()
+        hold = f'stable after arrival: spectral radius {radius:.6f}'
+        return [*claims, Claim('hold', hold, radius < 1.0)]
+
+    def _closed_loop(self, gains: Any) -> Any:
+        a, b = replace(PAPER_MODEL, dt_s=self.tick_s).matrices()
+        return a - b @ gains
+
+    def _hold_radius(self) -> float:
+        """Return the spectral radius of the loop with the gains of `due`."""
+        last = np.asarray(self.law.gains[-1]).reshape(3, 6)
+        return float(np.abs(np.linalg.eigvals(self._closed_loop(last))).max())
+
+    def _worst_of_box(self, mean_s: float) -> _Worst:
+        """Return the largest values over all starts in the box; means over the last `mean_s`."""
+        ticks, tail = round(_FLIGHT_S / self.tick_s), round(mean_s / self.tick_s)
+        start = np.diag([_BOX_M] * 3 + [_BOX_M_S] * 3)
+        state, forces = start, []
+        distance = speed = 0.0
+        for tick in range(ticks):
+            k = np.asarray(self.law.gains[min(tick, len(self.law.gains) - 1)]).reshape(3, 6)
+            forces.append(-k @ state)
+            state = self._closed_loop(k) @ state
+            if tick >= ticks - tail:
+                reach = np.abs(state).sum(axis=1)
+                distance += float(np.linalg.norm(reach[:3])) / tail
+                speed += float(np.linalg.norm(reach[3:])) / tail
+        found = np.array(forces)
+        steps = np.abs(np.diff(found, axis=0)).sum(axis=2).max() / self.tick_s
+        return _Worst(float(np.abs(found).sum(axis=2).max()), float(steps), distance, speed)
 
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z."""
