@@ -15,13 +15,17 @@ from rpo_training.commands.shared import Workers
 from rpo_training.outputs import writing
 
 if TYPE_CHECKING:
-    from rpo_core.controller import AnyController
+    from collections.abc import Callable
+
+    from rpo_core.controller import AnyController, FuzzyController
     from rpo_training.evaluation.assessment import Assessment
+    from rpo_training.evaluation.sensitivity import Effect, Outcome
 
 EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
 `rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
-`rpo evaluate trained pd --scenario mine.yaml`
+`rpo evaluate trained pd --scenario mine.yaml` | `rpo evaluate robust --everywhere` |
+`rpo evaluate robust --sensitivity`
 """
 
 
@@ -36,6 +40,15 @@ def evaluate(
     ] = '',
     starts: Annotated[bool, typer.Option('--starts', help='print all 216 starts')] = False,
     csv: Annotated[Path | None, typer.Option(help='write the starts to this file')] = None,
+    everywhere: Annotated[
+        bool, typer.Option('--everywhere', help='fly dispersed runs and random starts: 50 000')
+    ] = False,
+    sensitivity: Annotated[
+        bool, typer.Option('--sensitivity', help='change each parameter alone, and fly again')
+    ] = False,
+    seed: Annotated[
+        int | None, typer.Option(help='of the draws of --everywhere  [2026]', show_default=False)
+    ] = None,
     check: Annotated[
         bool, typer.Option('--check', help='exit code 1 if a target is missed')
     ] = False,
@@ -52,19 +65,28 @@ def evaluate(
     from rpo_training.evaluation.assessment import PAPER, assess
     from rpo_training.evaluation.judgement import trained_for
 
+    if seed is not None and not everywhere:
+        raise InputError('`--seed` goes with `--everywhere`')
     missed = False
     for name in controllers:
         loaded = load_controller(name)
         of = scenario or trained_for(loaded)
         if of and (scenario or of != PAPER):
-            if starts or csv:
-                raise InputError(f'`--starts` and `--csv` go with the targets, not with {of}')
+            if starts or csv or everywhere or sensitivity:
+                raise InputError(
+                    '`--starts`, `--csv`, `--everywhere`, `--sensitivity` go with the targets, '
+                    f'not with {of}'
+                )
             missed |= _judge(loaded, name, of)
             continue
         found = assess(only_fuzzy(loaded), workers)
         missed |= not all(target.holds for target in found.targets())
         _print_targets(found)
         typer.echo(_bindings(found))
+        if everywhere:
+            missed |= _everywhere(loaded, seed, workers)
+        if sensitivity:
+            _sensitivity(found.controller, workers)
         if starts:
             title = f'{found.controller.name}: training starts'
             print_table(_HEADINGS, _rows(found), title, left=0)
@@ -108,6 +130,62 @@ def _print_targets(found: Assessment) -> None:
     typer.echo(QUESTIONS)
 
 
+def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
+    """Print how a controller does where it was not trained; return whether it misses a target."""
+    from rpo_training.display import print_table, progress
+    from rpo_training.evaluation.everywhere import SEED, everywhere
+
+    with progress() as show:
+        seed = SEED if seed is None else seed
+        outcomes = everywhere(controller, seed, workers, show)
+    rows = [
+        (
+            o.success.name,
+            f'{o.success.kept} / {o.success.runs}',
+            f'{100 * o.success.kept / o.success.runs:.3f} %',
+            f'{100 * o.success.low:.2f} to {100 * o.success.high:.2f} %',
+            f'{100 * o.least:g} %',
+            'held' if o.holds else 'MISSED',
+        )
+        for o in outcomes
+    ]
+    headings = ('campaign', 'runs that succeed', 'share', 'Wilson 95 %', 'least', '')
+    print_table(headings, rows, f'{controller.name}: where it was not trained, seed {seed}')
+    return not all(o.holds for o in outcomes)
+
+
+def _sensitivity(controller: FuzzyController, workers: int) -> None:
+    """Print what each parameter does, the strongest first."""
+    from rpo_training.display import print_table
+    from rpo_training.evaluation.sensitivity import RUNS, STEP, effects
+
+    base, found = effects(controller, workers)
+
+    def both(effect: Effect, text: Callable[[Outcome], str]) -> tuple[str, str]:
+        down, up = (('–' if o is None else text(o)) for o in (effect.down, effect.up))
+        return down, up
+
+    rows = [
+        (
+            effect.part,
+            effect.parameter,
+            effect.value,
+            *both(effect, lambda o: f'{o.energy_n2s - base.energy_n2s:+.3f}'),
+            *both(effect, lambda o: f'{100 * o.margin:.1f}'),
+            *both(effect, lambda o: f'{o.missed}'),
+        )
+        for effect in found
+    ]
+    headings = ('', 'parameter', 'value', 'J -', 'J +', 'margin -', 'margin +', 'miss -', 'miss +')
+    print_table(headings, rows, f'{controller.name}: what each parameter does', left=2)
+    typer.echo(
+        f'A step down (-) and up (+): {100 * STEP:g} % of the range of a scale or a foot; one word '
+        f'of a rule. J: change of the mean, N^2 s. margin: the least of a condition over the 216 '
+        f'starts, % (now {100 * base.margin:.1f}). miss: of {RUNS} dispersed runs (now '
+        f'{base.missed}). -: no such step.'
+    )
+
+
 def _bindings(found: Assessment) -> str:
     from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
@@ -120,7 +198,8 @@ def _bindings(found: Assessment) -> str:
         f'least to rest in 200 s without conditions ({least:.3f}); from [100, 100, 100] m '
         f'{rows[-1, ENERGY]:.3f} = {rows[-1, ENERGY] / found.least[-1]:.2f} x\n'
         f'worst start: speed {worst[ARRIVAL_SPEED]:.4f} m/s, slew {worst[SLEW]:.4f} N/s, '
-        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; condition nearest its limit: {counts}'
+        f'distance {worst[ARRIVAL_DISTANCE]:.4f} m; smallest margin '
+        f'{100 * found.margin:.1f} %; condition nearest its limit: {counts}'
     )
 
 

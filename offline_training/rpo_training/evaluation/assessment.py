@@ -84,6 +84,12 @@ class Assessment:
         shares = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]] / fitness.LIMITS
         return [fitness.CONDITIONS[i] for i in shares.argmax(axis=1)]
 
+    @property
+    def margin(self) -> float:
+        """The smallest margin of a condition over all starts, as a share of its limit."""
+        worst = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]].max(axis=0)
+        return float(1.0 - (worst / fitness.LIMITS).max())
+
     def targets(self) -> list[Target]:
         """Return the targets Q1-Q5."""
         missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())

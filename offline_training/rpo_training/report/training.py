@@ -11,8 +11,10 @@ import numpy as np
 
 from rpo_core.controller import FuzzyController
 from rpo_log.show import style
+from rpo_training.evaluation.sensitivity import effects
 from rpo_training.report import controller_plots
-from rpo_training.search.training import FRONT, HISTORY
+from rpo_training.report.sensitivity_plot import draw_effects
+from rpo_training.search.training import FINALISTS, FRONT, HISTORY
 
 
 def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
@@ -26,6 +28,9 @@ def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:
         }
         if (folder / FRONT).exists():
             drawings['front.png'] = _front(folder / FRONT)
+        if (folder / FINALISTS).exists():
+            drawings['held_out.png'] = _held_out(folder / FINALISTS)
+            drawings['sensitivity.png'] = draw_effects(*effects(controller))
         for name, figure in drawings.items():
             figure.savefig(folder / name)
     return [folder / name for name in drawings]
@@ -50,6 +55,21 @@ def _convergence(history: Path) -> Any:
     ):
         axes.semilogy(columns['evaluations'], columns[name], color=colour, label=label)
     axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')
+    style.legend_below(figure, axes)
+    return figure
+
+
+def _held_out(path: Path) -> Any:
+    """Return the finalists: fitness by held-out draws, over fitness by those of the training."""
+    columns = _columns(path)
+    trained, held_out = columns['training_fitness'], columns['held_out_fitness']
+    figure, axes = style.new_panels(4.4)
+    best = int(held_out.argmin())
+    ends = [min(trained.min(), held_out.min()), max(trained.max(), held_out.max())]
+    axes.loglog(ends, ends, color=style.LIGHT['muted'], linewidth=1.0, label='equal')
+    axes.loglog(trained, held_out, 'o', markersize=4, label='finalist')
+    axes.loglog(trained[best], held_out[best], 'D', markersize=6, label='chosen')
+    axes.set(xlabel='fitness by the draws of its training [N²s]', ylabel='by held-out draws [N²s]')
     style.legend_below(figure, axes)
     return figure
 

@@ -63,8 +63,20 @@ class RaceSettings:
         whole('race.scan', self.scan, least=0, most=100)
 
 
+@dataclass(frozen=True)
+class Finalist:
+    """The best of a descent: its chromosome, and its fitness by the draws of its stage."""
+
+    stage: int
+    fitness: float
+    genes: Floats
+
+
 class TableRace:
-    """The race as a search by ask and tell; the generator `_run` holds its course."""
+    """The race as a search by ask and tell; the generator `_run` holds its course.
+
+    finalists : of the last two stages; the last generation asks for these
+    """
 
     def __init__(
         self,
@@ -79,7 +91,7 @@ class TableRace:
         self._reason = f'{settings.rounds} rounds'
         self.best, self.stage = Best(start), Stage(0, start)
         self._tables, self._streams = space.rule_tables(), 0
-        self._finalists: list[list[Floats]] = []
+        self.finalists: list[Finalist] = []
         self._course = self._run()
         self._asked = next(self._course)
 
@@ -130,15 +142,15 @@ class TableRace:
         if self.settings.stages:
             self.stage, self.phase = Stage(number, self.best.genes), f'stage {number}'
             self.best = Best(self.best.genes)
-            self._finalists.append([])
             yield self.best.genes[None]
 
     def _decide(self) -> Script:
         """Let the draws that are held out decide."""
+        recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
+        self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
         self.stage, self.phase = Stage(HELD_OUT, self.best.genes), 'held-out flights'
-        finalists = [self.best.genes, *(genes for some in self._finalists[-2:] for genes in some)]
         self.best = Best(self.best.genes)
-        yield np.unique(finalists, axis=0)
+        yield np.array([finalist.genes for finalist in self.finalists])
 
     def _scales(self) -> Floats:
         """Return the start, and the start with other scales."""
@@ -179,4 +191,5 @@ class TableRace:
             values = yield complete(search.ask())
             search.tell(values)
         if self.settings.stages:
-            self._finalists[-1].append(complete(search.best.genes[None])[0])
+            genes, value = complete(search.best.genes[None])[0], float(search.best.value)
+            self.finalists.append(Finalist(self.stage.number, value, genes))

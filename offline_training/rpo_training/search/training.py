@@ -3,7 +3,8 @@
 """The training of a fuzzy controller: its search, its simulator, and its folder.
 
 Beside the files of every search (`rpo_training.search.run`) the folder holds `config.yaml`,
-`history.csv`, and for a front `front.csv` and a controller for each point.
+`history.csv`; for a front `front.csv` and a controller for each point; where held-out flights
+decide, `finalists.csv`.
 """
 
 from __future__ import annotations
@@ -30,13 +31,15 @@ from rpo_training.search import fitting
 from rpo_training.search.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.config import TrainingConfig
+from rpo_training.search.drawn import HELD_OUT
 from rpo_training.search.fitness import Fitness, Scores
-from rpo_training.search.race import TableRace
+from rpo_training.search.race import Finalist, TableRace
 from rpo_training.search.run import SearchRun
 
 Floats = NDArray[np.float64]
 
-CONFIG, HISTORY, FRONT = 'config.yaml', 'history.csv', 'front.csv'
+CONFIG, HISTORY = 'config.yaml', 'history.csv'
+FRONT, FINALISTS = 'front.csv', 'finalists.csv'
 
 
 def _start(name: str, config: TrainingConfig) -> FuzzyController:
@@ -157,6 +160,19 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         self._write_csv(HISTORY, history)
         if self.config.algorithm == 'nsga2':
             self._save_front()
+        if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
+            self._save_finalists(self.search.finalists)
+
+    def _save_finalists(self, finalists: list[Finalist]) -> None:
+        """Write the finalists: by the draws that they were trained with, and by those held out."""
+        names = [f'held_out_misses_{name}' for name in self.fitness.labels]
+        rows: list[Sequence[object]] = [
+            ('stage', 'training_fitness', 'held_out_fitness', 'energy_n2s', *names)
+        ]
+        for finalist, scores in zip(finalists, self.checkpoint.scores[-1], strict=True):
+            fitness, energy, *missed, _ = scores.tolist()
+            rows.append((finalist.stage, finalist.fitness, fitness, energy, *map(int, missed)))
+        self._write_csv(FINALISTS, rows)
 
     def _write_csv(self, name: str, rows: list[Sequence[object]]) -> None:
         text = io.StringIO()

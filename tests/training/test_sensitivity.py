@@ -1,0 +1,86 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sensitivity to parameters, and judgement where a controller was not trained."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rpo_core import metrics
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_set
+from rpo_training.campaign import config as campaigns
+from rpo_training.campaign import run_batch
+from rpo_training.campaign.statistics import successes
+from rpo_training.cli import app
+from rpo_training.evaluation import everywhere, sensitivity
+from rpo_training.report.sensitivity_plot import draw_effects
+
+ROBUST = load_controller('robust')
+
+
+@pytest.fixture(scope='module')
+def found():
+    return sensitivity.effects(ROBUST, 1)
+
+
+def test_each_parameter_has_one_effect(found):
+    """Two scales, fifteen feet, six groups of rules that oddness and symmetry leave free."""
+    _, effects = found
+    counts = {part: sum(e.part == part for e in effects) for part in ('position', 'force', 'rules')}
+    assert counts == {'position': 6, 'force': 5, 'rules': 6}
+    assert len({(e.part, e.parameter) for e in effects}) == len(effects) == 23
+
+
+def test_an_outcome_is_that_of_the_flights(found):
+    base, effects = found
+    figures = [metrics.of_flight(fly(s, ROBUST)) for s in load_set('paper_training').scenarios()]
+    assert base.energy_n2s == pytest.approx(np.mean([f.energy_n2s for f in figures]), rel=1e-12)
+    by_name = {(e.part, e.parameter): e for e in effects}
+    wider = replace(ROBUST, velocity_scale_m_s=ROBUST.velocity_scale_m_s * 1.02)
+    (alone,) = sensitivity.outcomes([wider], 1)
+    assert by_name['velocity', 'scale'].up == alone
+    assert by_name['position', 'small: near foot'].down is None, 'the foot is at zero'
+
+
+def test_a_table_without_symmetry_has_25_rules():
+    codes = ROBUST.system.rules.codes.copy()
+    codes[0, 1] = 2
+    system = replace(ROBUST.system, rules=type(ROBUST.system.rules).from_codes(codes))
+    rows = list(sensitivity._variants(replace(ROBUST, system=system)))
+    assert sum(part == 'rules' for part, *_ in rows) == 25
+
+
+def test_the_picture_has_a_bar_for_each_step(found):
+    base, effects = found
+    figure = draw_effects(base, effects)
+    steps = sum(o is not None for e in effects for o in (e.down, e.up))
+    assert len(figure.axes[0].patches) == steps
+
+
+def test_the_table_names_the_strongest_first(found):
+    result = CliRunner().invoke(app, ['evaluate', 'robust', '--sensitivity', '--workers', '1'])
+    assert result.exit_code == 0
+    base, effects = found
+    places = [result.stdout.index(e.parameter) for e in effects[:2]]
+    assert places == sorted(places)
+    assert f'now {100 * base.margin:.1f}' in result.stdout
+
+
+def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
+    monkeypatch.setattr(everywhere, 'LEAST', {'random_starts': (450, 1.0), 'paper_test': (40, 0.9)})
+    starts, dispersed = everywhere.everywhere(ROBUST, 7, 1)
+    campaign = campaigns.load(campaigns.find('random_starts'), runs=450, seed=7)
+    campaign = replace(campaign, controller=ROBUST)
+    columns = run_batch.fly_runs(campaign, 0, 450)
+    assert starts.missed == 450 - int(successes(campaign.config, columns).sum()) > 0
+    assert not starts.holds
+    assert dispersed.holds
+    result = CliRunner().invoke(app, ['evaluate', 'robust', '--everywhere', '--seed', '7'])
+    assert re.search(rf'random_starts +{starts.success.kept} / 450 .*MISSED', result.stdout)
+    refused = CliRunner().invoke(app, ['evaluate', 'robust', '--seed', '7'])
+    assert refused.exit_code == 2
