@@ -154,11 +154,12 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     else:
         found = decisions(only_fuzzy(controller), state)
         _print_decisions(console, found)
-        same = tuple(decision.force_n for decision in found)
+        same = found[0].force_n, found[1].force_n, found[2].force_n
         reasons = [(d.sentence, d.pairs()) for d in found]
     logged = log.forces_n[row]
     if scenario.goal is not None:
-        same = tuple(map(add, same, scenario.goal.force_n))
+        x, y, z = map(add, same, scenario.goal.force_n)
+        same = x, y, z
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')
     elif tuple(logged.tolist()) == same:

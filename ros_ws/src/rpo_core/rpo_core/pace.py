@@ -29,7 +29,7 @@ from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
 from rpo_core.validation import InputError, real, shown
 
-DISTANCES = ('at', 'very near', 'near', 'middle', 'far', 'very far')
+DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'very far')
 PACES = (
     'away',
     'drifting away',
@@ -251,7 +251,7 @@ def _key(word: str) -> str:
 
 
 _LEAD_S = 35.0
-_DISTANCES_M = (0.8, 3.0, 12.0, 45.0, 180.0)
+_DISTANCES_M = (0.8, 3.0, 10.0, 25.0, 60.0, 180.0)
 _PACES = (-1.0, -0.4, 0.0, 0.2, 0.37, 0.53, 0.68, 0.83, 1.0)
 _MASS_KG, _TIME_S, _MOST_N = 10.0, 175.0, 0.5
 _STIFF_N_M, _DAMPING_N_S_M = 0.1, 2.0  # near the target
