@@ -112,10 +112,10 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
         "success; Wilson's 95 % interval.",
         f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
         'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
-        "to any condition, over the training starts and the paper's tests. Thrust starts: how often an "
-        f'axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} dispersed '
-        'runs. Speed at 1 m: at the first state within 1 m of the target, over the training '
-        'starts. Proof: for which starts the conditions are proven.',
+        "to any condition, over the training starts and the paper's tests. Thrust starts: how "
+        f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
+        'dispersed runs. Speed at 1 m: at the first state within 1 m of the target, over the '
+        'training starts. Proof: for which starts the conditions are proven.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:

@@ -41,7 +41,7 @@ CONFIG = 'family.yaml'
 
 _JUDGED = FitnessSettings(
     penalty='graded',
-    margin=0.03,
+    margin=0.06,
     limit_cycle=20.0,
     drawn=DrawnSettings(
         weight=100.0,
@@ -51,8 +51,8 @@ _JUDGED = FitnessSettings(
     ),
 )
 
-_DESCENT = CmaSettings(population=20, sigma=0.05, evaluations=6000, descents=1, tolerance=1e-4)
-_PER_GENE = (80, 30)  # evaluations of the first stage, and of each later one
+_DESCENT = CmaSettings(population=20, sigma=0.03, evaluations=6000, descents=1, tolerance=1e-4)
+_PER_GENE = (30, 10)  # evaluations of the first stage, and of each later one
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ class StagedSettings:
     sigma, evaluations : of each later one
     """
 
-    stages: int = 4
-    sigma: float = 0.015
+    stages: int = 3
+    sigma: float = 0.01
     evaluations: int = 1500
 
     def __post_init__(self) -> None:
