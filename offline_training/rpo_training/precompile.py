@@ -30,7 +30,8 @@ def main() -> None:
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
-    metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
+    for name in ('lqr', 'pace'):
+        metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
 
 
 if __name__ == '__main__':

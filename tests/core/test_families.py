@@ -197,9 +197,9 @@ def changed(law, **changes):
     [
         (PACE, {'pace_peaks': [0.0] * 9}, '`pace_peaks` must be 9 ascending numbers'),
         (PACE, {'pace_peaks': [-0.9, *PACE.pace_peaks[1:]]}, '`pace_peaks` must be from -1 to 1'),
-        (PACE, {'distance_peaks_m': [1.0]}, '`distance_peaks_m` must be 6 ascending numbers'),
-        (PACE, {'forces_n': [[1.0] * 9] * 6}, r'`forces_n\[0\]` must end with minus its first'),
-        (PACE, {'forces_n': 3}, '`forces_n` must be 6 rows of 9 numbers; got 3'),
+        (PACE, {'distance_peaks_m': [1.0]}, '`distance_peaks_m` must be 7 ascending numbers'),
+        (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
+        (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
         (PACE, {'lead_s': -1}, '`lead_s` must be'),
         (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
         (TO_GO, {'arrival_s': 0}, '`arrival_s` must be'),

@@ -10,6 +10,9 @@ from pathlib import Path
 from rpo_log.show import style
 from rpo_training.evaluation.comparison import ComparedController
 
+_ENERGIES = (2.5, 3, 3.5, 4, 5, 7, 10, 15, 20)
+_SHARES = (0.01, 0.1, 1, 10, 100)
+
 
 def best(rows: Sequence[ComparedController]) -> list[ComparedController]:
     """Return the controllers that no other beats in energy and in success, by rising energy."""
@@ -36,7 +39,9 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
             colour = style.LIGHT['x'] if fuzzy else style.LIGHT['muted']
             axes.plot([x, x], [100 * low, 100 * high], color=colour, linewidth=1)
             axes.plot(x, 100 * y, 'o' if fuzzy else 's', color=colour, markersize=6)
-            axes.annotate(row.name, (x, 100 * y), xytext=(6, 4), textcoords='offset points')
+            side = 'right' if _crowded(row, shown) else 'left'
+            at = (-6, 4) if side == 'right' else (6, 4)
+            axes.annotate(row.name, (x, 100 * y), at, textcoords='offset points', ha=side)
         front = best(shown)
         axes.step(
             [row.mean_energy_n2s for row in front],
@@ -54,11 +59,20 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
             title='Energy against success: fuzzy controllers ●, baselines ■',
         )
         axes.invert_yaxis()
-        ticks = [2.5, 3, 3.5, 4, 5, 7, 10, 15, 20]
-        axes.set_xticks(ticks, [f'{tick:g}' for tick in ticks], minor=False)
-        axes.set_xticks([], minor=True)
+        axes.set_xlim(2.1, 28.0)
+        for axis, ticks in ((axes.xaxis, _ENERGIES), (axes.yaxis, _SHARES)):
+            axis.set_ticks(ticks, [f'{tick:g}' for tick in ticks])
+            axis.set_ticks([], minor=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
+
+
+def _crowded(row: ComparedController, shown: Sequence[ComparedController]) -> bool:
+    """Return whether the name of a point would hide its neighbour on the right."""
+    x, y = row.mean_energy_n2s, _missed(row)
+    return any(
+        1.0 < other.mean_energy_n2s / x < 1.25 and 0.5 < _missed(other) / y < 2.0 for other in shown
+    )
 
 
 def _missed(row: ComparedController) -> float:

@@ -52,7 +52,6 @@ _JUDGED = FitnessSettings(
 )
 
 _DESCENT = CmaSettings(population=20, sigma=0.03, evaluations=6000, descents=1, tolerance=1e-4)
-_PER_GENE = (30, 10)  # evaluations of the first stage, and of each later one
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,8 @@ class FamilyConfig:
 
 def config_of(family: str, scenario: str = '') -> FamilyConfig:
     """Return the configuration of a family; of another scenario, without the paper's own terms."""
-    first, later = (count * len(family_of(family).genes()) for count in _PER_GENE)
+    kind = family_of(family)
+    first, later = (count * len(kind.genes()) for count in kind.effort)
     descent, staged = replace(_DESCENT, evaluations=first), StagedSettings(evaluations=later)
     config = FamilyConfig(family, family, cmaes=descent, staged=staged)
     if scenario in ('', PAPER):

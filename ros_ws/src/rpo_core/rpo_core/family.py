@@ -12,7 +12,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import exp, log
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from rpo_core import controller_file
 from rpo_core.baselines import Baseline
@@ -100,7 +100,12 @@ class Claim(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Family(Baseline):
-    """A kind of controller that a search can train, and that says in words what it does."""
+    """A kind of controller that a search can train, and that says in words what it does.
+
+    effort : evaluations for each gene in the first stage of a training, and in each later one
+    """
+
+    effort: ClassVar[tuple[int, int]] = (30, 10)
 
     @classmethod
     @abstractmethod

@@ -14,7 +14,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from math import log, sqrt
 from typing import Annotated, Any, ClassVar
 
 from rpo_core.baseline_kernels import (
@@ -29,7 +28,7 @@ from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
 from rpo_core.validation import InputError, real, shown
 
-DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'very far')
+DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'very far', 'remote')
 PACES = (
     'away',
     'drifting away',
@@ -91,6 +90,7 @@ class Pace(Family):
 
     kind: ClassVar[str] = 'pace'
     alike: ClassVar[bool] = True
+    effort: ClassVar[tuple[int, int]] = (8, 4)
 
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
     distance_peaks_m: Annotated[Numbers, _numbers]
@@ -218,16 +218,15 @@ class Pace(Family):
 
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies; it begins at `_start`."""
+        """Return what a search varies; it begins at `_FORCES_N`."""
         found = [Gene('lead_s', 10.0, 120.0, _LEAD_S, seconds=1, logarithmic=True)]
         for word, peak in zip(DISTANCES[1:], _DISTANCES_M, strict=True):
             found.append(Gene(f'{word}: peak_m', peak / 2.0, peak * 2.0, peak, 1, logarithmic=True))
         for word, peak in zip(PACES[3:-1], _PACES[3:-1], strict=True):
             found.append(Gene(f'{word}: peak', peak - 0.07, peak + 0.07, peak))
-        for word, peak in zip(DISTANCES[1:], _DISTANCES_M, strict=True):
-            for pace, at in zip(PACES[:-1], _PACES, strict=False):
-                start = min(max(_start(peak, at), -_MOST_N), _MOST_N)
-                off = 0.5 * abs(start) + 0.3 * abs(_start(peak, 0.0))
+        for word, row in zip(DISTANCES[1:], _FORCES_N, strict=True):
+            for pace, start in zip(PACES[:-1], row, strict=True):
+                off = 0.5 * abs(start) + 0.3 * row[PACES.index('resting')]
                 found.append(Gene(f'{word}, {pace}', start - off, start + off, start, newtons=1))
         return tuple(found)
 
@@ -250,39 +249,16 @@ def _key(word: str) -> str:
     return word.replace(' ', '_')
 
 
-_LEAD_S = 35.0
-_DISTANCES_M = (0.8, 3.0, 10.0, 25.0, 60.0, 180.0)
-_PACES = (-1.0, -0.4, 0.0, 0.2, 0.37, 0.53, 0.68, 0.83, 1.0)
-_MASS_KG, _TIME_S, _MOST_N = 10.0, 175.0, 0.5
-_STIFF_N_M, _DAMPING_N_S_M = 0.1, 2.0  # near the target
-
-
-def _start(distance_m: float, pace: float) -> float:
-    """Return the force [N] towards the target where a search begins.
-
-    Far away, that of the least-energy approach of a free mass from rest, in `_TIME_S`; within some
-    metres, that of a stiff linear law.
-    """
-    lead = pace * distance_m
-    r, closing = distance_m - abs(lead), lead / _LEAD_S
-    stiff = _STIFF_N_M * r - _DAMPING_N_S_M * closing
-    share = min(max(log(distance_m / 0.8) / log(20.0), 0.0), 1.0)
-    return share * _least_energy_force(r, closing) + (1.0 - share) * stiff
-
-
-def _least_energy_force(r: float, closing: float) -> float:
-    """Return the force [N] of the least-energy approach that passes r [m] at a closing speed [m/s].
-
-    From rest at R, with s = t / T: r = R (1 - s)^2 (1 + 2 s), closing speed 6 R s (1 - s) / T, and
-    force 6 m R (1 - 2 s) / T^2; s follows from their ratio.
-    """
-    m, t = _MASS_KG, _TIME_S
-    if closing <= 0.0:
-        return 6.0 * m * r / t**2 - 4.0 * m * closing / t
-    if r <= 0.05 * _LEAD_S * closing:  # the passing is as hard as at the end of the table
-        r = 0.05 * _LEAD_S * closing
-    ratio = closing * t / (6.0 * r)  # s = ratio (1 - s) (1 + 2 s)
-    b = 1.0 - ratio
-    s = (sqrt(b * b + 8.0 * ratio * ratio) - b) / (4.0 * ratio)
-    start_m = r / ((1.0 - s) ** 2 * (1.0 + 2.0 * s))
-    return 6.0 * m * start_m * (1.0 - 2.0 * s) / t**2
+_LEAD_S = 22.5
+_DISTANCES_M = (0.669, 4.28, 13.2, 22.0, 49.2, 63.9, 319.0)
+_PACES = (-1.0, -0.4, 0.0, 0.241, 0.424, 0.564, 0.719, 0.852, 1.0)
+_FORCES_N = (
+    (0.0684, 0.0777, 0.0946, 0.0275, -0.0137, -0.00385, -0.0341, -0.0358),
+    (0.281, 0.35, 0.0598, -0.0159, -0.0513, 0.0558, -0.102, -0.289),
+    (0.456, 0.447, 0.318, 0.116, 0.0151, -0.0322, -0.33, -0.475),
+    (0.583, 0.396, 0.263, 0.121, -0.0177, -0.209, -0.329, -0.337),
+    (0.523, 0.516, 0.0427, 0.0399, -0.13, -0.374, -0.484, -0.64),
+    (0.556, 0.489, 0.229, 0.061, -0.183, -0.451, -0.599, -0.734),
+    (0.636, 0.423, 0.369, -0.15, -0.36, -0.749, -0.614, -0.324),
+)
+"""Where a search begins: found by a search from the least-energy approach, which took longer."""

@@ -256,6 +256,7 @@ class TimeToGo(Family):
         """Return the reasons of x, y, z."""
         to_go, grades, (k, d) = self.time_to_go_s(tick), self.grades(tick), self.gains(tick)
         fired = [(w, g) for w, g in zip(WORDS, grades, strict=True) if g > 0.0]
+        fired.sort(key=lambda word: -word[1])
         words = ', '.join(f'{word} {grade:.2f}' for word, grade in fired)
         found = []
         for axis, force in enumerate(baseline_force(state, tick, self.law)):
