@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free running without ROS: what is held, what is too old, what is late; the pace of the ticks."""
 
+import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -164,3 +166,13 @@ def test_losses_cost_only_what_is_cut_off():
     assert plant.stale_ticks == 0
     assert 0.3 < plant.held_ticks / scenario.ticks < 0.42  # 1 - 0.8 * 0.8 = 0.36
     assert plant.figures()['distance_m'] < 0.5
+
+
+def test_the_end_is_told_from_the_goal():
+    scenario = replace(load_scenario('quick'), initial_position_m=(0.0, 13.0, 4.0))
+    ending = FreeRunningPlant(scenario, [FORCE], 10).ending()
+    assert ending == '13.6 m, 0 m/s, J = 0 N^2 s'
+    goal = replace(scenario, goal_position_m=(0.0, 10.0, 0.0))
+    plant = FreeRunningPlant(goal, [FORCE], 10)
+    assert plant.ending() == '5 m from the goal and 0 m/s (norms), J = 0 N^2 s'
+    assert plant.figures()['distance_m'] == pytest.approx(math.hypot(13.0, 4.0)), 'to the target'

@@ -170,9 +170,9 @@ def test_arguments_that_are_not_parameters_are_refused(ros):
     assert '--ros-args -p' in node.output
 
 
-def test_a_misspelt_parameter_is_warned_of(ros):
+def test_a_misspelt_parameter_is_refused(ros):
     node = ros.node('rpo_sim', 'plant', start_timeout_s=0.1, real_time_facto=3.0)
-    assert node.wait() == 3
+    assert node.wait() == 2
     assert 'did you mean `real_time_factor`?' in node.output
 
 

@@ -96,7 +96,7 @@ def test_an_unknown_name_is_warned_of_with_the_nearest(ros_env, card, capfd):
         node = bench.start(FlightNode('bare', {f'{row.name}x': 1.0, 'use_sim_time': False}))
         declare(node, card.parameters)
     said = capfd.readouterr().err
-    assert f'this node has no parameter `{row.name}x`; did you mean `{row.name}`?' in said
+    assert f'this node has no parameter `{row.name}x`; did you mean `{row.name}`' in said
     assert 'use_sim_time' not in said
 
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
+import re
+
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
@@ -86,6 +88,14 @@ def steer(bench):
     assert bench.plant.plant.tick == tick + 3
     assert bench.pause(False).success
     bench.until(lambda: bench.plant.done and bench.recorder.done)
+
+
+def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
+    monkeypatch.setattr('rpo_sim.plant_node._LOG_S', 0.2)
+    bench.start(real_time_factor=10.0)
+    bench.until(lambda: bench.plant.done)
+    lines = re.findall(r'\[plant\]: at ([\d.]+) s of 20 s', capfd.readouterr().err)
+    assert lines and lines == sorted(lines, key=float)
 
 
 def test_reset_begins_another_run_at_tick_0(bench):

@@ -85,6 +85,13 @@ def test_a_driven_replay_says_how_far_it_is(ros, run_folder):
     assert re.search(r'tick \d+ of 50', node.output)
 
 
+def test_a_plain_replay_says_how_far_it_is(ros, run_folder):
+    node = ros.node('rpo_log', 'replay', bag=run_folder, rate=1.0, delay_s=2.5)
+    node.says('waiting for listeners')
+    assert node.wait() == 0, node.output
+    assert re.search(r'tick \d+ of 50', node.output)
+
+
 def test_a_long_pause_times_out_no_controller(ros, run_folder):
     with inside() as inner:
         inner.start(ControllerNode({'scenario': 'quick'}))

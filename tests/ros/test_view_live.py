@@ -45,6 +45,7 @@ def look(page, width: int, theme: str) -> None:
         'Emulation.setDeviceMetricsOverride',
         width=width, height=880, deviceScaleFactor=1, mobile=False,
     )  # fmt: skip
+    page.call('Emulation.setScrollbarsHidden', hidden=True)
     feature = {'name': 'prefers-color-scheme', 'value': theme}
     page.call('Emulation.setEmulatedMedia', features=[feature])
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from rpo_ros.parameter_rows import ParameterRow, refusal
+
 SRC = Path(__file__).resolve().parents[2] / 'ros_ws' / 'src'
 NODES = sorted(
     words
@@ -68,6 +70,40 @@ def test_final_approach():
     assert '--real-time-factor' in text
 
 
+def run_main(module: str, function: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run an entry point; without mcap, so nothing flies by mistake."""
+    start = (
+        'import importlib; module, function, *sys.argv = sys.argv[1:]; '
+        'sys.exit(getattr(importlib.import_module(module), function)())'
+    )
+    command = [sys.executable, '-c', HIDE + start, module, function, function, *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=50)
+
+
+@pytest.mark.parametrize(('package', 'name'), [*NODES, ('rpo_bringup', 'final_approach')])
+def test_a_parameter_that_a_node_does_not_have_is_refused(package, name):
+    """It flew the default, with a warning."""
+    words = ('--ros-args', '-p', 'use_sim_time:=false', '-p', 'dt:=0.5')
+    done = run_main(f'{package}.commands', name, *words)
+    assert done.returncode == 2 and not done.stdout
+    assert re.fullmatch(
+        rf'{name} has no parameter `dt`(; did you mean `\w+`.*\? See|; see) '
+        rf'`ros2 run {package} {name} --help`\n',
+        done.stderr,
+    )
+
+
+def test_what_a_command_line_may_set_and_near_names():
+    rows = (ParameterRow('real_time_factor', 0.0, ''), ParameterRow('output', '', ''))
+    command = 'ros2 run rpo_sim plant'
+    theirs = ('use_sim_time:=true', 'qos_overrides./clock.depth:=1', 'other_node:dt:=1')
+    for rule in (*theirs, 'start_type_description_service:=false', 'output:=-p'):
+        for option in ('-p', '--param'):
+            assert refusal(['plant', '--ros-args', option, rule], rows, command) == ''
+    near = refusal(['plant', '--ros-args', '--param', 'real_time_facto:=2'], rows, command)
+    assert 'did you mean `real_time_factor`? See' in near
+
+
 WITHOUT_MCAP = [
     ('rpo_log.commands', 'recorder', ()),
     ('rpo_log.commands', 'replay', ()),
@@ -82,12 +118,7 @@ WITHOUT_MCAP = [
 
 @pytest.mark.parametrize(('module', 'function', 'words'), WITHOUT_MCAP)
 def test_without_mcap_one_sentence_names_the_command_that_installs_it(module, function, words):
-    start = (
-        'import importlib; module, function, *sys.argv = sys.argv[1:]; '
-        'sys.exit(getattr(importlib.import_module(module), function)())'
-    )
-    command = [sys.executable, '-c', HIDE + start, module, function, function, *words]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=50)
+    done = run_main(module, function, *words)
     assert done.returncode == 2, done.stderr
     assert len(done.stderr.splitlines()) == 1, done.stderr
     assert re.search(r'is missing: `python3 -m pip install .*mcap` installs it$', done.stderr)

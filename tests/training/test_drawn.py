@@ -71,7 +71,7 @@ def test_the_term_is_the_mean_graded_penalty_of_the_flights():
         values = flights.values(simulator.fly(population)[0])
     limits = 0.97 * flights.limits
     shares = 0.1 + 0.9 * (1.0 - (limits / np.maximum(values, limits)) ** 0.25)
-    expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=-1).mean(axis=-1)
+    expected = 100.0 * np.where(values > limits, shares, 0.0).sum(axis=(-2, -1)) / FEW.flights
     np.testing.assert_allclose(scores.fitness - without.fitness, expected, rtol=1e-9)
     assert fitness.labels == (*alone.labels, 'paper_test')
     missed = (values > flights.limits).any(axis=-1).sum(axis=-1)

@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from rpo_core import kernels, metrics
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.requirements import Requirements
 from rpo_core.scenario import load_scenario, load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
+from rpo_core.starts import Box
+from rpo_core.verdicts import verdicts
 from rpo_training.engine import lanes, parts, tick
 from rpo_training.engine.cases import case_of_flights, case_of_set
+from rpo_training.engine.judged import VALUES
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search.genes import GeneSpace
@@ -161,7 +163,22 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
     np.testing.assert_array_equal(rows[lanes.OUTPUT : lanes.OUTPUT + count], expected)
 
 
-def test_more_starts_than_lanes_are_refused():
-    many = replace(TRAINING, starts=Cube(tuple(map(float, range(1, 10)))))
-    with pytest.raises(InputError, match='axis loops; at most'):
-        case_of_set(many).full  # noqa: B018
+@pytest.mark.parametrize('name', ['handmade', 'trained', 'pd'])
+def test_more_starts_than_lanes_fly_batch_by_batch(name):
+    """300 random starts have more loops than lanes; rows and flights have the core's bits."""
+    limits = {'hold_from_s': 4.0, 'hold_error_norm_m': 1.0, 'final_speed_norm_m_s': 1.0}
+    limits |= {'contact_range_m': 60.0, 'contact_lateral_speed_m_s': 1.0}
+    base = replace(TRAINING.base, duration_s=6.0, requirements=Requirements(**limits))
+    some = Box((-80.0, 20.0, -50.0), (80.0, 90.0, 50.0), random=300)
+    many, controller = replace(TRAINING, base=base, starts=some), load_controller(name)
+    case = case_of_set(many, late_s=2.0, together=True)
+    assert case.full is None
+    with Simulator([case], 1) as simulator:
+        rows = simulator.fly([controller])[0][0]
+    assert rows.shape == (308, case.columns)
+    members = many.scenarios()
+    for number in (0, 8, 39, 40, 307):
+        flight = fly(members[number], controller)
+        np.testing.assert_array_equal(rows[number, : len(metrics.UNITS)], metrics.row_of(flight))
+        values = dict(zip(VALUES, rows[number, len(metrics.UNITS) :], strict=True))
+        assert [values[v.key] for v in verdicts(flight)] == [v.value for v in verdicts(flight)]

@@ -64,7 +64,14 @@ def test_excess_grows_from_zero_at_the_limit():
 
 
 @pytest.mark.parametrize(
-    'terms', [{'limit_cycle': 5.0}, {'disturbance': 5.0}, {'robustness': 5.0}, {'mass_kg': (30.0,)}]
+    'terms',
+    [
+        {'limit_cycle': 5.0},
+        {'disturbance': 5.0},
+        {'robustness': 5.0},
+        {'mass_kg': (30.0,)},
+        {'between': 2},
+    ],
 )
 def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
     """A heavy velocity scale swings for ever or arrives late: the terms must cost something."""
@@ -72,6 +79,23 @@ def test_optional_terms_see_what_the_papers_fitness_does_not(terms):
     assert (
         score(FitnessSettings(**terms), poor).fitness[0] > score(FitnessSettings(), poor).fitness[0]
     )
+
+
+def test_flights_between_the_starts_are_random_states_in_their_box():
+    """Nine flights of three planar and three vertical loops, none from a start of the training."""
+    fitness = Fitness(SMALL, FitnessSettings(between=3), 1)
+    training, between = fitness.simulator.cases
+    positions, speeds = between.starts[:, :3], np.abs(between.starts[:, 3:])
+    assert (between.starts.shape, len(np.unique(between.starts, axis=0))) == ((9, 6), 9)
+    assert [len(np.unique(positions[:, axis])) for axis in range(3)] == [3, 3, 3]
+    assert (positions >= training.starts[:, :3].min(axis=0)).all()
+    assert (positions <= training.starts[:, :3].max(axis=0)).all()
+    assert not set(map(tuple, between.starts)) & set(map(tuple, training.starts))
+    assert 0.0 < speeds.max() <= 0.1 * np.abs(training.starts).max() / SMALL.base.duration_s
+    with fitness.simulator:
+        rows = fitness.simulator.fly(population_of(HANDMADE))[1][0]
+    scenario = next(s for i, s in enumerate(between.scenarios()) if i == 5)
+    np.testing.assert_array_equal(rows[5], metrics.row_of(fly(scenario, HANDMADE), between.windows))
 
 
 def test_the_corner_flights_are_those_of_the_core():
@@ -97,6 +121,7 @@ def test_the_corner_flights_are_those_of_the_core():
         ({'margin': 1.0}, 'fitness.margin'),
         ({'limit_cycle': -1.0}, 'fitness.limit_cycle'),
         ({'mass_kg': (0.0,)}, 'fitness.mass_kg'),
+        ({'between': 41}, 'fitness.between'),
         ({'arrival': 'yes'}, 'fitness.arrival'),
     ],
 )

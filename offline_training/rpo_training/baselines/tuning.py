@@ -169,7 +169,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
             'searched_fitness_n2s': float(self.best[0]),
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
-            'starts_that_miss': self.misses(found, scores),
+            'starts_that_miss': self.misses(scores),
             'versions': versions(),
         }
         return replace(found, description=self.space.description, provenance=provenance)

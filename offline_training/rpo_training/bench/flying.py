@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from rpo_core.scenario import load_set
 from rpo_training.campaign import config, run_batch, single
 from rpo_training.campaign.execution import fly
 from rpo_training.campaign.store import Store
-from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.cases import Crossed, case_of_set
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search.genes import GeneSpace
 
@@ -64,7 +64,8 @@ def training(
             simulator.fly(space.decode(rng.random((count, space.size))))
             progress((first + count) / evaluations)
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-        axes = 2 * len(case.full.runs.planar) + len(case.full.runs.vertical)
+        runs = cast(Crossed, case.full).runs
+        axes = 2 * len(runs.planar) + len(runs.vertical)
         return Budget(evaluations, simulator.workers, wall, cpu, axes, case.windows.horizon)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.scenario import load_set
 from rpo_core.validation import InputError
 from rpo_training.engine import lanes, parts, tick
-from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.cases import Crossed, case_of_set
 from rpo_training.engine.population import population_of
 
 Floats = NDArray[np.float64]
@@ -222,7 +222,7 @@ def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
 def breakdown(count: int = 20_000) -> dict[str, float]:
     """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
     case = case_of_set(load_set('paper_training'))
-    runs, axes = case.full.runs, 80  # 78 axes in whole SIMD registers
+    runs, axes = cast(Crossed, case.full).runs, 80  # 78 axes in whole SIMD registers
     law, rows = lanes.make_law(101), lanes.make_scratch(parts.ROWS)
     lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
     parts.place(rows, runs)

@@ -17,7 +17,6 @@ from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
-from rpo_core.requirements import Requirements
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.validation import (
@@ -31,6 +30,7 @@ from rpo_core.validation import (
     whole,
     within,
 )
+from rpo_core.verdicts import unit_of
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
 from rpo_training.outputs import check_name
@@ -75,7 +75,11 @@ QUANTITIES = {
 """What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
-"""Metrics of a run, over the forces applied."""
+"""Metrics of every run, over the forces applied."""
+
+_SHARE = 'hold_force_per_disturbance'
+LEVEL = 'disturbance_level_n'
+"""Largest |disturbance| of an axis of a run; a limit of force may be a share of it."""
 
 
 @dataclass(frozen=True)
@@ -100,8 +104,8 @@ class Dispersion:
 class CampaignConfig:
     """All that determines the outcome of a campaign, beside the scenario and the controller.
 
-    success : metric -> limit; a run that keeps all of them succeeds. If the file does not say, what
-        the scenario requires (`success_of`)
+    success : metric or requirement -> limit; a run that keeps all of them succeeds. If the file
+        does not say, what the scenario requires (`success_of`)
     faults : of the messages between plant and controller; None without
     """
 
@@ -134,6 +138,29 @@ class CampaignConfig:
     def _dispersion(self, name: str) -> Dispersion:
         none = Dispersion('uniform', (0.0,) * QUANTITIES[name].components)
         return self.dispersions.get(name, none)
+
+    @property
+    def more(self) -> dict[str, str]:
+        """What runs are judged by beside `METRICS`: name -> unit."""
+        names = [name for name in self.success if name not in METRICS]
+        return dict((LEVEL, 'N') if name == _SHARE else (name, unit_of(name)) for name in names)
+
+    @property
+    def metrics(self) -> dict[str, str]:
+        """What is known of a run: name -> unit."""
+        return {**METRICS, **self.more}
+
+    def limit(self, name: str, columns: Mapping[str, Any]) -> tuple[Any, Any]:
+        """Return the values of a condition of success, and its limit, which may be a run's own."""
+        if name == _SHARE:
+            return columns['hold_force_per_axis_n'], self.success[name] * columns[LEVEL]
+        return columns[name], self.success[name]
+
+    @property
+    def judging(self) -> tuple[str, ...]:
+        """Names of the columns that success is judged by."""
+        forces = ('hold_force_per_axis_n', LEVEL)
+        return tuple(c for name in self.success for c in (forces if name == _SHARE else (name,)))
 
     @property
     def most_delay(self) -> int:
@@ -169,27 +196,17 @@ def _success(value: Any) -> dict[str, float]:
 
 
 def success_of(scenario: Scenario) -> dict[str, float]:
-    """Return what a scenario requires, as limits of metrics; raises InputError."""
+    """Return what a scenario requires; raises InputError if nothing, or of later than its end."""
     required = scenario.requirements
     if required is None:
         raise InputError(f'`success` is missing, and scenario {scenario.name} has no requirements')
-    for name in required.limits:
-        if name not in METRICS or not _counted(name, scenario, required):
-            raise InputError(
-                f'`success` is missing, and a campaign cannot judge by requirement `{name}` of '
-                f'scenario {scenario.name}; docs/campaigns.md says by which it can'
-            )
+    hold = metrics.hold_tick(scenario)
+    if hold is not None and hold >= scenario.ticks:
+        raise InputError(
+            f'`success` is missing, and scenario {scenario.name} requires to hold from '
+            f'{required.hold_from_s:g} s on, but ends at {scenario.duration_s:g} s'
+        )
     return required.limits
-
-
-def _counted(name: str, scenario: Scenario, required: Requirements) -> bool:
-    """Return whether the metric of that name counts what is required."""
-    if name == 'arrival_time_s':
-        within_m, limit_s = required.arrival_error_per_axis_m, required.limits[name]
-        return within_m == metrics.MAX_ARRIVAL_DISTANCE_M and limit_s < scenario.duration_s
-    if name.startswith('hold_'):
-        return required.hold_from_s is not None and required.hold_from_s < scenario.duration_s
-    return True
 
 
 def _dispersion(name: str, value: Any) -> Dispersion:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_training.campaign.config import Campaign
-from rpo_training.campaign.run_batch import COLUMNS, fly_unit
+from rpo_training.campaign.run_batch import columns_of, fly_unit
 from rpo_training.campaign.statistics import document, rates, spreads, successes
 from rpo_training.campaign.store import Store
 from rpo_training.cluster import pool
@@ -48,7 +48,7 @@ def fly(
         with closing(fly_units(campaign, store.pending(), workers)) as source:
             for unit, results in source:
                 store.put(unit, results)
-                columns = dict(zip(COLUMNS, results, strict=True))
+                columns = dict(zip(columns_of(campaign.config), results, strict=True))
                 progress(results.shape[1], int(successes(campaign.config, columns).sum()))
         store.finish(document(rates(store), spreads(store)))
 

@@ -14,10 +14,12 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
-from rpo_training.campaign.config import METRICS, Campaign
+from rpo_core.verdicts import verdicts
+from rpo_training.campaign.config import LEVEL, METRICS, Campaign, CampaignConfig
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
 from rpo_training.campaign.single import fly_run
 from rpo_training.engine import counters, parts, tick
+from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
@@ -32,7 +34,7 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
-"""Columns of results: drawn parameters, metrics, final state."""
+"""Columns of the results of every campaign: drawn parameters, metrics, final state."""
 
 _FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
@@ -44,46 +46,101 @@ def units(runs: int) -> int:
     return -(-runs // UNIT)
 
 
+def columns_of(config: CampaignConfig) -> tuple[str, ...]:
+    """Return the columns of results: those of every campaign, then what else it judges by."""
+    return (*COLUMNS, *config.more)
+
+
 def fly_unit(campaign: Campaign, unit: int) -> Floats:
-    """Return the results (len(COLUMNS), n) of the runs of a unit."""
+    """Return the results (columns, n) of the runs of a unit."""
     first = unit * UNIT
     return _fly(campaign, draw(campaign, first, min(UNIT, campaign.config.runs - first)))
 
 
 def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     """Return the results of some runs, column by column (count,)."""
-    return dict(zip(COLUMNS, _fly(campaign, draw(campaign, first, count)), strict=True))
+    results = _fly(campaign, draw(campaign, first, count))
+    return dict(zip(columns_of(campaign.config), results, strict=True))
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
     rows = np.empty((len(drawn.numbers), counters.COLUMNS))
     final = np.empty((len(rows), 6))
+    more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.config.more}
     reason = why_not(campaign.scenario, campaign.controller)
     if reason:
         announce(reason)
-        _fly_singly(campaign, drawn, rows, final)
+        _fly_singly(campaign, drawn, rows, final, more)
     else:
-        _fly_side_by_side(campaign, drawn, rows, final)
-    return np.ascontiguousarray(np.hstack([drawn.parameters, rows[:, _FROM_ROW], final]).T)
+        _fly_side_by_side(campaign, drawn, rows, final, more)
+    table = [drawn.parameters, rows[:, _FROM_ROW], final, *(more[n][:, None] for n in more)]
+    return np.ascontiguousarray(np.hstack(table).T)
 
 
-def _fly_singly(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
+def _fly_singly(
+    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
+) -> None:
     """Fly run after run through `rpo_core.flight.fly`."""
     for i, number in enumerate(drawn.numbers.tolist()):
         flight = fly_run(campaign, number)
         rows[i] = row_of(flight)
         final[i] = flight.states[-1]
+        values = {verdict.key: verdict.value for verdict in verdicts(flight)}
+        values[LEVEL] = metrics.disturbance_level_n(flight)
+        for name, column in more.items():
+            column[i] = values[name]
+        rows[i, metrics.ARRIVAL_TIME] = values.get('arrival_time_s', rows[i, metrics.ARRIVAL_TIME])
 
 
-def _fly_side_by_side(campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats) -> None:
-    scenario, windows = campaign.scenario, windows_of(campaign.scenario)
+def _fly_side_by_side(
+    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
+) -> None:
+    scenario, windows = campaign.scenario, windows_within(campaign.scenario)
     plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
-    w = _scratch.w
+    w, judged = _scratch.w, judged_by(scenario) if is_together(campaign) else None
+    trace: Any = None if judged is None else make_trace(scenario.ticks, PAIRED_LANES)
+    together = np.empty((len(rows), len(VALUES)))
     for first in range(0, len(rows), RUNS):
         some = slice(first, first + RUNS)
         batch = make_batch(campaign, drawn, first)
-        tick.fly(batch, control, plant, windows, w, None, None)
+        tick.fly(batch, control, plant, windows, w, None, trace)
         counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
+        if judged is not None:
+            lanes_of = parts.paired_lanes(len(rows[some]))
+            together[some] = judge(trace[0], lanes_of, scenario, judged)
+        if LEVEL in more:
+            levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
+    for place, name in enumerate(VALUES):
+        if name in more:
+            more[name][:] = together[:, place]
+    _set_arrival(scenario, rows, together)
+
+
+def windows_within(scenario: Scenario) -> metrics.Windows:
+    """Return the windows of a flight; an axis has arrived within what the scenario requires."""
+    windows, required = windows_of(scenario), scenario.requirements
+    if required is None or required.arrival_error_per_axis_m is None:
+        return windows
+    return windows._replace(arrival_m=required.arrival_error_per_axis_m)
+
+
+def is_together(campaign: Campaign) -> bool:
+    """Return whether what the scenario requires of the axes together is in the results."""
+    required = campaign.scenario.requirements
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    return by_norm or bool(set(campaign.config.more) & set(VALUES))
+
+
+def _set_arrival(scenario: Scenario, rows: Floats, together: Floats) -> None:
+    """Write the arrival that a scenario requires, infinite where a run never arrives."""
+    required = scenario.requirements
+    if required is None or required.arrival_time_s is None:
+        return
+    if required.arrival_error_norm_m is not None:
+        rows[:, metrics.ARRIVAL_TIME] = together[:, VALUES.index('arrival_time_s')]
+    else:
+        outside = np.rint(rows[:, metrics.ARRIVAL_TIME] / scenario.dt_s)
+        rows[:, metrics.ARRIVAL_TIME] = arrival_s(scenario, outside)
 
 
 def _control(controller: AnyController) -> parts.Control:

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
-from rpo_training.campaign.config import METRICS, CampaignConfig
+from rpo_training.campaign.config import CampaignConfig
 from rpo_training.campaign.store import Store
 
 Floats = NDArray[np.float64]
@@ -38,9 +39,15 @@ def rate(name: str, kept: int, runs: int) -> Rate:
     return Rate(name, kept, runs, float(interval.low), float(interval.high))
 
 
-def successes(config: CampaignConfig, columns: dict[str, Floats]) -> NDArray[np.bool_]:
+def successes(config: CampaignConfig, columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
     """Return which runs (n,) keep every limit; a metric that is not a number keeps no limit."""
-    return np.logical_and.reduce([columns[name] <= limit for name, limit in config.success.items()])
+    return np.logical_and.reduce([kept(config, name, columns) for name in config.success])
+
+
+def kept(config: CampaignConfig, name: str, columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
+    """Return which runs (n,) keep a limit."""
+    values, limit = config.limit(name, columns)
+    return np.asarray(values <= limit)
 
 
 class Spread(NamedTuple):
@@ -54,27 +61,32 @@ class Spread(NamedTuple):
     worst_run: int
 
 
-def spread(name: str, values: Floats) -> Spread:
-    """Return how a metric is distributed."""
+def spread(name: str, unit: str, values: Floats) -> Spread:
+    """Return how a metric is distributed; infinite: what a run never did, like to arrive."""
     worst = int(np.argmax(values))
-    quantiles = tuple(float(q) for q in np.quantile(values, QUANTILES))
-    return Spread(name, METRICS[name], float(values.mean()), quantiles, float(values[worst]), worst)
+    if np.isfinite(values[worst]):
+        found = np.quantile(values, QUANTILES)
+    else:  # there is nothing between a number and infinity
+        found = np.quantile(values, QUANTILES, method='higher')
+    quantiles = tuple(float(q) for q in found)
+    return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst)
 
 
 def rates(store: Store) -> list[Rate]:
     """Return the rate of success, then of each of its conditions."""
     config = store.campaign.config
-    columns = {name: store.column(name) for name in config.success}
+    columns = {name: store.column(name) for name in config.judging}
     found = [rate('success', int(successes(config, columns).sum()), config.runs)]
     for name, limit in config.success.items():
-        label = f'{name} <= {limit:g} {METRICS[name]}'
-        found.append(rate(label, int((columns[name] <= limit).sum()), config.runs))
+        label = f'{name} <= {limit:g} {config.metrics.get(name, "")}'.rstrip()
+        found.append(rate(label, int(kept(config, name, columns).sum()), config.runs))
     return found
 
 
 def spreads(store: Store) -> list[Spread]:
     """Return how every metric is distributed; one column in memory at a time."""
-    return [spread(name, store.column(name)) for name in METRICS]
+    shown = store.campaign.config.metrics
+    return [spread(name, unit, store.column(name)) for name, unit in shown.items()]
 
 
 def document(found_rates: list[Rate], found_spreads: list[Spread]) -> dict[str, Any]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_core.validation import InputError, mapping
 from rpo_training.campaign.config import Campaign
-from rpo_training.campaign.run_batch import COLUMNS, UNIT, units
+from rpo_training.campaign.run_batch import UNIT, columns_of, units
 from rpo_training.cluster.pool import versions
 from rpo_training.outputs import alone, digest_of, make_folder, read_arrays, write_aside, write_text
 
@@ -59,6 +59,7 @@ class Store:
     def __init__(self, folder: Path, campaign: Campaign) -> None:
         self.folder, self.campaign = folder, campaign
         self.bound = digest_of(*campaign.texts)
+        self.columns = columns_of(campaign.config)
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:
@@ -78,7 +79,7 @@ class Store:
         store = cls(folder, campaign)
         make_folder(folder)
         runs = campaign.config.runs
-        store._reserve(_PART, len(COLUMNS) * runs * _BYTES)
+        store._reserve(_PART, len(store.columns) * runs * _BYTES)
         store._reserve(_DONE, units(runs) * _BYTES)
         write_text(folder / _VERSIONS, yaml.safe_dump({**versions(), _BOUND: store.bound}))
         for name, text in zip(reversed(_TEXTS), reversed(campaign.texts), strict=True):
@@ -123,7 +124,7 @@ class Store:
         with self._read(_DONE) as file, self._read(_PART) as part:
             digests = file.read(units(runs) * _BYTES + 1)
             size = os.fstat(part.fileno()).st_size
-            if len(digests) != units(runs) * _BYTES or size != len(COLUMNS) * runs * _BYTES:
+            if len(digests) != units(runs) * _BYTES or size != len(self.columns) * runs * _BYTES:
                 raise InputError(
                     f'{self.folder}: its results are damaged; start anew in another folder'
                 )
@@ -138,7 +139,7 @@ class Store:
         """Return the results of a unit, column by column."""
         runs, first = self.campaign.config.runs, unit * UNIT
         size = min(UNIT, runs - first) * _BYTES
-        offsets = ((column * runs + first) * _BYTES for column in range(len(COLUMNS)))
+        offsets = ((column * runs + first) * _BYTES for column in range(len(self.columns)))
         return b''.join(os.pread(part.fileno(), size, offset) for offset in offsets)
 
     def _digest(self, unit: int, results: bytes) -> bytes:
@@ -158,7 +159,7 @@ class Store:
             yield
 
     def put(self, unit: int, results: Floats) -> None:
-        """Store results (len(COLUMNS), n) of a unit; they are safe from kill -9 afterwards."""
+        """Store results (columns, n) of a unit; they are safe from kill -9 afterwards."""
         runs, columns = self.campaign.config.runs, [v.astype('<f8').tobytes() for v in results]
         with self._opened(_PART) as part, self._opened(_DONE) as done:
             for column, values in enumerate(columns):
@@ -182,14 +183,14 @@ class Store:
             if found.shape != (runs,) or found.dtype != np.float64:
                 raise InputError(f'{self.folder / _RESULTS}: must have {runs} numbers of {name}')
             return found
-        offset = COLUMNS.index(name) * runs * _BYTES
+        offset = self.columns.index(name) * runs * _BYTES
         with self._read(_PART) as part:
             return np.fromfile(part, '<f8', count=runs, offset=offset)
 
     def _archive(self, file: IO[bytes]) -> None:
         """Write an .npz, column by column, without times of files: the same bytes each time."""
         with zipfile.ZipFile(file, 'w', allowZip64=True) as archive:
-            for name in COLUMNS:
+            for name in self.columns:
                 entry = zipfile.ZipInfo(f'{name}.npy')
                 with archive.open(entry, 'w', force_zip64=True) as member:
                     np.lib.format.write_array(member, self.column(name), allow_pickle=False)

@@ -14,7 +14,7 @@ import numpy as np
 
 from rpo_training.campaign.config import Campaign, CampaignConfig, dumps
 from rpo_training.campaign.faults import SHARES, Faults
-from rpo_training.campaign.run_batch import COLUMNS, fly_unit, units
+from rpo_training.campaign.run_batch import columns_of, fly_unit, units
 from rpo_training.campaign.statistics import Rate, rate, successes
 
 STEP = 10
@@ -93,7 +93,8 @@ class Sweep:
         faulty = _with(campaign, replace(campaign.config, faults=chosen))
         runs = faulty.config.runs
         parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
-        columns = dict(zip(COLUMNS, np.hstack(list(parts)), strict=True))
+        names = columns_of(faulty.config)
+        columns = dict(zip(names, np.hstack(list(parts)), strict=True))
         return rate('success', int(successes(faulty.config, columns).sum()), runs)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_training.cluster import pool
-from rpo_training.engine import counters
 from rpo_training.engine.cases import Case
 from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.population import Population
@@ -59,7 +58,7 @@ class ClusterSimulator:
 
     def take(self, cases: Sequence[Case | DrawnCase]) -> None:
         """Fly these cases from now on."""
-        self._shapes = [(len(case.starts), counters.COLUMNS) for case in cases]
+        self._shapes = [(len(case.starts), case.columns) for case in cases]
         self._cases = pickle.dumps(tuple(cases))
 
     def fly(self, population: Population, some: slice = slice(None)) -> list[Floats]:

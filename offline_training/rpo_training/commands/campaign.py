@@ -181,7 +181,6 @@ def _print(store: Store) -> None:
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
-    from rpo_training.campaign.config import METRICS
     from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
     from rpo_training.display import print_table
@@ -194,7 +193,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     for name, (value,) in columns.items():
         limit = chosen.config.success.get(name)
         shown = '' if limit is None else f'{limit:g}'
-        rows.append((name, f'{value:.6g} {METRICS.get(name, "")}', shown))
+        rows.append((name, f'{value:.6g} {chosen.config.metrics.get(name, "")}', shown))
     print_table(('', 'value', 'limit'), rows, f'{chosen.config.name}, run {number}')
     _compare(flight, columns, store, number)
     if csv:

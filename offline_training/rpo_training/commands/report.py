@@ -97,11 +97,18 @@ def _of_controller(target: str, scenario: str) -> Made:
 
 
 def _folder(target: str) -> str:
-    """Return the name of the folder of a controller's report: another for each file."""
+    """Return the name of the folder of a controller's report: another for each file.
+
+    A file adds its folder, which a person knows, and a digest of its path, which no other file has.
+    """
+    from rpo_training.outputs import digest_of
+
     path = Path(target)
-    parent = path.resolve().parent.name if path.name != target or path.suffix else ''
-    names = [parent, path.stem] if parent and parent != path.stem else [path.stem]
-    return '_'.join(['report', *names])
+    if path.name == target and not path.suffix:
+        return f'report_{target}'
+    parent, digest = path.resolve().parent.name, digest_of(str(path.resolve()))[:8]
+    names = [parent] if parent and parent != path.stem else []
+    return '_'.join(['report', *names, path.stem, digest])
 
 
 _OF: dict[str, Callable[[str, str], Made]] = {

@@ -29,7 +29,9 @@ Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset b
 def train(
     preset: Annotated[
         str | None,
-        typer.Option(help='paper, best, robust, front, mission  [paper; with --scenario, mission]'),
+        typer.Option(
+            help='paper, best, robust, allround, front, mission  [paper; with --scenario, mission]'
+        ),
     ] = None,
     family: Annotated[
         str, typer.Option(help='train another family than the 30 parameters: pace, time_to_go')

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from rpo_core.disturbance import Disturbance
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
 from rpo_core.scenario import Scenario, ScenarioSet
-from rpo_core.validation import InputError
 from rpo_training.engine import lanes
+from rpo_training.engine.counters import COLUMNS
+from rpo_training.engine.judged import VALUES, Judged, judged_by
 from rpo_training.engine.parts import RUNS, Goal, Plant, Runs
 
 Floats = NDArray[np.float64]
@@ -29,6 +30,13 @@ class Crossed(NamedTuple):
     runs: Runs
     pairs: Ints
 
+    @property
+    def lanes(self) -> Ints:
+        """Lanes (starts, 3) x, y, z of each start."""
+        p, q = len(self.runs.planar), len(self.runs.vertical)
+        planar, vertical = np.divmod(self.pairs, q)
+        return np.column_stack([planar, p + planar, 2 * p + vertical])
+
 
 @dataclass(frozen=True)
 class Case:
@@ -38,6 +46,7 @@ class Case:
     disturbances : all that occur; disturbance : (n,) index of the one of each start
     late_s : extremes are taken over the last `late_s` of `horizon_s`
     arrival_m : error of an axis that counts as arrived
+    together : whether rows have the columns of `judged.VALUES` too; the horizon is the duration
     """
 
     name: str
@@ -48,6 +57,17 @@ class Case:
     horizon_s: float
     late_s: float
     arrival_m: float = MAX_ARRIVAL_DISTANCE_M
+    together: bool = False
+
+    @property
+    def judged(self) -> Judged | None:
+        """What is judged of the axes together."""
+        return judged_by(self.base) if self.together else None
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return COLUMNS + (len(VALUES) if self.together else 0)
 
     @cached_property
     def longer(self) -> Scenario:
@@ -75,37 +95,29 @@ class Case:
         return np.array([d.over(times) for d in self.disturbances])
 
     @cached_property
-    def fits(self) -> bool:
-        """Whether all distinct loops fit side by side."""
-        planar = len(np.unique(self.starts[:, [0, 1, 3, 4]], axis=0))
-        vertical = len(np.unique(self.starts[:, [2, 5]], axis=0))
-        return len(self.disturbances) == 1 and 2 * planar + vertical <= lanes.STRIDE
-
-    @cached_property
-    def full(self) -> Crossed:
-        """Loops for any fuzzy controller."""
+    def full(self) -> Crossed | None:
+        """Loops for any fuzzy controller; None if they are more than the lanes."""
         return _crossed(self, odd=False)
 
     @cached_property
-    def half(self) -> Crossed:
+    def half(self) -> Crossed | None:
         """Loops for an odd controller: its flight from -start is the negative, bit for bit."""
         return _crossed(self, odd=self.base.goal is None and not self.forces.any())
 
-    @cached_property
-    def paired(self) -> list[Runs]:
-        """All starts, `RUNS` at a time; runs beyond the last start rest at the target."""
-        found = []
+    def paired(self) -> Iterator[Runs]:
+        """Yield all starts, `RUNS` at a time; runs beyond the last start rest at the target."""
+        table, shared = None, len(self.disturbances) == 1
         for first in range(0, len(self.starts), RUNS):
             starts = self.starts[first : first + RUNS]
             states = np.zeros((RUNS, 6))
             states[: len(starts)] = starts
-            d = np.zeros((RUNS, *self.forces.shape[1:]))
-            d[: len(starts)] = self.forces[self.disturbance[first : first + RUNS]]
-            table = np.ascontiguousarray(np.hstack([d[:, :, axis].T for axis in range(3)]))
+            if table is None or not shared:
+                d = np.zeros((RUNS, *self.forces.shape[1:]))
+                d[: len(starts)] = self.forces[self.disturbance[first : first + RUNS]]
+                table = np.ascontiguousarray(np.hstack([d[:, :, axis].T for axis in range(3)]))
             planar, vertical = states[:, [0, 1, 3, 4]].copy(), states[:, [2, 5]].copy()
             goal = _goal(self.base, RUNS, RUNS)
-            found.append(Runs(planar, vertical, table=table, goal=goal))
-        return found
+            yield Runs(planar, vertical, table=table, goal=goal)
 
     def scenarios(self) -> Iterator[Scenario]:
         """Yield every start as a scenario with the duration of the horizon."""
@@ -126,8 +138,11 @@ def _goal(base: Scenario, planar: int, vertical: int) -> Goal | None:
     return Goal(*(np.repeat(values, loops) for values in base.goal))
 
 
-def _crossed(case: Case, *, odd: bool) -> Crossed:
-    """Return the loops of a case; with `odd`, starts that differ in sign share one."""
+def _crossed(case: Case, *, odd: bool) -> Crossed | None:
+    """Return the loops of a case; with `odd`, starts that differ in sign share one.
+
+    None if there are more than the lanes: of nine positions per axis, or of 46 random starts.
+    """
 
     def distinct(columns: list[int]) -> tuple[Floats, Ints, Ints]:
         starts = case.starts[:, columns]
@@ -140,12 +155,8 @@ def _crossed(case: Case, *, odd: bool) -> Crossed:
 
     planar, pushed, which_planar = distinct([0, 1, 3, 4])
     vertical, lifted, which_vertical = distinct([2, 5])
-    axes = 2 * len(planar) + len(vertical)
-    if axes > lanes.STRIDE:
-        raise InputError(
-            f'scenario {case.base.name} has {axes} axis loops; at most '
-            f'{lanes.STRIDE} fit, as of eight positions per axis, or of 45 random starts'
-        )
+    if 2 * len(planar) + len(vertical) > lanes.STRIDE:
+        return None
     d = case.forces
     table = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
     goal = _goal(case.base, len(planar), len(vertical))
@@ -160,6 +171,7 @@ def case_of_set(
     horizon_s: float = 0.0,
     late_s: float = 100.0,
     arrival_m: float = MAX_ARRIVAL_DISTANCE_M,
+    together: bool = False,
 ) -> Case:
     """Return the case of a scenario set; it ends at `horizon_s` if that is later."""
     base = scenarios.base if mass_kg is None else replace(scenarios.base, mass_kg=mass_kg)
@@ -174,6 +186,7 @@ def case_of_set(
         max(horizon_s, base.duration_s),
         late_s,
         arrival_m,
+        together,
     )
 
 

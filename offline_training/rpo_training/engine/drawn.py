@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.metrics import Windows, windows_of
+from rpo_core.metrics import Windows
 from rpo_core.scenario import Scenario
+from rpo_training.engine.counters import COLUMNS
+from rpo_training.engine.judged import VALUES, Judged, judged_by
 from rpo_training.engine.parts import Plant, Runs
 
 Floats = NDArray[np.float64]
@@ -23,6 +25,8 @@ class DrawnCase:
     base : the scenario of which they are variations
     starts : (n, 6) states; masses_kg : (n,)
     batches : their parts, 40 runs each; lanes beyond the last run rest at the target
+    windows : in ticks
+    together : whether rows have the columns of `judged.VALUES` too
     """
 
     name: str
@@ -30,11 +34,18 @@ class DrawnCase:
     starts: Floats
     masses_kg: Floats
     batches: tuple[Runs, ...]
+    windows: Windows
+    together: bool = False
 
     @property
-    def windows(self) -> Windows:
-        """Windows in ticks."""
-        return windows_of(self.base)
+    def judged(self) -> Judged | None:
+        """What is judged of the axes together."""
+        return judged_by(self.base) if self.together else None
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return COLUMNS + (len(VALUES) if self.together else 0)
 
     @property
     def plant(self) -> Plant:

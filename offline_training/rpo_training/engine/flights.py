@@ -13,7 +13,8 @@ from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.flight import Flight, fly
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_training.engine import lanes, parts, tick
-from rpo_training.engine.cases import Case, case_of_set
+from rpo_training.engine.cases import Case, Crossed, case_of_set
+from rpo_training.engine.judged import make_trace
 from rpo_training.engine.parts import Control, Runs
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
@@ -31,20 +32,20 @@ def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iter
     case = None if reason or isinstance(found, Scenario) else case_of_set(found)
     if case is None:
         yield from (fly(scenario, controller) for scenario in members)
-    elif isinstance(controller, FuzzyController) and case.fits:
-        yield from _fuzzy(controller, case, members)
+    elif isinstance(controller, FuzzyController) and case.full is not None:
+        yield from _fuzzy(controller, case, case.full, members)
     else:
         yield from _paired(controller, case, members)
 
 
-def _fuzzy(controller: FuzzyController, case: Case, members: list[Scenario]) -> Iterator[Flight]:
-    law, crossed = population_of(controller).law(0, controller.system.samples), case.full
+def _fuzzy(
+    controller: FuzzyController, case: Case, crossed: Crossed, members: list[Scenario]
+) -> Iterator[Flight]:
+    law = population_of(controller).law(0, controller.system.samples)
     norms = Scratch(case.windows.tail).norms
     states, forces = _fly(case, crossed.runs, Control(law), norms)
-    p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
-    for scenario, pair in zip(members, crossed.pairs.tolist(), strict=True):
-        planar, vertical = divmod(pair, q)
-        yield _flight(scenario, states, forces, [planar, p + planar, 2 * p + vertical])
+    for scenario, at in zip(members, crossed.lanes.tolist(), strict=True):
+        yield _flight(scenario, states, forces, at)
 
 
 def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> Iterator[Flight]:
@@ -54,18 +55,18 @@ def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> I
     else:
         controller.refuse_other_ticks(case.base.dt_s)
         control = Control(None, controller.law)  # type: ignore[attr-defined]
-    for first, runs in enumerate(case.paired):
+    for first, runs in enumerate(case.paired()):
         states, forces = _fly(case, runs, control, None)
         some = members[first * parts.RUNS : (first + 1) * parts.RUNS]
-        for s, scenario in enumerate(some):
-            yield _flight(scenario, states, forces, [s, s + parts.RUNS, s + 2 * parts.RUNS])
+        lanes_of = parts.paired_lanes(len(some)).tolist()
+        for scenario, at in zip(some, lanes_of, strict=True):
+            yield _flight(scenario, states, forces, at)
 
 
 def _fly(case: Case, runs: Runs, control: Control, norms: Floats | None) -> tuple[Floats, Floats]:
     """Return states (N+1, lanes, 2) and commands (N+1, lanes) of loops."""
     n = 2 * len(runs.planar) + len(runs.vertical)
-    states = np.empty((case.longer.ticks + 1, n, 2))
-    forces = np.empty((case.longer.ticks + 1, n))
+    states, forces = make_trace(case.longer.ticks, n)
     w = lanes.make_scratch(parts.ROWS)
     tick.fly(runs, control, case.plant, case.windows, w, norms, (states, forces))
     return states, forces

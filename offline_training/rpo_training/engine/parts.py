@@ -16,6 +16,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rpo_core.kernels import CwStep
 from rpo_core.noise import kernel, philox
 from rpo_training.engine.lanes import FIRST_FREE, STRIDE, compiled
@@ -27,6 +30,12 @@ RUNS = 40
 """Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
 
 PAIRED_LANES = 3 * RUNS
+
+
+def paired_lanes(count: int) -> NDArray[np.int64]:
+    """Return the lanes (count, 3) x, y, z of the first paired runs."""
+    return np.arange(count)[:, None] + RUNS * np.arange(3)
+
 
 # Rows of the scratch, after those of the inference.
 R, V, SEEN_R, SEEN_V, FORCE, BEFORE, PUSH = ((FIRST_FREE + row) * STRIDE for row in range(7))

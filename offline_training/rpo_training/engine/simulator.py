@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,11 @@ from rpo_core.flight import fly
 from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import row_of
 from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
 from rpo_training.engine import counters, lanes, parts, tick
 from rpo_training.engine.cases import Case, Crossed
 from rpo_training.engine.drawn import DrawnCase, with_own_queue
+from rpo_training.engine.judged import VALUES, judge, make_trace
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
 
@@ -72,15 +75,15 @@ class Simulator:
         self._scratch = Scratch(max(case.windows.tail for case in cases))
 
     def fly(self, candidates: Candidates, some: slice = slice(None)) -> list[Floats]:
-        """Return the metrics (candidates, starts, columns) of each case, or of some."""
+        """Return the metrics (candidates, starts, case.columns) of each case, or of some."""
         cases = self.cases[some]
         n = len(candidates.scales) if isinstance(candidates, Population) else len(candidates)
-        found = [np.empty((n, len(case.starts), counters.COLUMNS)) for case in cases]
+        found = [np.empty((n, len(case.starts), case.columns)) for case in cases]
 
         def one(index: int) -> None:
             for case, rows in zip(cases, found, strict=True):
                 if isinstance(case, DrawnCase):
-                    self._fly_drawn(candidates, index, case, rows[index])
+                    self._fly_paired(self._control(candidates, index), case, rows[index])
                 elif isinstance(candidates, Population):
                     self._fly_fuzzy(candidates, index, self.samples, case, rows[index])
                 else:
@@ -104,38 +107,55 @@ class Simulator:
     ) -> None:
         crossed = case.half if population.is_odd(index) else case.full
         control = parts.Control(population.law(index, samples))
-        self._fly_crossed(control, crossed, case, rows)
-
-    def _fly_crossed(
-        self, control: parts.Control, crossed: Crossed, case: Case, rows: Floats
-    ) -> None:
-        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
-        tick.fly(crossed.runs, control, case.plant, case.windows, w, norms, None)
-        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
-        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
-        rows[:] = pairs[crossed.pairs]
+        if crossed is None:
+            self._fly_paired(control, case, rows)
+        else:
+            self._fly_crossed(control, case, crossed, rows)
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
-        if baseline.alike and case.fits:
-            self._fly_crossed(parts.Control(axes=baseline.law), case.half, case, rows)
-            return
-        w = self._scratch.w
-        masses, final = np.full(parts.RUNS, case.base.mass_kg), np.empty((parts.RUNS, 6))
-        control = parts.Control(None, baseline.law)
-        for first, runs in zip(range(0, len(rows), parts.RUNS), case.paired, strict=True):
-            tick.fly(runs, control, case.plant, case.windows, w, None, None)
-            some = rows[first : first + parts.RUNS]
-            counters.finish_paired(case.plant, masses, case.windows, w, some, final)
+        crossed = case.half if baseline.alike else None
+        if crossed is None:
+            self._fly_paired(parts.Control(None, baseline.law), case, rows)
+        else:
+            self._fly_crossed(parts.Control(axes=baseline.law), case, crossed, rows)
 
-    def _fly_drawn(self, candidates: Candidates, index: int, case: DrawnCase, rows: Floats) -> None:
-        w, final = self._scratch.w, np.empty((parts.RUNS, 6))
-        control = self._control(candidates, index)
-        for first, runs in zip(range(0, len(rows), parts.RUNS), case.batches, strict=True):
-            tick.fly(with_own_queue(runs), control, case.plant, case.windows, w, None, None)
+    def _fly_crossed(
+        self, control: parts.Control, case: Case, crossed: Crossed, rows: Floats
+    ) -> None:
+        w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
+        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
+        judged = case.judged
+        trace: Any = None if judged is None else make_trace(case.windows.horizon, 2 * p + q)
+        tick.fly(crossed.runs, control, case.plant, case.windows, w, norms, trace)
+        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
+        rows[:, : counters.COLUMNS] = pairs[crossed.pairs]
+        if judged is not None:
+            rows[:, counters.COLUMNS :] = judge(trace[0], crossed.lanes, case.base, judged)
+
+    def _fly_paired(self, control: parts.Control, case: Case | DrawnCase, rows: Floats) -> None:
+        """Fly starts `RUNS` at a time: any number of them."""
+        w, judged, columns = self._scratch.w, case.judged, counters.COLUMNS
+        counted, final = np.empty((parts.RUNS, columns)), np.empty((parts.RUNS, 6))
+        trace: Any = None
+        if judged is not None:
+            trace = make_trace(case.windows.horizon, parts.PAIRED_LANES)
+        masses_kg = np.full(len(rows), case.base.mass_kg)
+        batches: Iterable[parts.Runs]
+        if isinstance(case, DrawnCase):
+            masses_kg, batches = case.masses_kg, map(with_own_queue, case.batches)
+        else:
+            batches = case.paired()
+        for first, runs in zip(range(0, len(rows), parts.RUNS), batches, strict=True):
+            tick.fly(runs, control, case.plant, case.windows, w, None, trace)
             some = slice(first, first + parts.RUNS)
-            masses = case.masses_kg[some]
-            counters.finish_paired(case.plant, masses, case.windows, w, rows[some], final)
+            n = len(rows[some])
+            counters.finish_paired(
+                case.plant, masses_kg[some], case.windows, w, counted[:n], final[:n]
+            )
+            rows[some, :columns] = counted[:n]
+            if judged is not None:
+                rows[some, columns:] = judge(trace[0], parts.paired_lanes(n), case.base, judged)
 
     def _control(self, candidates: Candidates, index: int) -> parts.Control:
         if isinstance(candidates, Population):
@@ -152,4 +172,8 @@ class Simulator:
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:
     """Fly start after start through `rpo_core.flight.fly`."""
     for row, scenario in zip(rows, case.scenarios(), strict=True):
-        row[:] = row_of(fly(scenario, controller), case.windows)
+        flight = fly(scenario, controller)
+        row[: counters.COLUMNS] = row_of(flight, case.windows)
+        if case.together:
+            values = {verdict.key: verdict.value for verdict in verdicts(flight)}
+            row[counters.COLUMNS :] = [values.get(name, 0.0) for name in VALUES]

@@ -18,7 +18,7 @@ import numpy as np
 from rpo_core.controller import AnyController
 from rpo_training.campaign.config import find, load
 from rpo_training.campaign.execution import on_threads
-from rpo_training.campaign.run_batch import COLUMNS, units
+from rpo_training.campaign.run_batch import columns_of, units
 from rpo_training.campaign.statistics import Rate, rate, successes
 
 SEED = 2026
@@ -64,7 +64,7 @@ def everywhere(
         with closing(on_threads(campaign, list(range(units(runs))), threads)) as source:
             for _, results in source:
                 report(f'{controller.name}: {name}', done, runs)
-                columns = dict(zip(COLUMNS, results, strict=True))
+                columns = dict(zip(columns_of(campaign.config), results, strict=True))
                 kept += int(np.count_nonzero(successes(campaign.config, columns)))
                 done += results.shape[1]
         found.append(Outcome(rate(name, kept, runs), least))

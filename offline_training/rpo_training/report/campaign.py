@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rpo_core.validation import InputError
 from rpo_log.show import report as log_report
 from rpo_log.show import style
-from rpo_training.campaign.config import METRICS, QUANTITIES
+from rpo_training.campaign.config import QUANTITIES
 from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import PARAMETERS
 from rpo_training.campaign.statistics import (
@@ -50,7 +50,7 @@ def report_of(folder: Path) -> Report:
     if not store.finished:
         raise InputError(f'{folder}: is not finished: go on with rpo campaign --resume')
     config = store.campaign.config
-    success = successes(config, {name: store.column(name) for name in config.success})
+    success = successes(config, {name: store.column(name) for name in config.judging})
     found_rates, found_spreads = rates(store), spreads(store)
     found_rates = [rate._replace(name=_condition(rate)) for rate in found_rates]
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
@@ -252,9 +252,13 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
 
 def _excess(store: Store) -> Floats:
     """Return the largest ratio (n,) of a metric to its limit, of each run."""
-    limits = store.campaign.config.success
-    shares = [store.column(name) / limit for name, limit in limits.items() if limit > 0.0]
-    return np.maximum.reduce(shares) if shares else np.zeros(store.campaign.config.runs)
+    config = store.campaign.config
+    columns = {name: store.column(name) for name in config.judging}
+    found = np.zeros(config.runs)
+    for values, limits in (config.limit(name, columns) for name in config.success):
+        share = np.divide(values, limits, out=np.zeros(config.runs), where=np.asarray(limits) > 0.0)
+        found = np.maximum(found, share)
+    return found
 
 
 def _verdict(success: Bools, run: int) -> str:
@@ -277,7 +281,7 @@ def _configuration(store: Store) -> list[Block]:
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (words(name, unit=False), f'≤ {limit:g} {_unit(METRICS[name])}')
+        (words(name, unit=False), f'≤ {limit:g} {_unit(config.metrics.get(name, ""))}')
         for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')

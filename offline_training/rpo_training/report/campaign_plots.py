@@ -76,22 +76,27 @@ def _dots(points: Floats, colour: str) -> Any:
 
 
 def distributions(columns: Mapping[str, Floats], success: Bools) -> Any:
-    """Return histograms of metrics; columns : label with unit -> values (n,)."""
+    """Return histograms of metrics; columns : label with unit -> values (n,).
+
+    Runs whose value is infinite, what they never did, are not drawn.
+    """
     rows = -(-len(columns) // 2)
     figure, panels = style.new_panels(2.3 * rows, rows, 2, squeeze=False)
     for axes in panels.ravel()[len(columns) :]:
         axes.set_axis_off()
     for axes, (label, values) in zip(panels.flat, columns.items(), strict=False):
-        span = _span(values)
+        known = np.isfinite(values)
+        span = _span(values[known]) if known.any() else (0.0, 1.0)
         axes.hist(
-            [values[success], values[~success]],
+            [values[success & known], values[~success & known]],
             bins=_BINS,
             range=span,
             stacked=True,
             color=[_KEPT, _FAILED],
             label=['success', 'failure'],
         )
-        axes.axvline(np.median(values), **style.LIMIT, label='median')
+        if known.any():
+            axes.axvline(np.median(values[known]), **style.LIMIT, label='median')
         axes.set(xlabel=label, ylabel='number of runs', xlim=span)
         axes.grid(axis='x', visible=False)
     style.legend_below(figure, panels[0][0])

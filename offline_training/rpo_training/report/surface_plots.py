@@ -41,7 +41,8 @@ def _contours(axes: Any, grid: tuple[Floats, Floats], force: Floats, peak: float
     from matplotlib.colors import ListedColormap
 
     levels = np.linspace(-peak, peak, style.SHADES + 1)
-    image = axes.contourf(*grid, force, levels, cmap=ListedColormap(style.SCALE), extend='neither')
+    inside = np.clip(force, -peak, peak)  # the peak is that of a coarser grid; beyond it: holes
+    image = axes.contourf(*grid, inside, levels, cmap=ListedColormap(style.SCALE), extend='neither')
     image.set_edgecolor('face')  # closes the hairlines between neighbouring shades
     image.set_linewidth(0.4)
     axes.grid(False)

@@ -16,6 +16,7 @@ from rpo_core.codec import to_mapping
 from rpo_core.validation import MOST_PATH, InputError, choice, mapping, real, shown, text, whole
 from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings
+from rpo_training.search.drawn import DrawnSettings
 from rpo_training.search.fitness import FitnessSettings
 from rpo_training.search.genes import GeneSpace
 from rpo_training.search.genetic import GaSettings
@@ -89,14 +90,31 @@ PRESETS = {
         fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0, robustness=100.0),
         cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
     ),
+    'allround': TrainingConfig(
+        name='allround',
+        algorithm='race',
+        start=('robust',),
+        genes=_READABLE,
+        fitness=FitnessSettings(
+            penalty='graded',
+            margin=0.03,
+            limit_cycle=20.0,
+            damping=20.0,
+            drawn=DrawnSettings(30.0, ('paper_test', 'random_moving_starts'), 0.005),
+        ),
+        cmaes=CmaSettings(
+            population=14, sigma=0.006, evaluations=3000, descents=3, tolerance=0.005, patience=1000
+        ),
+        race=RaceSettings(rounds=1, entrants=3, evaluations=700, sigma=0.02, stages=True),
+    ),
     'mission': TrainingConfig(
         name='mission',
         algorithm='race',
         start=('trained',),
         genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.15, error_weight=3.0),
+        fitness=FitnessSettings(penalty='graded', margin=0.2, error_weight=3.0, between=12),
         cmaes=CmaSettings(population=20, evaluations=3000, descents=2),
-        race=RaceSettings(rounds=1, entrants=4, evaluations=700, scan=10),
+        race=RaceSettings(rounds=3, entrants=4, evaluations=700, gain=0.2, scan=10),
     ),
     'front': TrainingConfig(
         name='front',
@@ -107,7 +125,8 @@ PRESETS = {
     ),
 }
 """`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
-with the limits of the paper under dispersions. `mission`: in minutes, for a scenario of one's own
+with the limits of the paper under dispersions. `allround`: from `robust`, judged by drawn flights,
+with a margin to every condition. `mission`: in minutes, for a scenario of one's own
 (`search.fitting`). `front`: a Pareto front."""
 
 

@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from rpo_core import metrics
 from rpo_core.validation import MOST_PATH, InputError, real, text, whole
 from rpo_training.campaign.config import Campaign, find, load
-from rpo_training.campaign.run_batch import make_batch
+from rpo_training.campaign.run_batch import is_together, make_batch, windows_within
 from rpo_training.campaign.sampling import DrawnRuns, draw
+from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.drawn import DrawnCase
+from rpo_training.engine.judged import VALUES
 from rpo_training.engine.parts import RUNS
 
 Floats = NDArray[np.float64]
@@ -36,7 +38,7 @@ _SEEDS = 1000  # between the seeds of stages and those held out
 class DrawnSettings:
     """Settings of the term.
 
-    weight : [N^2 s] of a flight that misses a limit by far, over the number of flights; 0 = off
+    weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
     campaigns : shipped names or files; each adds a term
     margin : share by which the limits of a run are made stricter, in [0, 1)
     flights : of each campaign, in each stage
@@ -77,7 +79,7 @@ class DrawnFlights:
         self._campaign, self._settings = load(find(name)), settings
         self.label, self.count = self._campaign.config.name, settings.flights
         success = self._campaign.config.success
-        self.columns = [list(metrics.UNITS).index(metric) for metric in success]
+        self.columns = [_column(metric, self._campaign) for metric in success]
         self.limits = np.array(list(success.values()))
 
     @property
@@ -109,6 +111,8 @@ class DrawnFlights:
             drawn.starts,
             drawn.masses_kg,
             tuple(make_batch(campaign, drawn, first) for first in batches),
+            windows_within(campaign.scenario),
+            is_together(campaign),
         )
 
     def choose(self, rows: Floats | None) -> list[int]:
@@ -127,3 +131,17 @@ class DrawnFlights:
     def values(self, rows: Floats) -> Floats:
         """Return what is judged (..., k) of metrics (..., columns)."""
         return rows[..., self.columns]
+
+
+def _column(name: str, campaign: Campaign) -> int:
+    """Return the column of a row that has what success is judged by; raises InputError."""
+    required = campaign.scenario.requirements
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
+        return list(metrics.UNITS).index(name)
+    if name not in VALUES:
+        raise InputError(
+            f'a search cannot judge by `{name}`, whose limit differs from run to run; '
+            f'give `success` in campaign {campaign.config.name}'
+        )
+    return COLUMNS + VALUES.index(name)

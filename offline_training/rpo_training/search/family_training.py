@@ -201,7 +201,7 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
             'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(found, scores),
+            'starts_that_miss': self.misses(scores),
             'held_out_that_miss': self.missed_draws(scores),
             'versions': versions(),
         }

@@ -11,6 +11,7 @@ by how far a limit is exceeded:
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
 - `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
+- `between`: so are flights from random states between the starts of the training;
 - `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
 - `damping`: where on a grid of errors the force of a velocity does not oppose it.
 """
@@ -18,8 +19,8 @@ by how far a limit is exceeded:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -44,12 +45,12 @@ from rpo_core.metrics import (
     SLEW,
 )
 from rpo_core.scenario import ScenarioSet, load_scenario
-from rpo_core.validation import InputError, choice, real
+from rpo_core.validation import InputError, choice, real, whole
 from rpo_training.engine.cases import Case, case_of_flights, case_of_set
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import corners
-from rpo_training.search.conditions import FINAL, HOLD, JUDGED, conditions_of
+from rpo_training.search.conditions import conditions_of
 from rpo_training.search.damping import driving
 from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 
@@ -67,6 +68,9 @@ AT_LIMIT = 0.1
 SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
 MAX_SETTLED_FORCE_N, MAX_SETTLED_SPEED_M_S = 2e-3, 1e-3
 """Q4: beyond this, the undisturbed flight has a limit cycle."""
+
+FASTER = 0.1
+"""Share of the mean speed of the longest way, at which `between` starts."""
 
 TESTS = {'paper_test': 0.1, 'paper_test_phase': 0.2}
 MAX_TEST_SPEED_M_S = 3e-3
@@ -88,6 +92,7 @@ class FitnessSettings:
     margin : share by which every limit is made stricter, in [0, 1)
     limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
+    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
     damping : weight [N^2 s] of the mean force that drives, as a share of full output
     drawn : the runs of campaigns
     """
@@ -101,6 +106,7 @@ class FitnessSettings:
     disturbance: float = 0.0
     robustness: float = 0.0
     mass_kg: tuple[float, ...] = ()
+    between: int = 0
     damping: float = 0.0
     drawn: DrawnSettings = field(default_factory=DrawnSettings)
 
@@ -112,6 +118,7 @@ class FitnessSettings:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
         for name in ('limit_cycle', 'disturbance', 'robustness', 'damping'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
+        whole('fitness.between', self.between, least=0, most=40)
         real('fitness.error_weight', self.error_weight, above=0.0)
         real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
         for i, mass in enumerate(self.mass_kg):
@@ -154,6 +161,25 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
     return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
 
 
+def _between(case: Case, count: int) -> Case:
+    """Return a case of `count` random planar loops, each with as many vertical ones.
+
+    They start in the box of the starts of another case, as fast as `FASTER` of the largest distance
+    in the time of the flight, to either side. What is tuned to a few starts fails beside them.
+    """
+    rng, base = np.random.default_rng(count), case.base
+    positions = case.starts[:, :3]
+    least, most = positions.min(axis=0), positions.max(axis=0)
+    far_m = np.abs(positions - np.array(base.goal_position_m)).max()
+    speed = FASTER * far_m / base.duration_s
+    places = least + rng.random((count, 3)) * (most - least)
+    velocities = base.initial_velocity_m_s + speed * (2.0 * rng.random((count, 3)) - 1.0)
+    loops = np.hstack([places, velocities])
+    starts = np.repeat(loops, count, axis=0)
+    starts[:, [2, 5]] = np.tile(loops[:, [2, 5]], (count, 1))
+    return replace(case, starts=starts, disturbance=np.zeros(len(starts), np.int64))
+
+
 class Fitness:
     """Computes the fitness of populations on a scenario set; holds their simulator.
 
@@ -168,7 +194,6 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self._windows = [w for w in (HOLD, FINAL) if w in self.conditions.windows]
         self._fixed, self.stage = self._cases(scenarios), -2
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
@@ -199,24 +224,34 @@ class Fitness:
         self.simulator.take([*self._fixed, *cases])
 
     def _cases(self, scenarios: ScenarioSet) -> list[Case]:
-        """Return the cases: the training, once for each late window; its masses; other terms."""
-        settings, late_s = self.settings, self.conditions.late_s
-        make = partial(case_of_set, scenarios, arrival_m=self.conditions.arrival_m)
-        windows = [make(late_s=late_s[w]) for w in self._windows]
-        late, cases = SETTLED_UNTIL_S - SETTLED_FROM_S, []
+        """Return the cases: the training, on to its limit cycle, its masses; other terms."""
+        settings, conditions = self.settings, self.conditions
+        late = SETTLED_UNTIL_S - SETTLED_FROM_S
+        make = partial(case_of_set, scenarios, arrival_m=conditions.arrival_m)
+        judged = partial(
+            make,
+            late_s=conditions.late_s if conditions.late else late,
+            together=conditions.together,
+        )
+        cases = []
         if settings.limit_cycle:
             cases.append(make(horizon_s=SETTLED_UNTIL_S, late_s=late))
-        cases += windows
-        if not cases:
-            cases.append(make(late_s=late))
-        for mass in settings.mass_kg:
-            lates = [late_s[w] for w in self._windows] or [late]
-            cases += [make(mass_kg=mass, late_s=seconds) for seconds in lates]
+        if self._is_judged_alone:
+            cases.append(judged())
+        cases += [judged(mass_kg=mass) for mass in settings.mass_kg]
+        if settings.between:
+            cases.append(_between(judged(), settings.between))
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
         if settings.robustness:
             cases += corners.cases()
         return cases
+
+    @property
+    def _is_judged_alone(self) -> bool:
+        """Whether the flights to the limit cycle do not tell all that is judged."""
+        conditions = self.conditions
+        return not self.settings.limit_cycle or conditions.late or conditions.together
 
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
@@ -225,13 +260,12 @@ class Fitness:
             self.enter(0)
         outcomes = iter(self.simulator.fly(population, slice(len(self._fixed))))
         cycling = [next(outcomes)] if settings.limit_cycle else []
-        judged = self._judged(outcomes, cycling)
-        training = judged[JUDGED]
-        energy, values = mean(training[..., ENERGY]), self.conditions.values(judged)
+        training = next(outcomes) if self._is_judged_alone else cycling[0]
+        energy, values = mean(training[..., ENERGY]), self.conditions.values(training)
         fitness = energy + mean(self._penalties(values))
-        for _ in settings.mass_kg:
-            heavier = self.conditions.values(self._judged(outcomes, []))
-            fitness = fitness + mean(self._penalties(heavier))
+        for _ in range(len(settings.mass_kg) + bool(settings.between)):
+            others = self.conditions.values(next(outcomes))
+            fitness = fitness + mean(self._penalties(others))
         if settings.limit_cycle:
             fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
         if settings.disturbance:
@@ -281,16 +315,10 @@ class Fitness:
         ):
             values = drawn.values(rows)
             over = self._missed(values, drawn.limits, self.settings.drawn.margin).sum(axis=-1)
-            fitness = fitness + self.settings.drawn.weight * mean(over)
+            share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
+            fitness = fitness + self.settings.drawn.weight * share * mean(over)
             missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
         return fitness, np.column_stack(missed)
-
-    def _judged(self, outcomes: Iterator[Floats], first: list[Floats]) -> dict[str, Floats]:
-        """Return the metrics (n, starts, columns) of each window of the training."""
-        rows = {w: next(outcomes) for w in self._windows}
-        if not rows and not first:
-            first = [next(outcomes)]
-        return {JUDGED: [*first, *rows.values()][0], **rows}
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""

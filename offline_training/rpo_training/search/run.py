@@ -23,11 +23,9 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.family import Family
 from rpo_core.validation import InputError
-from rpo_training.evaluation.judgement import judge
 from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search, Stage
 from rpo_training.search.checkpoint import Checkpoint, digest
-from rpo_training.search.conditions import label
 from rpo_training.search.fitness import Fitness, Scores
 from rpo_training.search.fitting import training_set
 
@@ -134,14 +132,10 @@ class SearchRun(Generic[Config, Found]):
         """Return the controllers of a generation of chromosomes (n, genes)."""
         raise NotImplementedError
 
-    def misses(self, controller: Found, scores: Scores) -> dict[str, int]:
-        """Return condition -> starts at which a controller misses it, by exact values."""
-        conditions = self.fitness.conditions
-        if conditions.exact:
-            failures = map(int, scores.failures[0])
-            return dict(zip(conditions.labels, failures, strict=False))
-        judged = judge(controller, self.starts, lambda *_: None)
-        return {label(j.worst.key): j.missed for j in judged}
+    def misses(self, scores: Scores) -> dict[str, int]:
+        """Return condition -> starts at which the first of some controllers misses it."""
+        labels = self.fitness.conditions.labels
+        return dict(zip(labels, map(int, scores.failures[0]), strict=False))
 
     def objectives(self, genes: Floats, scores: Scores) -> Floats:
         """Return the objectives (n, objectives) of a generation."""

@@ -197,7 +197,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'fitness_n2s': float(scores.fitness[0]),
             'mean_energy_n2s': float(scores.energy[0]),
             'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(found, scores),
+            'starts_that_miss': self.misses(scores),
             'versions': versions(),
         }
         if config.scenario == PAPER:

@@ -8,13 +8,23 @@ from importlib import import_module
 from pathlib import Path
 
 from rpo_bringup.options import parser
-from rpo_ros.entry_point import asks_for_help, start, start_node
+from rpo_ctrl.parameters import FUZZY_CONTROLLER
+from rpo_log.parameters import RECORDER
+from rpo_ros.entry_point import EXIT_BAD_INPUT, asks_for_help, start, start_node
+from rpo_ros.parameter_rows import refusal
+from rpo_sim.parameters import DISTURBANCE_INJECTOR, NAVIGATION, PLANT
+
+_ROWS = (*PLANT, *FUZZY_CONTROLLER, *DISTURBANCE_INJECTOR, *NAVIGATION, *RECORDER)
+"""Parameters of the nodes that `final_approach` runs."""
 
 
 def final_approach() -> int:
     """Run `ros2 run rpo_bringup final_approach`; answer `--help` without ROS."""
     if asks_for_help():
         parser().parse_args(['--help'])
+    if sentence := refusal(sys.argv, _ROWS, 'ros2 run rpo_bringup final_approach'):
+        print(sentence, file=sys.stderr)
+        return EXIT_BAD_INPUT
     return start('rpo_bringup.final_approach')
 
 

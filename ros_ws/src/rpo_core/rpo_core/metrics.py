@@ -137,6 +137,23 @@ def norm(x: float, y: float, z: float) -> float:
 
 
 @kernel
+def contact_speeds(
+    x: float, y: float, z: float, vx: float, vy: float, vz: float
+) -> tuple[float, float]:
+    """Return the speeds [m/s] along the line of sight to the goal, closing, and across it.
+
+    x, y, z : position [m] from the goal; vx, vy, vz : velocity [m/s]. At the goal itself there is
+    no line of sight, and all of the speed is closing.
+    """
+    distance = norm(x, y, z)
+    if distance == 0.0:
+        return norm(vx, vy, vz), 0.0
+    sx, sy, sz = x / distance, y / distance, z / distance
+    along = sx * vx + sy * vy + sz * vz
+    return -along, norm(vx - along * sx, vy - along * sy, vz - along * sz)
+
+
+@kernel
 def fill_row(
     row: Any,
     x: AxisSums,
@@ -219,11 +236,18 @@ def windows_of(
     if tail_s is None:
         tail_s = ARRIVAL_WINDOW_S if required is None else required.mean_window_s
     if late_s is None:
-        late_s = CLAIM_WINDOW_S
-        if required is not None and required.hold_from_s is not None:
-            late_s = scenario.duration_s - required.hold_from_s
+        hold = hold_tick(scenario)
+        late_s = CLAIM_WINDOW_S if hold is None else (scenario.ticks - hold) * scenario.dt_s
     tail, late = (window_ticks(scenario, seconds) for seconds in (tail_s, late_s))
     return Windows(scenario.ticks, tail, scenario.ticks, late)
+
+
+def hold_tick(scenario: Scenario) -> int | None:
+    """Return the tick of `hold_from_s`, after which a scenario requires to hold; None without."""
+    required = scenario.requirements
+    if required is None or required.hold_from_s is None:
+        return None
+    return round(required.hold_from_s / scenario.dt_s)
 
 
 def first_slew_tick(scenario: Scenario) -> int:

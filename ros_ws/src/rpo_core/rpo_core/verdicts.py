@@ -84,6 +84,11 @@ def verdicts(flight: Flight) -> list[Verdict]:
     return found
 
 
+def unit_of(key: str) -> str:
+    """Return the unit of a requirement."""
+    return _SHOWN[key][0]
+
+
 def statement(key: str, required: Requirements, duration_s: float) -> str:
     """Return what a requirement is about, with its times and places."""
     axis, norm = required.arrival_error_per_axis_m, required.arrival_error_norm_m
@@ -100,7 +105,7 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     row = metrics.row_of(flight).tolist()
     if not math.isfinite(row[metrics.ENERGY]):
         return dict.fromkeys(_SHOWN, math.inf)  # not a number in flight: nothing is kept
-    late = _late(flight, required)
+    late = _late(flight)
     errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0
     contact = _contact(flight, required.contact_range_m or 0.0)
@@ -127,9 +132,9 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     }
 
 
-def _late(flight: Flight, required: Requirements) -> slice:
+def _late(flight: Flight) -> slice:
     """Return the states after `hold_from_s`."""
-    return slice(round((required.hold_from_s or 0.0) / flight.scenario.dt_s) + 1, None)
+    return slice((metrics.hold_tick(flight.scenario) or 0) + 1, None)
 
 
 def _per_axis(vectors: Floats) -> float:
@@ -161,14 +166,7 @@ def _arrival_s(flight: Flight, required: Requirements) -> float:
 
 def _contact(flight: Flight, range_m: float) -> tuple[float, float]:
     """Return the closing and the lateral speed [m/s] at the first state within a range."""
-    positions, ranges = flight.errors[:, :3], _norms(flight.errors[:, :3])
-    inside = np.flatnonzero(ranges <= range_m)
+    inside = np.flatnonzero(_norms(flight.errors[:, :3]) <= range_m)
     if not inside.size:
         return math.inf, math.inf
-    first = int(inside[0])
-    if ranges[first] == 0.0:
-        return _norm(flight.velocities_m_s[first : first + 1]), 0.0
-    sight = positions[first] / ranges[first]
-    velocity = flight.velocities_m_s[first]
-    along = float(sight @ velocity)
-    return -along, _norm((velocity - along * sight)[None])
+    return metrics.contact_speeds(*flight.errors[inside[0]].tolist())

@@ -32,7 +32,7 @@ _SETTLED_S = 0.5
 """Topics of a listener are found one by one; after so long without a new one, all are found."""
 
 _SAY_EVERY_S = 2.0
-"""A driven replay that is under way, or waits, says so as often."""
+"""A replay that is under way, or waits, says so as often."""
 
 Tick = list[Message]
 
@@ -105,7 +105,7 @@ class ReplayNode(FlightNode):
         if self.done or self._paused:
             return
         if not self._played and not self._has_listeners():
-            self._say(f'waiting for {names.CONTROL_FORCE}')
+            self._say(f'waiting for {names.CONTROL_FORCE if self.values["drive"] else "listeners"}')
             if time.monotonic() - self._begun > self.values['answer_timeout_s']:
                 self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
@@ -138,8 +138,8 @@ class ReplayNode(FlightNode):
         self._send()
 
     def _say(self, sentence: str) -> None:
-        """Log how it goes, now and then, where a controller is driven."""
-        if self.values['drive'] and time.monotonic() - self._said > _SAY_EVERY_S:
+        """Log how it goes, now and then."""
+        if time.monotonic() - self._said > _SAY_EVERY_S:
             self._said = time.monotonic()
             self.get_logger().info(sentence)
 

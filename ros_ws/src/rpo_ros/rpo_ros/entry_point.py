@@ -55,11 +55,11 @@ def start_node(module: str) -> int:
     """
     package, _, name = module.removesuffix('_node').partition('.')
     command = f'ros2 run {package} {name}'
-    if asks_for_help():
-        from rpo_ros.parameter_rows import usage
+    from rpo_ros import parameter_rows
 
-        rows = getattr(import_module(f'{package}.parameters'), name.upper())
-        print(usage(command, _docstring(module), rows))
+    rows = getattr(import_module(f'{package}.parameters'), name.upper())
+    if asks_for_help():
+        print(parameter_rows.usage(command, _docstring(module), rows))
         return 0
     # Not remove_ros_args: rcl reads a bare `scenario:=quick` as an old form of remapping.
     stray = list(takewhile(lambda argument: argument != '--ros-args', sys.argv[1:]))
@@ -69,6 +69,9 @@ def start_node(module: str) -> int:
             f'`{command} --help`',
             file=sys.stderr,
         )
+        return EXIT_BAD_INPUT
+    if sentence := parameter_rows.refusal(sys.argv, rows, command):
+        print(sentence, file=sys.stderr)
         return EXIT_BAD_INPUT
     return start(module)
 

@@ -7,6 +7,8 @@ Without ROS, so that `--help` is quick.
 
 from __future__ import annotations
 
+import difflib
+import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -125,6 +127,34 @@ class ParameterRow:
             )
             for i, number in enumerate(value)
         )
+
+
+_STANDARD = ('use_sim_time', 'start_type_description_service')
+
+
+def unknown(name: str, known: Sequence[str], node: str = 'this node') -> str:
+    """Return the sentence that a node has no such parameter, '' if it or ROS itself has it."""
+    if name in known or name in _STANDARD or name.startswith('qos_overrides.'):
+        return ''
+    near = difflib.get_close_matches(name, known, n=3)
+    hint = f'; did you mean {" or ".join(f"`{other}`" for other in near)}?' if near else ''
+    return f'{node} has no parameter `{name}`{hint}'
+
+
+def refusal(arguments: Sequence[str], rows: Sequence[ParameterRow], command: str) -> str:
+    """Return why `-p NAME:=VALUE` of a command line is refused; '' if each name is known.
+
+    `-p NODE:NAME:=VALUE` is not looked at: it may be for another node.
+    """
+    known = [row.name for row in rows]
+    for option, rule in itertools.pairwise(arguments):
+        name, is_rule, _ = rule.partition(':=')
+        if option not in ('-p', '--param') or not is_rule or ':' in name:
+            continue
+        if sentence := unknown(name, known, command.split()[-1]):
+            see = ' See' if sentence.endswith('?') else '; see'
+            return f'{sentence}{see} `{command} --help`'
+    return ''
 
 
 SCENARIO = ParameterRow(

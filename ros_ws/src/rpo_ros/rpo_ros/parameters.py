@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,9 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from rpo_core.validation import InputError
-from rpo_ros.parameter_rows import ParameterRow, Value
-
-_STANDARD = ('use_sim_time', 'start_type_description_service')
+from rpo_ros.parameter_rows import ParameterRow, Value, unknown
 
 
 def descriptor(row: ParameterRow) -> ParameterDescriptor:
@@ -56,8 +53,10 @@ def _to_parameter(name: str, value: Value) -> Parameter:
 def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     """Declare the parameters of a table and return their checked values.
 
-    Warns of overrides that no row declares: rclpy ignores them without a word. The returned values
-    follow the changeable parameters: they change between two callbacks, after the check.
+    Warns of overrides that no row declares: rclpy ignores them without a word. They come from a
+    file, which may be for several nodes; `entry_point` refuses those of the command line. The
+    returned values follow the changeable parameters: they change between two callbacks, after the
+    check.
 
     Raises
     ------
@@ -67,7 +66,9 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     # rclpy has no other access to the overrides. They are needed before the declaration: it refuses
     # `real_time_factor:=20` (an int for a double) and does not report a misspelt name.
     overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
-    _warn_of_unknown(node, list(overrides), [row.name for row in rows])
+    known = [row.name for row in rows]
+    for sentence in filter(None, (unknown(name, known) for name in overrides)):
+        node.get_logger().warning(f'{sentence}; ignored')
     values: dict[str, Any] = {}
     for row in rows:
         if row.name in overrides:
@@ -82,14 +83,6 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     if changeable:
         _follow_changes(node, changeable, values)
     return values
-
-
-def _warn_of_unknown(node: Node, names: Sequence[str], known: Sequence[str]) -> None:
-    for name in names:
-        if name not in known and name not in _STANDARD and not name.startswith('qos_overrides.'):
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f'; did you mean `{near[0]}`?' if near else ''
-            node.get_logger().warning(f'this node has no parameter `{name}`{hint}; ignored')
 
 
 def _follow_changes(node: Node, rows: dict[str, ParameterRow], values: dict[str, Any]) -> None:

@@ -129,8 +129,17 @@ class Plant:
         self._chain.step(self.tick, signals)
         return signals
 
+    def ending(self) -> str:
+        """Return how far from the goal, how fast and with which energy the run ends so far."""
+        error = self.scenario.from_goal(self.state)
+        where = 'target' if self.scenario.goal is None else 'goal'
+        return (
+            f'{metrics.norm(*error[:3]):.3g} m from the {where} and '
+            f'{metrics.norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
+        )
+
     def figures(self) -> dict[str, float | int]:
-        """Return the metrics of the run so far: simulated values only."""
+        """Return the metrics of the run so far: simulated values; the distance is to the target."""
         x, y, z, vx, vy, vz = self.state
         return {
             'tick': self.tick,

@@ -35,7 +35,8 @@ from rpo_sim.simulator_control import SimulatorControl
 EXIT_ABORTED = 3
 
 _LOOK_S = 0.05
-_LOG_S = 5.0
+_LOG_S = 4.0
+"""Between two lines of what it waits for, or of how far it is."""
 _LAST_WORD_S = 5.0
 """Longest wait, after the end of a run, until the recorder has closed its log."""
 _INTERRUPTED_S = 0.2
@@ -183,10 +184,17 @@ class PlantNode(Loop):
         else:
             if self.moving:
                 self.pacing.watch(now_s)
+                self._say_how_far(now_s)
             if self.recorder.look() and not self._unrecorded:
                 self._unrecorded = True
                 self.get_logger().warning('the recorder is gone: the run goes on, unrecorded')
                 self.report(health.WARN, RUNNING, 'the recorder is gone')
+
+    def _say_how_far(self, now_s: float) -> None:
+        if now_s - self._logged_s > _LOG_S and self.phase == RUNNING:
+            self._logged_s = now_s
+            dt_s, duration_s = self.scenario.dt_s, self.scenario.duration_s
+            self.get_logger().info(f'at {self.tick * dt_s:.1f} s of {duration_s:g} s')
 
     def _leave(self) -> None:
         self.done = not self._again
@@ -204,7 +212,7 @@ class PlantNode(Loop):
         if self.recorder.failure:
             self.abort(f'the recorder failed: {self.recorder.failure}')
         elif not awaited:
-            self.progress_s = now_s
+            self.progress_s = self._logged_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')
             self.advance()
@@ -229,11 +237,8 @@ class PlantNode(Loop):
             log = self.get_logger()
             log.error(text) if level == health.ERROR else log.info(text)
             return
-        figures = self.plant.figures()
-        self.get_logger().info(
-            f'finished at {figures["time_s"]:g} s: {figures["distance_m"]:.3g} m, '
-            f'{figures["speed_m_s"]:.3g} m/s, J = {figures["energy_n2s"]:.4g} N^2 s'
-        )
+        time_s = self.plant.scenario.time_s(self.tick)
+        self.get_logger().info(f'finished at {time_s:g} s: {self.plant.ending()}')
 
     def reset(self) -> None:
         """End the run and start another at tick 0; the recorder closes the log of the first."""
