@@ -65,6 +65,23 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
+def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
+    """At full speed; the log is whole, and the flight goes on when the recorder does."""
+    output = ros.folder / 'run'
+    recorder, plant = start(ros, output)
+    for _ in range(3):
+        recorder.process.send_signal(signal.SIGSTOP)
+        time.sleep(0.5)
+        recorder.process.send_signal(signal.SIGCONT)
+        time.sleep(0.2)
+    assert plant.wait() == 0, plant.output
+    assert recorder.wait() == 0, recorder.output
+    assert 'does not keep up' not in plant.output
+    log = read_run(output)
+    check(len(log.ticks), log, signal.SIGKILL)
+    assert len(log.ticks) == load_scenario('approach').ticks + 1
+
+
 @pytest.mark.slow
 def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
     flown, log = end_in_flight(ros, signal.SIGKILL, after_s=1.5, real_time_factor=40.0)

@@ -218,6 +218,25 @@ def test_effort_and_rates_of_a_run_are_shown():
     assert run.range_rate_m_s == pytest.approx(-0.4) and run.delta_v_m_s is None
 
 
+def test_valves_and_propellant_of_a_world_are_shown():
+    run = LiveRun()
+    text = files.read_text(files.find('scenario', 'world_leo'))
+    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
+    assert run.snapshot('/s')['propellant_kg'] is None
+    for tick in range(0, 40, 10):
+        run.on_state(START_NS + tick * 100_000_000, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
+        run.force_n, run.exerted_n = (-0.25, 0.25, 0.0), (-0.3, 0.2, 0.0)
+    shown = run.snapshot('/s')
+    impulse, exhaust = 0.5 * 3.0, 70.0 * 9.80665
+    assert shown['propellant_kg'] == pytest.approx(impulse / exhaust, rel=1e-3)
+    assert shown['exerted_n'] == (-0.3, 0.2, 0.0)
+    console = Console(width=100, record=True)
+    console.print(terminal.view(run, '/relative_state'))
+    assert 'valves x y z − + ·' in console.export_text()
+    run.on_state(START_NS, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
+    assert run.snapshot('/s')['exerted_n'] is None
+
+
 def test_a_small_terminal_shows_all_of_it():
     """At 80 x 24 half of the force bars was cut."""
     run = heard()

@@ -6,6 +6,6 @@
 one. `single`: one run as a scenario. `execution`, `store`: units of runs into a folder.
 `statistics`, `sweep`: rates and distributions of the results.
 
-A new quantity to disperse goes into `config.QUANTITIES`, `sampling.draw` and both `run_batch` and
-`single`: a test holds the two to the same bits. Columns of results are a file format.
+A new quantity to disperse goes into `quantities.QUANTITIES`, `sampling.draw` and both `run_batch`
+and `single`: a test holds the two to the same bits. Columns of results are a file format.
 """

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 
@@ -17,8 +17,11 @@ from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
+from rpo_core.dynamics import CLOHESSY_WILTSHIRE
+from rpo_core.requirements import LIMITS
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
+from rpo_core.thrusters import IDENTITY, Thrusters
 from rpo_core.validation import (
     MOST_PATH,
     InputError,
@@ -33,6 +36,7 @@ from rpo_core.validation import (
 from rpo_core.verdicts import unit_of
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
+from rpo_training.campaign.quantities import QUANTITIES, Dispersion, dispersion
 from rpo_training.outputs import check_name
 
 SCHEMA = 'rpo/campaign/1'
@@ -40,64 +44,20 @@ SCHEMA = 'rpo/campaign/1'
 SAMPLINGS = ('latin_hypercube', 'random')
 """Blocks of 1000 runs, each a Latin hypercube; or independent runs."""
 
-CUT = 3.0
-"""Normal dispersions are cut at so many standard deviations."""
-
 MAX_RUNS = 100_000_000
 
-
-class Quantity(NamedTuple):
-    """A quantity that can be dispersed; most : largest deviation that is accepted."""
-
-    components: int
-    unit: str
-    distributions: tuple[str, ...]
-    most: float
-
-
-_SPREADS = ('uniform', 'normal')
-QUANTITIES = {
-    'initial_position_m': Quantity(3, 'm', _SPREADS, 1e4),
-    'initial_velocity_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
-    'mass_share': Quantity(1, '', _SPREADS, 0.99),
-    'thrust_share': Quantity(3, '', _SPREADS, 1.0),
-    'misalignment_deg': Quantity(3, 'deg', _SPREADS, 90.0),
-    'navigation_position_bias_m': Quantity(3, 'm', _SPREADS, 1e4),
-    'navigation_velocity_bias_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
-    'disturbance_amplitude_share': Quantity(1, '', _SPREADS, 1e3),
-    'disturbance_phase_rad': Quantity(1, 'rad', _SPREADS, 10.0),
-    'disturbance_frequency_share': Quantity(1, '', _SPREADS, 1e3),
-    'orbit_altitude_m': Quantity(1, 'm', _SPREADS, 1e8),
-    'delay_ticks': Quantity(1, 'ticks', ('whole',), 1000),
-    'navigation_position_noise_m': Quantity(1, 'm', ('white',), 1e4),
-    'navigation_velocity_noise_m_s': Quantity(1, 'm/s', ('white',), 1e2),
-}
-"""What can be dispersed. The names `share` are relative: mass = (1 + share) x the scenario's."""
 
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of every run, over the forces applied."""
 
+THRUSTER_METRICS = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
+"""More metrics of a run whose thrusters fire in pulses: `rpo_core.flight.Thrust`."""
+
+_ALL_METRICS = METRICS | THRUSTER_METRICS
+
 _SHARE = 'hold_force_per_disturbance'
 LEVEL = 'disturbance_level_n'
 """Largest |disturbance| of an axis of a run; a limit of force may be a share of it."""
-
-
-@dataclass(frozen=True)
-class Dispersion:
-    """How one quantity deviates from the scenario's.
-
-    distribution : 'uniform', within +- spread; 'normal', spread = 1 sigma, cut at 3 sigma; 'whole',
-        0..spread with equal chance; 'white', noise of 1 sigma = spread, new at each tick
-    spread : one number per component
-    """
-
-    distribution: str
-    spread: tuple[float, ...]
-
-    @property
-    def extreme(self) -> tuple[float, ...]:
-        """Largest deviation of each component."""
-        return tuple(s * (CUT if self.distribution == 'normal' else 1.0) for s in self.spread)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +103,8 @@ class CampaignConfig:
     def more(self) -> dict[str, str]:
         """What runs are judged by beside `METRICS`: name -> unit."""
         names = [name for name in self.success if name not in METRICS]
-        return dict((LEVEL, 'N') if name == _SHARE else (name, unit_of(name)) for name in names)
+        units = THRUSTER_METRICS | {name: unit_of(name) for name in names if name in LIMITS}
+        return dict((LEVEL, 'N') if name == _SHARE else (name, units[name]) for name in names)
 
     @property
     def metrics(self) -> dict[str, str]:
@@ -176,7 +137,7 @@ def parse(document: Any) -> CampaignConfig:
     if data.pop('schema') != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
-    data['dispersions'] = {name: _dispersion(name, dispersions[name]) for name in dispersions}
+    data['dispersions'] = {name: dispersion(name, dispersions[name]) for name in dispersions}
     if 'success' in data:
         data['success'] = _success(data['success'])
     if 'faults' in data:
@@ -186,11 +147,11 @@ def parse(document: Any) -> CampaignConfig:
 
 
 def _success(value: Any) -> dict[str, float]:
-    success = mapping('success', value, [], METRICS)
+    success = mapping('success', value, [], _ALL_METRICS)
     if not success:
         raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
     return {
-        name: real(f'success.{name}', limit, METRICS[name], least=0.0)
+        name: real(f'success.{name}', limit, _ALL_METRICS[name], least=0.0)
         for name, limit in success.items()
     }
 
@@ -207,30 +168,6 @@ def success_of(scenario: Scenario) -> dict[str, float]:
             f'{required.hold_from_s:g} s on, but ends at {scenario.duration_s:g} s'
         )
     return required.limits
-
-
-def _dispersion(name: str, value: Any) -> Dispersion:
-    quantity, place = QUANTITIES[name], f'dispersions.{name}'
-    data = mapping(place, value, [], quantity.distributions)
-    if len(data) != 1:
-        raise InputError(
-            f'`{place}` must give one of {", ".join(quantity.distributions)}; got {shown(value)}'
-        )
-    distribution, spread = next(iter(data.items()))
-    place = f'{place}.{distribution}'
-    if distribution == 'whole':
-        return Dispersion(distribution, (whole(place, spread, least=0, most=int(quantity.most)),))
-    most = quantity.most / (CUT if distribution == 'normal' else 1.0)
-    if not isinstance(spread, list):
-        spread = [spread] * quantity.components
-    if len(spread) != quantity.components:
-        raise InputError(
-            f'`{place}` must be one number or a list of {quantity.components} in '
-            f'{quantity.unit or "1"}; got {shown(spread)}'
-        )
-    return Dispersion(
-        distribution, tuple(real(place, s, quantity.unit, least=0.0, most=most) for s in spread)
-    )
 
 
 def dumps(config: CampaignConfig) -> str:
@@ -263,14 +200,37 @@ class Campaign:
     def __post_init__(self) -> None:
         if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
-        if self.scenario.thrusters or self.scenario.navigation:
+        thrusters = self.scenario.thrusters or Thrusters()
+        if self.scenario.navigation or thrusters.matrix != IDENTITY or thrusters.delay_ticks:
             raise InputError(
-                '`scenario` must have perfect thrusters and navigation, which `dispersions` make '
-                f'imperfect; {self.config.scenario} has a section `thrusters` or `navigation`'
+                '`scenario` must have no `navigation`, and no `matrix` and `delay_ticks` of '
+                f'thrusters: `dispersions` have them; {self.config.scenario} has'
             )
+        for name in self.config.success:
+            if name in THRUSTER_METRICS and name not in self.metrics_of_thrusters:
+                raise InputError(
+                    f'`success.{name}` needs thrusters with `pulses`; scenario '
+                    f'{self.scenario.name} has none'
+                )
         with within('dispersions'):
             _check_effects(self.config, self.scenario)
             _check_extremes(self.config, self.scenario)
+
+    @property
+    def metrics_of_thrusters(self) -> dict[str, str]:
+        """`THRUSTER_METRICS` where thrusters fire in pulses: name -> unit."""
+        thrusters = self.scenario.thrusters
+        return THRUSTER_METRICS if thrusters is not None and thrusters.pulses else {}
+
+    @property
+    def more(self) -> dict[str, str]:
+        """What is known of a run beside `METRICS`: name -> unit."""
+        return {**self.metrics_of_thrusters, **self.config.more}
+
+    @property
+    def metrics(self) -> dict[str, str]:
+        """What is known of a run: name -> unit."""
+        return {**METRICS, **self.more}
 
     @classmethod
     def of_texts(cls, texts: tuple[str, str, str], names: tuple[str, str, str]) -> Campaign:
@@ -321,11 +281,25 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
         'disturbance_phase_rad': any(h.amplitude_n for h in scenario.disturbance.harmonics),
         'disturbance_frequency_share': any(h.amplitude_n for h in scenario.disturbance.harmonics),
     }
-    for name, has_effect in acting.items():
+    dynamics, thrusters = scenario.dynamics, scenario.thrusters
+    orbit = dynamics is not None and dynamics.kind != CLOHESSY_WILTSHIRE
+    drag = dynamics is not None and dynamics.drag is not None
+    others = {
+        'density_share': (drag, 'drag'),
+        'ballistic_coefficient_share': (drag, 'drag'),
+        'true_anomaly_deg': (orbit, 'orbit but a circle'),
+        'stuck_off_thruster': (thrusters is not None and thrusters.pulses, '`pulses` of thrusters'),
+    }
+    all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
+    for name, (has_effect, what) in all_of_them.items():
         if name in config.dispersions and not has_effect:
-            raise InputError(
-                f'`{name}` has no effect: scenario {scenario.name} has no such disturbance'
-            )
+            raise InputError(f'`{name}` has no effect: scenario {scenario.name} has no {what}')
+    pulses = thrusters.pulses if thrusters else None
+    if pulses and config.spread('stuck_off_thruster')[0] >= pulses.count:
+        raise InputError(
+            f'`stuck_off_thruster.whole` must be below {pulses.count}, the number of thrusters of '
+            f'{scenario.name}; got {config.spread("stuck_off_thruster")[0]:g}'
+        )
 
 
 def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:

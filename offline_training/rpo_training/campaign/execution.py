@@ -48,7 +48,7 @@ def fly(
         with closing(fly_units(campaign, store.pending(), workers)) as source:
             for unit, results in source:
                 store.put(unit, results)
-                columns = dict(zip(columns_of(campaign.config), results, strict=True))
+                columns = dict(zip(columns_of(campaign), results, strict=True))
                 progress(results.shape[1], int(successes(campaign.config, columns).sum()))
         store.finish(document(rates(store), spreads(store)))
 

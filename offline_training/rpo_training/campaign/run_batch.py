@@ -15,15 +15,16 @@ from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
 from rpo_core.verdicts import verdicts
-from rpo_training.campaign.config import LEVEL, METRICS, Campaign, CampaignConfig
-from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw
-from rpo_training.campaign.single import fly_run
+from rpo_training.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
+from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
+from rpo_training.campaign.single import fly_run, scenario_of_draw
+from rpo_training.campaign.worlds import firing_of, orbits_of, spent_of, uneven_steps
 from rpo_training.engine import counters, parts, tick
 from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
-from rpo_training.engine.support import announce, why_not
+from rpo_training.engine.support import IN_PAIRS, announce, why_not
 
 Floats = NDArray[np.float64]
 
@@ -46,9 +47,13 @@ def units(runs: int) -> int:
     return -(-runs // UNIT)
 
 
-def columns_of(config: CampaignConfig) -> tuple[str, ...]:
-    """Return the columns of results: those of every campaign, then what else it judges by."""
-    return (*COLUMNS, *config.more)
+def columns_of(campaign: Campaign) -> tuple[str, ...]:
+    """Return the columns of results: those of every campaign, then what else is known of its runs.
+
+    Those are the metrics of its thrusters, what it judges by, and the draws of its world.
+    """
+    drawn = parameters_of(campaign.config)[len(PARAMETERS) :]
+    return (*COLUMNS, *campaign.more, *drawn)
 
 
 def fly_unit(campaign: Campaign, unit: int) -> Floats:
@@ -60,20 +65,22 @@ def fly_unit(campaign: Campaign, unit: int) -> Floats:
 def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
     """Return the results of some runs, column by column (count,)."""
     results = _fly(campaign, draw(campaign, first, count))
-    return dict(zip(columns_of(campaign.config), results, strict=True))
+    return dict(zip(columns_of(campaign), results, strict=True))
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
     rows = np.empty((len(drawn.numbers), counters.COLUMNS))
     final = np.empty((len(rows), 6))
-    more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.config.more}
-    reason = why_not(campaign.scenario, campaign.controller)
+    more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.more}
+    reason = why_not(campaign.scenario, campaign.controller, IN_PAIRS)
+    reason = reason or uneven_steps(campaign.scenario, drawn)
     if reason:
         announce(reason)
         _fly_singly(campaign, drawn, rows, final, more)
     else:
         _fly_side_by_side(campaign, drawn, rows, final, more)
-    table = [drawn.parameters, rows[:, _FROM_ROW], final, *(more[n][:, None] for n in more)]
+    known, own = np.split(drawn.parameters, [len(PARAMETERS)], axis=1)
+    table = [known, rows[:, _FROM_ROW], final, *(more[n][:, None] for n in more), own]
     return np.ascontiguousarray(np.hstack(table).T)
 
 
@@ -87,6 +94,8 @@ def _fly_singly(
         final[i] = flight.states[-1]
         values = {verdict.key: verdict.value for verdict in verdicts(flight)}
         values[LEVEL] = metrics.disturbance_level_n(flight)
+        if campaign.metrics_of_thrusters:
+            values |= zip(THRUSTER_METRICS, flight.thrust[2:], strict=True)
         for name, column in more.items():
             column[i] = values[name]
         rows[i, metrics.ARRIVAL_TIME] = values.get('arrival_time_s', rows[i, metrics.ARRIVAL_TIME])
@@ -108,6 +117,8 @@ def _fly_side_by_side(
         if judged is not None:
             lanes_of = parts.paired_lanes(len(rows[some]))
             together[some] = judge(trace[0], lanes_of, scenario, judged)
+        for name, column in zip(campaign.metrics_of_thrusters, spent_of(batch.valves), strict=True):
+            more[name][some] = column[: len(rows[some])]
         if LEVEL in more:
             levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
     for place, name in enumerate(VALUES):
@@ -162,8 +173,10 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
 
     starts = padded(drawn.starts)
     keys = np.ascontiguousarray(padded(drawn.keys).T)
-    steps = [drawn.step(i, campaign.scenario) for i in range(first, first + n)]
-    rest = np.zeros((RUNS - n, 26))
+    flown = []
+    if campaign.scenario.sections:
+        flown = [scenario_of_draw(campaign, drawn, i) for i in range(first, first + n)]
+    orbits = orbits_of(flown) if flown else None
     return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),
         vertical=starts[:, [2, 5]].copy(),
@@ -171,9 +184,17 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
         link=_link(campaign, keys),
         thrusters=_thrusters(campaign, drawn, first, n),
         waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
-        steps=np.vstack([np.array(steps).reshape(n, 26), rest]),
+        steps=None if orbits else _steps(campaign.scenario, drawn, first, n),
         goal=_goal(campaign.scenario, drawn, first, n),
+        valves=firing_of(flown) if flown else None,
+        orbits=orbits,
     )
+
+
+def _steps(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> Floats:
+    """Return the fields (40, 26) of the exact step of each run."""
+    steps = [drawn.step(i, scenario) for i in range(first, first + n)]
+    return np.vstack([np.array(steps).reshape(n, 26), np.zeros((RUNS - n, 26))])
 
 
 def _goal(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> parts.Goal | None:

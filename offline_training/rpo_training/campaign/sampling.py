@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 import math
+import zlib
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +19,9 @@ from rpo_core import cw
 from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep, Vector
 from rpo_core.scenario import Scenario
-from rpo_training.campaign.config import CUT, QUANTITIES, Campaign
+from rpo_core.thrusters import rotation
+from rpo_training.campaign.config import Campaign, CampaignConfig
+from rpo_training.campaign.quantities import CUT, QUANTITIES, Dispersion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,14 +29,26 @@ Ints = NDArray[np.int64]
 STRATA = 1000
 """Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
 
-_DRAWN = [name for name, quantity in QUANTITIES.items() if quantity.distributions != ('white',)]
+ON_THEIR_OWN = (
+    'density_share',
+    'ballistic_coefficient_share',
+    'true_anomaly_deg',
+    'stuck_off_thruster',
+)
+"""Quantities that are drawn each by itself; results have a column of those that are dispersed."""
+
+_DRAWN = [
+    name
+    for name, quantity in QUANTITIES.items()
+    if quantity.distributions != ('white',) and name not in ON_THEIR_OWN
+]
 _OFFSETS = dict(
     zip(_DRAWN, np.cumsum([0, *(QUANTITIES[n].components for n in _DRAWN)]), strict=False)
 )
 DIMENSIONS = sum(QUANTITIES[name].components for name in _DRAWN)
 """Numbers drawn per run, dispersed or not: adding a dispersion leaves the others' draws alone."""
 
-_HYPERCUBE, _RUN, _NOISE = 0, 1, 2  # first words of the spawn keys of the seed sequences
+_HYPERCUBE, _RUN, _NOISE, _OWN = 0, 1, 2, 3  # first words of the spawn keys of the seed sequences
 
 PARAMETERS = (
     *(f'initial_{axis}_m' for axis in 'xyz'),
@@ -56,11 +73,13 @@ class DrawnRuns(NamedTuple):
     numbers : (n,) int
     parameters : (n, 24), see `PARAMETERS`
     keys : (n, 2) int, of noise and message faults
+    own : name -> (n,) deviation, of the quantities `ON_THEIR_OWN` that are dispersed
     """
 
     numbers: Ints
     parameters: Floats
     keys: Ints
+    own: Mapping[str, Floats] = MappingProxyType({})
 
     @property
     def starts(self) -> Floats:
@@ -104,24 +123,6 @@ class DrawnRuns(NamedTuple):
         return nominal.varied(share, phase_rad=phase, frequency_share=frequency)
 
 
-def rotation(vector_rad: Floats) -> Floats:
-    """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
-
-    sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
-    """
-    x, y, z = vector_rad.tolist()
-    _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    square = np.array(
-        [
-            [-(y * y + z * z), x * y, x * z],
-            [x * y, -(x * x + z * z), y * z],
-            [x * z, y * z, -(x * x + y * y)],
-        ]
-    )
-    return np.eye(3) + c1 * cross + c2 * square
-
-
 def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
     """Return `count` runs from number `first`."""
     config, scenario = campaign.config, campaign.scenario
@@ -135,12 +136,7 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
         found = config.dispersions.get(name)
         if found is None:
             return np.zeros((count, components))
-        if found.distribution == 'whole':
-            return np.minimum(np.floor(u * (found.spread[0] + 1.0)), found.spread[0])
-        shape = 2.0 * u - 1.0
-        if found.distribution == 'normal':
-            shape = ndtri(ndtr(-CUT) + u * (ndtr(CUT) - ndtr(-CUT)))
-        return shape * np.array(found.spread)
+        return _deviations(found, u)
 
     parameters = np.hstack(
         [
@@ -158,7 +154,28 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
             off('delay_ticks'),
         ]
     )
-    return DrawnRuns(numbers, parameters, _keys(campaign, numbers))
+    own = {
+        name: _deviations(found, _own_draws(campaign, name, numbers))
+        for name in ON_THEIR_OWN
+        if (found := config.dispersions.get(name)) is not None
+    }
+    parameters = np.column_stack([parameters, *own.values()])
+    return DrawnRuns(numbers, parameters, _keys(campaign, numbers), own)
+
+
+def _deviations(found: Dispersion, u: Floats) -> Floats:
+    """Return the deviations of draws in [0, 1)."""
+    if found.distribution == 'whole':
+        return np.minimum(np.floor(u * (found.spread[0] + 1.0)), found.spread[0])
+    shape = 2.0 * u - 1.0
+    if found.distribution == 'normal':
+        shape = ndtri(ndtr(-CUT) + u * (ndtr(CUT) - ndtr(-CUT)))
+    return np.asarray(shape * np.array(found.spread))
+
+
+def parameters_of(config: CampaignConfig) -> tuple[str, ...]:
+    """Return the columns of `DrawnRuns.parameters` of a campaign."""
+    return (*PARAMETERS, *(name for name in ON_THEIR_OWN if name in config.dispersions))
 
 
 def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
@@ -174,6 +191,21 @@ def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
         mine = numbers // STRATA == block
         rows[mine] = cube[numbers[mine] - block * STRATA]
     return rows
+
+
+def _own_draws(campaign: Campaign, name: str, numbers: Ints) -> Floats:
+    """Return draws (n,) in [0, 1) of one quantity; no other quantity changes them."""
+    config, purpose = campaign.config, _OWN + (zlib.crc32(name.encode()) << 8)
+    if config.sampling == 'random':
+        return np.array([_generator(config.seed, purpose, int(i)).random() for i in numbers])
+    found = np.empty(len(numbers))
+    for block in np.unique(numbers // STRATA).tolist():
+        size = min(STRATA, config.runs - block * STRATA)
+        rng = _generator(config.seed, purpose, block)
+        column = qmc.LatinHypercube(1, rng=rng).random(size)[:, 0]
+        mine = numbers // STRATA == block
+        found[mine] = column[numbers[mine] - block * STRATA]
+    return found
 
 
 def _keys(campaign: Campaign, numbers: Ints) -> Ints:

@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import replace
 
+from rpo_core.dynamics import Dynamics
 from rpo_core.flight import Flight, fly
 from rpo_core.interfaces import APPLIED_FORCE
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
-from rpo_core.thrusters import Thrusters
+from rpo_core.thrusters import Failure, Thrusters, valve_names
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import LinkStage
 from rpo_training.campaign.sampling import DrawnRuns, draw
@@ -34,9 +34,14 @@ def fly_run(campaign: Campaign, number: int) -> Flight:
 
 
 def scenario_of(campaign: Campaign, number: int) -> Scenario:
-    """Return the scenario of a run: its start, mass, orbit, disturbance, thrusters, navigation."""
-    nominal, runs = campaign.scenario, draw(campaign, number, 1)
-    row = runs.parameters[0].tolist()
+    """Return the scenario of run `number`."""
+    return scenario_of_draw(campaign, draw(campaign, number, 1), 0)
+
+
+def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenario:
+    """Return the scenario of a drawn run: its start, mass, orbit, disturbance, stages."""
+    nominal, row = campaign.scenario, runs.parameters[index].tolist()
+    number = int(runs.numbers[index])
     return replace(
         nominal,
         name=f'{nominal.name}_run_{number}',
@@ -45,30 +50,60 @@ def scenario_of(campaign: Campaign, number: int) -> Scenario:
         initial_velocity_m_s=tuple(row[3:6]),
         mass_kg=row[6],
         orbit_radius_m=row[22],
-        disturbance=runs.disturbance(0, nominal.disturbance),
+        disturbance=runs.disturbance(index, nominal.disturbance),
     ).equipped(
-        *_thrusters(campaign.config.dispersions, runs),
-        *_navigation(campaign, runs),
+        *_dynamics(campaign, runs, index),
+        *_thrusters(campaign, runs, index),
+        *_navigation(campaign, runs, index),
     )
 
 
-def _thrusters(dispersed: Collection[str], runs: DrawnRuns) -> list[Thrusters]:
-    if not {'thrust_share', 'misalignment_deg', 'delay_ticks'} & set(dispersed):
+def _own(runs: DrawnRuns, name: str, index: int) -> float:
+    return float(runs.own[name][index]) if name in runs.own else 0.0
+
+
+def _dynamics(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Dynamics]:
+    """Return the dynamics of a run; the atmosphere does not rise with its orbit."""
+    nominal = campaign.scenario.dynamics
+    if nominal is None:
         return []
-    x, y, z = (tuple(row) for row in runs.thrust(0).tolist())
-    return [Thrusters((x, y, z), int(runs.delays[0]))]
+    drag = nominal.drag
+    if drag is not None:
+        lighter = 1.0 + _own(runs, 'ballistic_coefficient_share', index)
+        drag = replace(
+            drag,
+            density_kg_m3=drag.density_kg_m3 * (1.0 + _own(runs, 'density_share', index)),
+            density_radius_m=drag.density_radius_m or campaign.scenario.orbit_radius_m,
+            chaser_ballistic_coefficient_kg_m2=drag.chaser_ballistic_coefficient_kg_m2 * lighter,
+        )
+    anomaly_deg = nominal.true_anomaly_deg + _own(runs, 'true_anomaly_deg', index)
+    return [replace(nominal, true_anomaly_deg=anomaly_deg, drag=drag)]
 
 
-def _navigation(campaign: Campaign, runs: DrawnRuns) -> list[Navigation]:
+def _thrusters(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Thrusters]:
+    """Return the thrusters of a run: the scenario's, and what is dispersed of them."""
+    nominal, dispersed = campaign.scenario.thrusters, campaign.config.dispersions
+    if nominal is None and not {'thrust_share', 'misalignment_deg', 'delay_ticks'} & set(dispersed):
+        return []
+    x, y, z = (tuple(row) for row in runs.thrust(index).tolist())
+    found = replace(nominal or Thrusters(), matrix=(x, y, z), delay_ticks=int(runs.delays[index]))
+    if found.pulses is not None and 'stuck_off_thruster' in runs.own:
+        name = valve_names(found.pulses.count)[int(runs.own['stuck_off_thruster'][index])]
+        failures = (*found.pulses.failures, Failure(thruster=name, stuck='off'))
+        found = replace(found, pulses=replace(found.pulses, failures=failures))
+    return [found]
+
+
+def _navigation(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Navigation]:
     config = campaign.config
     if not any(name.startswith('navigation_') for name in config.dispersions):
         return []
-    biases = runs.biases[0].tolist()
+    biases = runs.biases[index].tolist()
     errors = Navigation(
         tuple(biases[:3]),
         tuple(biases[3:]),
         config.spread('navigation_position_noise_m')[0],
         config.spread('navigation_velocity_noise_m_s')[0],
-        (int(runs.keys[0, 0]), int(runs.keys[0, 1])),
+        (int(runs.keys[index, 0]), int(runs.keys[index, 1])),
     )
     return [errors]

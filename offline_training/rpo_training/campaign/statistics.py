@@ -85,7 +85,7 @@ def rates(store: Store) -> list[Rate]:
 
 def spreads(store: Store) -> list[Spread]:
     """Return how every metric is distributed; one column in memory at a time."""
-    shown = store.campaign.config.metrics
+    shown = store.campaign.metrics
     return [spread(name, unit, store.column(name)) for name, unit in shown.items()]
 
 

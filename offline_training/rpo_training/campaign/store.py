@@ -59,7 +59,7 @@ class Store:
     def __init__(self, folder: Path, campaign: Campaign) -> None:
         self.folder, self.campaign = folder, campaign
         self.bound = digest_of(*campaign.texts)
-        self.columns = columns_of(campaign.config)
+        self.columns = columns_of(campaign)
 
     @classmethod
     def create(cls, folder: Path, campaign: Campaign) -> Store:

@@ -93,7 +93,7 @@ class Sweep:
         faulty = _with(campaign, replace(campaign.config, faults=chosen))
         runs = faulty.config.runs
         parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
-        names = columns_of(faulty.config)
+        names = columns_of(faulty)
         columns = dict(zip(names, np.hstack(list(parts)), strict=True))
         return rate('success', int(successes(faulty.config, columns).sum()), runs)
 

@@ -193,7 +193,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     for name, (value,) in columns.items():
         limit = chosen.config.success.get(name)
         shown = '' if limit is None else f'{limit:g}'
-        rows.append((name, f'{value:.6g} {chosen.config.metrics.get(name, "")}', shown))
+        rows.append((name, f'{value:.6g} {chosen.metrics.get(name, "")}', shown))
     print_table(('', 'value', 'limit'), rows, f'{chosen.config.name}, run {number}')
     _compare(flight, columns, store, number)
     if csv:

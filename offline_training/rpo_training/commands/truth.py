@@ -38,9 +38,9 @@ def truth(
     ] = None,
     write: Annotated[Path | None, typer.Option(help='page to put the tables into')] = None,
 ) -> None:
-    """Fly a run's forces again under two-body gravity, and print the error of the linear plant.
+    """Fly a run's forces again under true gravity, and print the error of the plant.
 
-    By Basilisk where it is installed (layer `truth`), and by SciPy.
+    By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
     from rpo_log.show.report import folder_of
     from rpo_training.truth.two_body import TRUTHS, compare
@@ -79,7 +79,10 @@ def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
     from rpo_training.truth.two_body import AXIS_NAMES
 
     duration = f'{found.scenario.duration_s:g} s'
-    heads = ('time', *(h for n in found.errors for h in (f'linear − {n}, position', 'velocity')))
+    heads = (
+        'time',
+        *(h for n in found.errors for h in (f'{found.plant} − {n}, position', 'velocity')),
+    )
     errors = [
         (f'{t_s:g} s', *(cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s')))
         for t_s, *pairs in found.moments()

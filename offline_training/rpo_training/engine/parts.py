@@ -48,7 +48,8 @@ ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
 MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
 STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
 GOAL, HOLDING = ((FIRST_FREE + 29 + len(CwStep._fields) + row) * STRIDE for row in range(2))
-ROWS = FIRST_FREE + 31 + len(CwStep._fields)
+MASS = (FIRST_FREE + 31 + len(CwStep._fields)) * STRIDE
+ROWS = FIRST_FREE + 32 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):
@@ -149,6 +150,38 @@ class Goal(NamedTuple):
     force: Any
 
 
+class Firing(NamedTuple):
+    """Thrusters that fire in pulses (`rpo_core.pulse_kernels`).
+
+    shared : `Valves`, what is the same in all runs
+    directions, failures : (40, valves, 3), (40, n, 5) of each run, with its matrix
+    tanks : (40, 3) exhaust velocity, content, mass; memory : (40, MEMORY); on : (valves,) scratch
+    """
+
+    shared: Any
+    directions: Any
+    failures: Any
+    tanks: Any
+    memory: Any
+    on: Any
+
+
+class Orbits(NamedTuple):
+    """True dynamics (`rpo_core.orbit_kernels`).
+
+    rows : (orbits, 2 x steps x ticks + 1, COLUMNS); of : (40,) which of them is that of a run
+    worlds : (40, 9) fields of `World`; masses : (40,) at the start [kg]
+    steps : of a tick, each `step` [s] long
+    """
+
+    rows: Any
+    of: Any
+    worlds: Any
+    masses: Any
+    steps: int
+    step: float
+
+
 class Runs(NamedTuple):
     """Runs that fly side by side; all parts from `navigation` on may be None.
 
@@ -156,6 +189,8 @@ class Runs(NamedTuple):
     table : (ticks, 2 P + Q) disturbance [N], lanes x..., y..., z...; or (1, ...), always the same
     steps : (40, 26) fields of CwStep, where they are not the plant's
     goal : None: the target
+    valves : in place of the matrix of the thrusters; paired runs only
+    orbits : in place of `steps`; paired runs only
     """
 
     planar: Any
@@ -167,6 +202,8 @@ class Runs(NamedTuple):
     waves: Any = None
     steps: Any = None
     goal: Any = None
+    valves: Any = None
+    orbits: Any = None
 
 
 class Control(NamedTuple):

@@ -6,28 +6,41 @@ from __future__ import annotations
 
 import sys
 import threading
+from collections.abc import Collection
 
 from rpo_core.baselines import Baseline
 from rpo_core.controller import Controller, FuzzyController
 from rpo_core.scenario import Scenario
 from rpo_core.stage import section_of
 
+MOST_ORBIT_TICKS = 20_000
+"""The target's orbit is held in memory for a flight, for 40 runs at a time where orbits differ."""
+
 _announced: set[str] = set()
 _lock = threading.Lock()
 
 
-def why_not(scenario: Scenario, controller: Controller) -> str:
+IN_PAIRS = ('dynamics', 'thrusters')
+"""Sections that the engine knows where every run has its own lanes, in campaigns."""
+
+
+def why_not(scenario: Scenario, controller: Controller, known: Collection[str] = ()) -> str:
     """Return why the engine cannot fly a controller through a scenario; '' if it can.
 
-    The engine knows the errors of thrusters and navigation that campaigns disperse, but no section
-    of a scenario.
+    The engine knows the errors of thrusters and navigation that campaigns disperse, but of the
+    sections of a scenario only those `known`.
     """
-    known = [kind for kind in (FuzzyController, Baseline) if isinstance(controller, kind)]
-    if not known or type(controller).stage is not known[0].stage:
+    kinds = [kind for kind in (FuzzyController, Baseline) if isinstance(controller, kind)]
+    if not kinds or type(controller).stage is not kinds[0].stage:
         return f'controller {controller.name} has a stage of its own'
-    if scenario.sections:
-        name = section_of(scenario.sections[0]).name
-        return f'scenario {scenario.name} has a section `{name}`'
+    for name in (section_of(settings).name for settings in scenario.sections):
+        if name not in known:
+            return f'scenario {scenario.name} has a section `{name}`'
+    thrusters = scenario.thrusters
+    if thrusters is not None and thrusters.propellant and not thrusters.pulses:
+        return f'scenario {scenario.name} has `propellant` without `pulses`'
+    if scenario.dynamics is not None and scenario.ticks > MOST_ORBIT_TICKS:
+        return f'scenario {scenario.name} has section `dynamics` and {scenario.ticks} ticks'
     return ''
 
 

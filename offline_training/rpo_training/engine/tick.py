@@ -18,6 +18,7 @@ from rpo_training.engine.parts import (
     FORCE,
     GOAL,
     HOLDING,
+    MASS,
     MATRIX,
     NOISE_R,
     NOISE_V,
@@ -32,6 +33,7 @@ from rpo_training.engine.parts import (
     lateness,
     place,
 )
+from rpo_training.engine.worlds import fire_valves, place_valves, step_orbits
 
 
 @compiled
@@ -183,9 +185,9 @@ def delay(w, tick, thrusters):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def apply(w, thrusters):  # type: ignore[no-untyped-def]
-    """Replace row FORCE by the force that the thrusters apply."""
-    if thrusters is None:
+def apply(w, thrusters, valves):  # type: ignore[no-untyped-def]
+    """Replace row FORCE by the force that the thrusters apply; valves have the matrix in them."""
+    if thrusters is None or valves is not None:
         return
     for s in range(RUNS):
         y, z, i = s + RUNS, s + 2 * RUNS, MATRIX + s
@@ -265,10 +267,26 @@ def coefficients(w, s):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def step_each(w, steps):  # type: ignore[no-untyped-def]
+def lighten(w, valves):  # type: ignore[no-untyped-def]
+    """Let forces count as much more as they move a chaser that has spent propellant.
+
+    Row FORCE is then the sum of FORCE and PUSH.
+    """
+    if valves is None:
+        return
+    for s in range(RUNS):
+        more = valves.tanks[s, 2] / w[MASS + s]
+        for lane in (s, s + RUNS, s + 2 * RUNS):
+            w[FORCE + lane] = (w[FORCE + lane] + w[PUSH + lane]) * more
+            w[PUSH + lane] = 0.0
+
+
+@compiled
+def step_each(w, steps, valves):  # type: ignore[no-untyped-def]
     """Step paired runs by coefficients of their own under rows FORCE and PUSH."""
     if steps is None:
         return
+    lighten(w, valves)
     for s in range(RUNS):
         y, z = s + RUNS, s + 2 * RUNS
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
@@ -302,8 +320,9 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     trace : states (horizon + 1, lanes, 2), r and v, and commands (horizon + 1, lanes); or None
     """
     place(w, runs)
+    place_valves(w, runs.valves)
     # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
-    planar, vertical, navigation, link, thrusters, table, waves, steps, goal = runs
+    planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits = runs
     fuzzy, baseline, axes = control
     p, q = len(planar), len(vertical)
     n = 2 * p + q
@@ -322,10 +341,12 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         delay(w, tick, thrusters)
         begin_forces(w, n, tick, thrusters)
         count_force(w, n, tick, windows)
-        apply(w, thrusters)
+        apply(w, thrusters, valves)
+        fire_valves(w, tick, valves)
         push_by_table(w, n, tick, table)
         push_by_waves(w, tick, waves)
         step_alike(w, p, q, plant.step)
-        step_each(w, steps)
+        step_each(w, steps, valves)
+        step_orbits(w, tick, orbits, valves)
         count_state(w, n, tick, windows, goal)
         keep_norms(w, p, q, tick, windows, norms, goal)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rpo_core.validation import InputError
 from rpo_log.show import report as log_report
 from rpo_log.show import style
-from rpo_training.campaign.config import QUANTITIES
+from rpo_training.campaign.quantities import QUANTITIES
 from rpo_training.campaign.run_batch import FINAL
-from rpo_training.campaign.sampling import PARAMETERS
+from rpo_training.campaign.sampling import parameters_of
 from rpo_training.campaign.statistics import (
     QUANTILES,
     Rate,
@@ -177,7 +177,7 @@ def _clouds(store: Store, success: Bools) -> Picture:
 
 
 def _what_matters(store: Store, success: Bools) -> list[Block]:
-    drawn = {words(name): store.column(name) for name in PARAMETERS}
+    drawn = {words(name): store.column(name) for name in parameters_of(store.campaign.config)}
     outcomes = {
         'failing': (~success).astype(np.float64),
         'energy J': store.column('energy_n2s'),

@@ -65,6 +65,7 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
             Section('Approach', tuple(_approach(flight, optima))),
             Section('Energy', tuple(_energy(flight, optima))),
             Section('Force and slew', (_limits(flight),)),
+            *_thrusters(flight),
             *_disturbance(flight),
             *_control(flight, controller, why),
             Section('Files', tuple(_files(log))),
@@ -220,6 +221,23 @@ def _limits(flight: Flight) -> Picture:
         f'Force and slew over time, per axis: at most {peak:.3g} N of '
         f'{flight.scenario.max_force_n:g} N, and {slew:.3g} N/s.',
     )
+
+
+def _thrusters(flight: Flight) -> list[Section]:
+    """Return what the thrusters made of the commands, where they fire in pulses or spend mass."""
+    settings = flight.scenario.thrusters
+    if settings is None or not (settings.pulses or settings.propellant):
+        return []
+    spent = flight.thrust
+    picture = Picture(
+        'pulses',
+        run_plots.pulses(flight),
+        'Mean force that the thrusters exert in each tick, the impulse that they owe the command, '
+        'and the propellant spent.',
+        f'The thrusters spend {spent.delta_v_m_s:.3g} m/s and {spent.propellant_kg:.3g} kg, in '
+        f'{spent.openings} openings of valves.',
+    )
+    return [Section('Thrusters', (picture,))]
 
 
 def _disturbance(flight: Flight) -> list[Section]:

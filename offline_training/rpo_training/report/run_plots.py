@@ -162,6 +162,21 @@ def limits(flight: Flight) -> Any:
     return figure
 
 
+def pulses(flight: Flight) -> Any:
+    """Return what the thrusters exert, what they owe the command, and the propellant spent."""
+    scenario, thrust = flight.scenario, flight.thrust
+    times_s = scenario.times_s[:-1]
+    owed = np.cumsum(flight.saturated_forces_n - thrust.forces_n, axis=0) * scenario.dt_s
+    figure, (upper, middle, lower) = style.new_panels(6.4, 3, sharex=True)
+    by_axis(upper, times_s, thrust.forces_n, 'force exerted [N]', linewidth=0.6)
+    by_axis(middle, times_s, 1e3 * owed, 'impulse owed [mN s]', linewidth=0.8)
+    spent_g = 1e3 * (scenario.mass_kg - thrust.masses_kg)
+    lower.plot(times_s, spent_g, color=style.LIGHT['ink'])
+    lower.set(xlabel='time [s]', ylabel='propellant [g]')
+    style.legend_below(figure, upper)
+    return figure
+
+
 def disturbance(flight: Flight) -> Any:
     """Return the disturbance, and what control leaves of it."""
     scenario, disturbances = flight.scenario, flight.disturbances_n[:-1]

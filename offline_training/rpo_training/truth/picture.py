@@ -30,7 +30,7 @@ def _over_time(axes: Any, found: Comparison) -> None:
     ):
         norms = np.linalg.norm(errors[1:, :3], axis=1)
         axes.semilogy(times, norms, line, color=colour, label=name)
-    axes.set(xlabel='time [s]', ylabel='|linear − true position| [m]', title='the flight')
+    axes.set(xlabel='time [s]', ylabel=f'|{found.plant} − true position| [m]', title='the flight')
     axes.legend(loc='lower right')
 
 

@@ -15,18 +15,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rpo_core import interfaces, kernels
+from rpo_core import interfaces
 from rpo_core.controller import Controller
 from rpo_core.controller_file import GoalStage
 from rpo_core.disturbance import Disturbance
-from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE, THRUST
-from rpo_core.jit import as_table
+from rpo_core.dynamics import DynamicsStage
+from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage, section_of
-from rpo_core.thrusters import ZERO, ThrustersStage
+from rpo_core.thrusters import ZERO, stage_of
 from rpo_core.validation import InputError
 
 Signals = dict[str, Signal]
@@ -47,31 +44,6 @@ class DisturbanceStage(Stage):
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the force (3,) [N], target LVLH."""
         return (self._disturbance.force_n(self._time_s(tick)),)
-
-
-class DynamicsStage(Stage):
-    """Clohessy-Wiltshire motion: from a true state and forces to the next true state."""
-
-    name = 'dynamics'
-    inputs = (RELATIVE_STATE, THRUST, DISTURBANCE)
-    outputs = (RELATIVE_STATE,)
-
-    def __init__(self, scenario: Scenario) -> None:
-        self._step = scenario.step
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the state (6,) [m, m/s] one tick later."""
-        state, (tx, ty, tz), (dx, dy, dz) = inputs
-        return (kernels.cw_step(state, (tx + dx, ty + dy, tz + dz), self._step),)
-
-    def steps(
-        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], ...]:
-        """Return the state (n, 6) that follows each tick."""
-        states, thrust, disturbance = inputs
-        following = np.empty_like(states)
-        kernels.cw_steps(as_table(states), as_table(thrust + disturbance), self._step, following)
-        return (following,)
 
 
 class Link(NamedTuple):
@@ -110,13 +82,14 @@ class Chain:
             section = section_of(settings)
             placed.append((section.place, section.make(settings, scenario)))
         if scenario.thrusters is None:
-            placed.insert(0, (Place.THRUSTERS, ThrustersStage(None, scenario.max_force_n)))
+            placed.insert(0, (Place.THRUSTERS, stage_of(None, scenario)))
         if controller is not None:
             placed.append((Place.CONTROLLER, _controlling(scenario, controller)))
         if not scenario.disturbance.is_zero:
             stage = DisturbanceStage(scenario.disturbance, scenario)
             placed.append((Place.DISTURBANCE, stage))
-        placed.append((Place.DYNAMICS, DynamicsStage(scenario)))
+        if scenario.dynamics is None:
+            placed.append((Place.DYNAMICS, DynamicsStage(scenario)))
         placed.sort(key=lambda pair: pair[0])
         return cls(_wired(placed, open_loop=controller is None))
 

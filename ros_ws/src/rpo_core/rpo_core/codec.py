@@ -49,6 +49,8 @@ def _nested(hint: Any, place: str, value: Any) -> Any:
     if isinstance(hint, type) and is_dataclass(hint):
         return from_mapping(hint, place, value)
     inner = get_args(hint)
+    if type(None) in inner and value is not None and is_dataclass(inner[0]):
+        return _nested(inner[0], place, value)
     if get_origin(hint) is tuple and inner and is_dataclass(inner[0]):
         if not isinstance(value, list):
             raise InputError(f'`{place}` must be a list; got {shown(value)}')

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import codec
+from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.kernels import CwStep, Vector, sin_cos
 from rpo_core.validation import InputError, check_fields, real, shown
 
@@ -34,27 +35,44 @@ TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
 """Annotations of the fields of a dataclass, see `rpo_core.validation.check_fields`."""
 
 
+def _equatorial_radius(name: str, value: Any) -> float | None:
+    return None if value is None else real(name, value, 'm', above=0.0, most=MAX_ORBIT_RADIUS_M)
+
+
 @dataclass(frozen=True)
 class Body:
     """What the target orbits.
 
     radius_m : no orbit is lower
+    j2 : second zonal harmonic; its scale is `equatorial_radius_m`, if not given `radius_m`
     """
 
     mu_m3_s2: Annotated[float, partial(real, unit='m^3/s^2', above=0.0, most=1e21)]
     radius_m: Annotated[float, partial(real, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)]
+    j2: Annotated[float, partial(real, least=0.0, most=0.1)] = field(
+        default=0.0, metadata=UNLESS_DEFAULT
+    )
+    equatorial_radius_m: Annotated[float | None, _equatorial_radius] = field(
+        default=None, metadata=UNLESS_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
 
+    @property
+    def equator_m(self) -> float:
+        """Radius that `j2` is scaled by."""
+        return self.radius_m if self.equatorial_radius_m is None else self.equatorial_radius_m
 
-EARTH = Body(MU_EARTH_M3_S2, 6.4e6)
+
+EARTH = Body(MU_EARTH_M3_S2, 6.4e6, 1.0826267e-3, 6.378137e6)
 BODIES = {
     'earth': EARTH,
-    'moon': Body(4.9028e12, 1.7374e6),
-    'mars': Body(4.282837e13, 3.3962e6),
+    'moon': Body(4.9028e12, 1.7374e6, 2.0322e-4, 1.738e6),
+    'mars': Body(4.282837e13, 3.3962e6, 1.9566e-3, 3.396e6),
 }
-"""Bodies by name; no orbit about the Earth is lower than 6400 km."""
+"""Bodies by name; no orbit about the Earth is lower than 6400 km. J2 of EGM96, GRAIL (GL0660B) and
+GMM-3, with the radius of each model."""
 
 
 def body_of(name: str, value: Any) -> Body:

@@ -7,20 +7,38 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import pulse_kernels
 from rpo_core.chain import Chain, Signals
 from rpo_core.controller import Controller
 from rpo_core.controller_file import ControllerStage
 from rpo_core.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage
-from rpo_core.thrusters import ThrustersStage
+from rpo_core.thrusters import ValvesStage, stage_of
 
 Floats = NDArray[np.float64]
+
+
+class Thrust(NamedTuple):
+    """What thrusters made of the commands of a flight.
+
+    forces_n : (N, 3) mean force of each tick, target LVLH
+    masses_kg : (N,) of the chaser in the middle of each tick
+    delta_v_m_s : sum over the thrusters of thrust x time / mass
+    propellant_kg : spent, 0 where the scenario has none
+    openings : times that a valve opened
+    """
+
+    forces_n: Floats
+    masses_kg: Floats
+    delta_v_m_s: float
+    propellant_kg: float
+    openings: int
 
 
 @dataclass(frozen=True)
@@ -59,9 +77,31 @@ class Flight:
         """Commands (N, 3) that the thrusters took: late where they are, saturated."""
         if SATURATED_FORCE in self.signals:
             return self.signals[SATURATED_FORCE][:-1]
-        stage = ThrustersStage(self.scenario.thrusters, self.scenario.max_force_n)
+        stage = stage_of(self.scenario.thrusters, self.scenario)
         made = stage.steps(np.arange(len(self.forces_n) - 1), self.forces_n[:-1])
         return made[stage.outputs.index(SATURATED_FORCE)]
+
+    @cached_property
+    def thrust(self) -> Thrust:
+        """What the thrusters made of the commands, computed again."""
+        scenario = self.scenario
+        stage = stage_of(scenario.thrusters, scenario)
+        stage.reset()
+        made = [stage.step(tick, tuple(f)) for tick, f in enumerate(self.forces_n[:-1].tolist())]
+        forces_n = np.array([outputs[2] for outputs in made])
+        if not isinstance(stage, ValvesStage):
+            mass_kg = np.full(len(made), scenario.mass_kg)
+            impulse = np.abs(self.saturated_forces_n).sum() * scenario.dt_s
+            return Thrust(forces_n, mass_kg, float(impulse) / scenario.mass_kg, 0.0, 0)
+        memory = [float(value) for value in stage.memory]
+        masses = [made[i][3][0] if len(made[i]) > 3 else scenario.mass_kg for i in range(len(made))]
+        return Thrust(
+            forces_n,
+            np.array(masses),
+            memory[pulse_kernels.DELTA_V],
+            memory[pulse_kernels.SPENT],
+            round(memory[pulse_kernels.OPENINGS]),
+        )
 
 
 class _CommandedForces(ControllerStage):

@@ -35,6 +35,8 @@ DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
 SATURATED_FORCE = 'saturated_force'
 THRUST_FORCE = 'thrust_force'
+EXERTED_FORCE = 'exerted_force'
+CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
@@ -78,6 +80,10 @@ recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to
 that follows would be held back until then. Not transient local: a late joiner must not get another
 run's forces."""
 
+PROGRESS_TICKS, MOST_AHEAD_TICKS = 16, 48
+"""A recorder says every so many ticks how far it is; in lockstep the plant waits for one that is so
+many ticks behind. With what is under way that is less than the depth: nothing is lost."""
+
 LATCHED = Qos(durability='transient_local', depth=1)
 """Statuses and manifests: who comes late still learns the last one."""
 
@@ -93,6 +99,7 @@ class Interface:
     due : TRUTH, EACH_TICK or EVENT
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
+    numbers : of a signal that is no topic
     """
 
     name: str
@@ -102,6 +109,7 @@ class Interface:
     due: str = EACH_TICK
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
+    numbers: int = 3
 
     @property
     def topic(self) -> str:
@@ -195,6 +203,10 @@ for _row in (
               'command that is due at the thrusters, late where they are', logged=False),
     Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
     Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
+    Interface(EXERTED_FORCE, FORCE_TYPE,
+              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH),
+    Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
+              logged=False, numbers=1),
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
               due=EVENT, qos=LATCHED),

@@ -377,4 +377,19 @@ def others_of(flight: Flight) -> list[Figure]:
         Figure('position error (norm), at the end', 'm', norm(*error)),
         Figure('speed (norm), at the end', 'm/s', norm(*speed)),
         Figure('range rate, at the end', 'm/s', -float(closing[-1])),
+        *_of_valves(flight),
     ]
+
+
+def _of_valves(flight: Flight) -> list[Figure]:
+    """Return what the thrusters of a flight spent, where its scenario has pulses or propellant."""
+    thrusters = flight.scenario.thrusters
+    if thrusters is None or not (thrusters.pulses or thrusters.propellant):
+        return []
+    spent = flight.thrust
+    found = [Figure('Δv of the thrusters, waste included', 'm/s', spent.delta_v_m_s)]
+    if thrusters.propellant:
+        found.append(Figure('propellant', 'kg', spent.propellant_kg))
+    if thrusters.pulses:
+        found.append(Figure('openings of the valves', '', float(spent.openings)))
+    return found

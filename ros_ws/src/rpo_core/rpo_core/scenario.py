@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core import codec, cw, files, requirements, starts
 from rpo_core.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
+from rpo_core.dynamics import Dynamics
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.navigation import Navigation
 from rpo_core.requirements import Requirements
@@ -110,6 +111,10 @@ class Scenario:
         if len({type(settings) for settings in order}) < len(order):
             raise InputError('`sections` must hold settings of each kind once')
         store(self, sections=tuple(order))
+        for settings in order:
+            check = section_of(settings).check
+            if check is not None:
+                check(settings, self)
 
     def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
@@ -147,6 +152,11 @@ class Scenario:
     def section(self, kind: type[Settings]) -> Settings | None:
         """Return the settings of a stage, None where it is the identity."""
         return next((found for found in self.sections if type(found) is kind), None)
+
+    @property
+    def dynamics(self) -> Dynamics | None:
+        """How chaser and target move; None: as Clohessy and Wiltshire say."""
+        return self.section(Dynamics)
 
     @property
     def thrusters(self) -> Thrusters | None:
@@ -310,8 +320,8 @@ def dumps(scenario: Scenario) -> str:
 def _refuse_ellipses(document: Any) -> None:
     if isinstance(document, Mapping) and 'eccentricity' in document:
         raise InputError(
-            '`eccentricity` is not modelled: the relative motion is that of Clohessy and '
-            'Wiltshire, about a target on a circular orbit of radius `orbit_radius_m`'
+            '`eccentricity` belongs into section `dynamics`, with `kind` linear_elliptic or '
+            'two_body; without the section the orbit is a circle of radius `orbit_radius_m`'
         )
 
 

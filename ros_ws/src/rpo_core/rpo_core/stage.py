@@ -88,12 +88,14 @@ class Section:
     settings : frozen dataclass that holds and checks the section's fields
     place : of the stage
     make : from the settings and the scenario to the stage
+    check : raises InputError where the settings and the scenario do not go together
     """
 
     name: str
     settings: type[Any]
     place: Place
     make: Callable[[Any, Any], Stage]
+    check: Callable[[Any, Any], None] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

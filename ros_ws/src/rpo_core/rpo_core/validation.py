@@ -152,6 +152,13 @@ def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     return int(value)
 
 
+def flag(name: str, value: Any) -> bool:
+    """Return `value` if it is true or false; raises InputError."""
+    if not isinstance(value, bool):
+        raise InputError(f'`{name}` must be true or false; got {shown(value)}')
+    return value
+
+
 def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, float, float]:
     """Return three finite floats, each within `bound` of zero; raises InputError."""
     if hasattr(value, 'tolist'):  # a NumPy array

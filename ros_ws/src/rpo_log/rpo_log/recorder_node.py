@@ -78,6 +78,7 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
+        self._told = 0
         self._timeout = Timeout()
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
@@ -124,6 +125,9 @@ class RecorderNode(FlightNode):
         if self.log is not None:
             if name in self._recorded:
                 self.log.record(name, data)
+                if self.log.next_tick >= self._told + interfaces.PROGRESS_TICKS:
+                    self._told = self.log.next_tick  # so that a plant does not run away
+                    self._announce('ready' if self._ready else 'waiting')
             elif self._decisions is not None and name == self._decision_topic:
                 self._decisions.record(data, self.log.latest)
         elif len(self._early) < _MOST_EARLY:
@@ -291,11 +295,7 @@ class RecorderNode(FlightNode):
         self.log = log
 
     def _patient(self) -> bool:
-        """Return whether manifests may still come, by the wall clock and not by the messages.
-
-        A plant that waits sends the first state again and again, and on a slow machine any number
-        of them may be here before the manifest of the node that answers.
-        """
+        """Return whether manifests may still come, by the wall clock: states come any number."""
         since = self._commanded_s
         return since is None or time.monotonic() - since < MANIFEST_PATIENCE_S
 
@@ -304,7 +304,7 @@ class RecorderNode(FlightNode):
             return
         summary = self.log.close()
         faults = [self._write_run_info(summary), self._seal()]
-        beside = [file for file in (self._health_log, self._decisions) if file]
+        beside = filter(None, (self._health_log, self._decisions))
         faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
         sentence = f'{summary.sentence()}: {self.folder}'
         log = self.get_logger()
@@ -318,10 +318,8 @@ class RecorderNode(FlightNode):
 
     def _write_run_info(self, summary: run_log.RunSummary) -> str:
         """Write what depends on the wall clock and the machine; return why not, '' if done."""
-        if self._health_log is not None:
-            self._health_log.close()
-        if self._decisions is not None:
-            self._decisions.close()
+        for beside in filter(None, (self._health_log, self._decisions)):
+            beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
             'recorded_from': run_info.utc(self._begun),
@@ -351,6 +349,8 @@ class RecorderNode(FlightNode):
 
     def _announce(self, message: str, reason: str = '') -> None:
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
+        if self.log is not None:
+            values['next_tick'] = self._told
         level = health.ERROR if reason else health.OK
         self._last_status = to_status(level, self.get_name(), message, values.items())
         self._publish_status()

@@ -49,6 +49,11 @@ class Loop(FlightNode):
 
     @property
     @abstractmethod
+    def held(self) -> bool:
+        """Whether a tick in lockstep must wait for the recorder."""
+
+    @property
+    @abstractmethod
     def tick(self) -> int:
         """The current tick."""
 

@@ -93,7 +93,7 @@ class LockstepPacing(Pacing):
 
     def on_answer(self) -> None:
         """Pass the tick if all answers are in and it is time."""
-        if self.plant.missing or not self.loop.moving:
+        if self.plant.missing or not self.loop.moving or self.loop.held:
             return
         if self._overdue or self._timer is None or self.loop.stepping:
             self._pass()
@@ -101,7 +101,7 @@ class LockstepPacing(Pacing):
     def on_pace(self) -> None:
         """Pass the tick, or note that it is overdue."""
         if self.loop.moving:
-            self._overdue = bool(self.plant.missing)
+            self._overdue = bool(self.plant.missing) or self.loop.held
             if not self._overdue:
                 self._pass()
 
@@ -114,6 +114,7 @@ class LockstepPacing(Pacing):
         """Send the state again after a while; detect a lost peer."""
         silent_s = self._timeout.look()
         if not self.plant.missing:
+            self.on_answer()  # it may have waited for the recorder
             return
         values = self.loop.values
         if min(silent_s, now_s - self.loop.progress_s) > values['peer_timeout_s']:

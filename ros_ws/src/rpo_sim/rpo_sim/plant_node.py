@@ -74,7 +74,9 @@ class PlantNode(Loop):
         self.create_subscription(
             DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
         )
-        self.recorder = RecorderWatch(self, self.values['wait_for_recorder'], self.run_id)
+        self.recorder = RecorderWatch(
+            self, self.values['wait_for_recorder'], self.run_id, self._on_progress
+        )
 
     def _manifest(self, text: str) -> None:
         shaping = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
@@ -102,6 +104,16 @@ class PlantNode(Loop):
     def tick(self) -> int:
         """The current tick."""
         return self.plant.tick
+
+    @property
+    def held(self) -> bool:
+        """Whether the recorder must catch up first."""
+        return self.recorder.behind(self.tick)
+
+    def _on_progress(self) -> None:
+        """Go on if the tick waited for the recorder."""
+        if self.phase == RUNNING:
+            self.pacing.on_answer()
 
     def _ignore(self, reason: str) -> None:
         self.plant.ignore(reason)

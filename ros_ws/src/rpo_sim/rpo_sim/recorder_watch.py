@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from rpo_core import interfaces
 from rpo_ros import names, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
@@ -18,14 +20,19 @@ LEASE_S = 5.0
 
 WAITING, READY, CLOSED, FAILED = 'waiting', 'ready', 'closed', 'failed'
 _BUSY = 'busy'
+
+PATIENCE_S = 5.0
+"""Longest wait for a recorder that is behind; DDS repairs a loss within 3 s."""
+
 _MOST = 32
 
 
 class _Recorder:
-    """One recorder: the last thing it said, and how long ago."""
+    """One recorder: the last thing it said, and how long ago; how far it is, if it said so."""
 
     def __init__(self) -> None:
         self.says = ''
+        self.next_tick: int | None = None
         self.timeout = Timeout()
         self.silent_s = 0.0
 
@@ -40,11 +47,16 @@ class RecorderWatch:
 
     insist : a run needs one
     run : id of the plant
+    on_progress : called when one says how far it is
     lost : all that were ready publish no more
     """
 
-    def __init__(self, node: FlightNode, insist: bool, run: str) -> None:
+    def __init__(
+        self, node: FlightNode, insist: bool, run: str, on_progress: Callable[[], None]
+    ) -> None:
         self._node, self._insist, self._run = node, insist, run
+        self._on_progress = on_progress
+        self._held_s, self._impatient = 0.0, False
         self._known: dict[str, _Recorder] = {}
         self._in_sight, self._seen_s = 0, 0.0
         self._why = ''
@@ -64,11 +76,39 @@ class RecorderWatch:
         known.timeout.broken()
         if known.says == FAILED:
             self._why = values.get('reason', FAILED)
+        told = values.get('next_tick', '')
+        if told.isdecimal():
+            known.next_tick = int(told)
+            self._on_progress()
 
     def forget(self) -> None:
         """Expect another recorder: a new run begins."""
         self._known.clear()
         self._why, self.lost = '', False
+        self._held_s, self._impatient = 0.0, False
+
+    def behind(self, tick: int) -> bool:
+        """Return whether a recorder is so far behind a tick that it might lose messages.
+
+        After PATIENCE_S in which none came nearer, the run goes on without regard to them.
+        """
+        late = [
+            known
+            for known in self._known.values()
+            if known.says == READY
+            and known.alive
+            and known.next_tick is not None
+            and tick - known.next_tick > interfaces.MOST_AHEAD_TICKS
+        ]
+        if not late or self._impatient:
+            self._held_s = 0.0
+            return False
+        now_s = time.monotonic()
+        self._held_s = self._held_s or now_s
+        if now_s - self._held_s > PATIENCE_S:
+            self._impatient = True
+            self._node.get_logger().warning('a recorder does not keep up: the run goes on')
+        return not self._impatient
 
     def _that_say(self, *words: str) -> list[_Recorder]:
         for known in self._known.values():

@@ -9,6 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from rpo_core import interfaces
 from rpo_ros import conversions, names, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
@@ -27,6 +28,7 @@ class ListeningNode(FlightNode):
         self._forces = {
             'force_n': Latest(self, names.CONTROL_FORCE),
             'disturbance_n': Latest(self, names.DISTURBANCE_FORCE),
+            'exerted_n': Latest(self, interfaces.EXERTED_FORCE),
         }
         self._decisions = Latest(self, names.DECISION)
         for topic, react in (

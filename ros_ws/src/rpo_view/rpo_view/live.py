@@ -14,6 +14,7 @@ from rpo_core import files
 from rpo_core import scenario as scenarios
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario import Scenario
+from rpo_core.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_core.validation import MOST_NAME, InputError, printable
 from rpo_view.trail import Trail
 
@@ -96,6 +97,7 @@ class LiveRun:
     """The run as far as messages came; None where none came. Foreign texts are printable here.
 
     position_m, velocity_m_s, force_n, disturbance_n : (3,), target LVLH
+    exerted_n : (3,) mean force of pulses in a tick, where thrusters fire in pulses
     flights : number of runs since the start of the viewer
     clock : wall time [s]
     """
@@ -110,6 +112,7 @@ class LiveRun:
     velocity_m_s: Vector | None = None
     force_n: Vector | None = None
     disturbance_n: Vector | None = None
+    exerted_n: Vector | None = None
     decisions: dict[str, AxisDecision] = field(default_factory=dict)
     effort: Effort = field(default_factory=Effort)
     flights: int = 0
@@ -133,7 +136,7 @@ class LiveRun:
         self._first_ns = stamp_ns
         self.trail.clear()
         self.decisions.clear()
-        self.force_n = self.disturbance_n = None
+        self.force_n = self.disturbance_n = self.exerted_n = None
         self.effort = Effort()
 
     def on_status(self, message: str, values: Mapping[str, str]) -> None:
@@ -191,6 +194,18 @@ class LiveRun:
         return self.effort.impulse_n_s / self.scenario.mass_kg
 
     @property
+    def propellant_kg(self) -> float | None:
+        """Propellant spent so far, of the velocity change commanded; None if not known."""
+        thrusters = self.scenario.thrusters if self.scenario is not None else None
+        if self.scenario is None or thrusters is None or not thrusters.propellant:
+            return None
+        exhaust_m_s = thrusters.propellant.specific_impulse_s * STANDARD_GRAVITY_M_S2
+        spent_m_s = self.delta_v_m_s
+        if spent_m_s is None:
+            return None
+        return self.scenario.mass_kg * -math.expm1(-spent_m_s / exhaust_m_s)
+
+    @property
     def duty(self) -> float | None:
         """Mean |force| as a share of the limit, of all axes, about; None if not known."""
         if self.scenario is None or not self.effort.known:
@@ -235,11 +250,13 @@ class LiveRun:
             'range_rate_m_s': self.range_rate_m_s if position else None,
             'of_goal': self.scenario is not None and self.scenario.goal is not None,
             'delta_v_m_s': self.delta_v_m_s,
+            'propellant_kg': self.propellant_kg,
             'duty': self.duty,
             'inside_s': self.effort.inside_s,
             'speed_m_s': math.hypot(*velocity) if velocity else None,
             'force_n': self.force_n,
             'disturbance_n': self.disturbance_n,
+            'exerted_n': self.exerted_n,
             'decisions': {
                 axis: {'sentence': decision.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())

@@ -86,6 +86,10 @@ def _progress(run: LiveRun) -> Table:
         f'range rate {fixed(1000.0 * run.range_rate_m_s, 1)} mm/s',
         f'duty about {used[1]}',
     )
+    if run.exerted_n is not None or run.propellant_kg is not None:
+        fired = ' '.join('+' if f > 0.0 else '−' if f < 0.0 else '·' for f in run.exerted_n or ())
+        spent = '' if run.propellant_kg is None else f'{1e3 * run.propellant_kg:.1f} g'
+        grid.add_row(f'propellant about {spent or "–"}', f'valves x y z {fired or "–"}')
     arrived = 'not within 0.5 m yet' if inside_s is None else f'within 0.5 m since {inside_s:.1f} s'
     share = ''
     if run.scenario:

@@ -100,7 +100,8 @@ class Recomputation:
     ) -> list[Floats]:
         """Return the outputs, computed at some rows, NaN at the others."""
         if not len(rows):
-            widths = (len(interfaces.row_of(name).columns) or 3 for name in self.stage.outputs)
+            rows_of = map(interfaces.row_of, self.stage.outputs)
+            widths = (len(row.columns) or row.numbers for row in rows_of)
             return [np.full((len(ticks), width), np.nan) for width in widths]
         found = self.stage.steps(ticks[rows], *(values[rows] for values in inputs))
         if len(rows) == len(ticks):

@@ -1,0 +1,106 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drawn runs in true worlds, as the engine flies them side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.dynamics import (
+    CLOHESSY_WILTSHIRE,
+    TargetOrbit,
+    steps_per_tick,
+    target_start,
+    world_of,
+)
+from rpo_core.kernels import State
+from rpo_core.orbit_kernels import World
+from rpo_core.pulse_kernels import DELTA_V, MEMORY, OPENINGS, SPENT
+from rpo_core.scenario import Scenario
+from rpo_core.thrusters import tank_of, valves_of
+from rpo_training.campaign.sampling import DrawnRuns
+from rpo_training.engine.parts import RUNS, Firing, Orbits
+
+Floats = NDArray[np.float64]
+
+
+def firing_of(scenarios: Sequence[Scenario]) -> Firing | None:
+    """Return the thrusters of up to 40 runs; None where they do not fire in pulses."""
+    if scenarios[0].thrusters is None or scenarios[0].thrusters.pulses is None:
+        return None
+    made = []
+    for s in scenarios:
+        assert s.thrusters is not None and s.thrusters.pulses is not None
+        made.append(valves_of(s.thrusters, s.thrusters.pulses, s))
+    tanks = np.array([tuple(tank_of(s.thrusters, s)) for s in scenarios])
+    return Firing(
+        made[0]._replace(directions=None, failures=None),
+        _padded([v.directions for v in made]),
+        _padded([np.array(v.failures, np.int64).reshape(-1, 5) for v in made]),
+        _padded(tanks, 1.0),
+        np.zeros((RUNS, MEMORY)),
+        np.zeros(made[0].number),
+    )
+
+
+def spent_of(firing: Firing | None) -> list[Floats]:
+    """Return `config.THRUSTER_METRICS`, (40,) each, of runs that have flown."""
+    return [] if firing is None else [firing.memory[:, i] for i in (DELTA_V, SPENT, OPENINGS)]
+
+
+def uneven_steps(scenario: Scenario, drawn: DrawnRuns) -> str:
+    """Return why runs cannot fly side by side: their ticks have different numbers of steps."""
+    settings = scenario.dynamics
+    if settings is None:
+        return ''
+    radii = {float(f(drawn.parameters[:, 22])) for f in (np.min, np.max)}
+    steps = {steps_per_tick(settings, replace(scenario, orbit_radius_m=r)) for r in radii}
+    few = len(steps) == 1
+    return '' if few else f'campaign of {scenario.name} has orbits that need other steps in a tick'
+
+
+def orbits_of(scenarios: Sequence[Scenario]) -> Orbits | None:
+    """Return the dynamics of up to 40 runs; None where they are those of Clohessy and Wiltshire."""
+    first = scenarios[0].dynamics
+    if first is None or first.kind == CLOHESSY_WILTSHIRE:
+        return None
+    worlds, starts = [], []
+    for s in scenarios:
+        assert s.dynamics is not None
+        worlds.append(world_of(s.dynamics, s))
+        starts.append(target_start(s.dynamics, s))
+    steps = steps_per_tick(first, scenarios[0])
+    dt_s, ticks = scenarios[0].dt_s, scenarios[0].ticks
+    # the chaser's drag does not move the target
+    keys = [
+        (start, dt_s, steps, world._replace(chaser=0.0), ticks)
+        for start, world in zip(starts, worlds, strict=True)
+    ]
+    known = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    return Orbits(
+        np.stack([_rows(*key) for key in known]),
+        _padded(np.array([known[key] for key in keys])),
+        _padded(np.array([tuple(w) for w in worlds], np.float64), 1.0),
+        _padded(np.array([s.mass_kg for s in scenarios]), 1.0),
+        steps,
+        dt_s / steps,
+    )
+
+
+@lru_cache(maxsize=2)
+def _rows(start: State, dt_s: float, steps: int, world: World, ticks: int) -> Floats:
+    return TargetOrbit(start, dt_s, steps, world).rows(ticks)
+
+
+def _padded(values: Any, rest: float = 0.0) -> NDArray[Any]:
+    """Return an array with a row for each of 40 lanes; lanes without a run get `rest`."""
+    given = np.array(values)
+    full = np.full((RUNS, *given.shape[1:]), rest, given.dtype)
+    full[: len(given)] = given
+    return full

@@ -1,0 +1,323 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""True dynamics: SciPy's DOP853, Yamanaka and Ankersen, conserved quantities, known drifts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from core_documents import document, refusal
+from core_oracles import python
+from orbit_oracle import Inertial, kepler_start
+
+from rpo_core import cw, files, orbit_kernels, scenario
+from rpo_core.chain import Chain
+from rpo_core.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
+from rpo_core.flight import OpenLoop, fly
+from rpo_core.interfaces import RELATIVE_STATE, THRUST_FORCE
+from rpo_core.stage import Place
+
+BASE = replace(
+    scenario.load_scenario('approach'),
+    initial_position_m=(100.0, 100.0, -100.0),  # 173 m
+    initial_velocity_m_s=(0.1, -0.2, 0.05),
+)
+AIR = Drag(
+    density_kg_m3=2e-11,
+    target_ballistic_coefficient_kg_m2=150.0,
+    chaser_ballistic_coefficient_kg_m2=110.0,
+    scale_height_m=5e4,
+    atmosphere_rate_rad_s=7.292e-5,
+)
+PLACE = {'inclination_deg': 51.6, 'argument_of_periapsis_deg': 30.0, 'true_anomaly_deg': 50.0}
+WORLDS = {
+    'circular': {},
+    'elliptic': {'eccentricity': 0.02},
+    'j2': {'j2': True},
+    'drag': {'drag': AIR},
+    'all': {'eccentricity': 0.02, 'j2': True, 'drag': AIR},
+}
+TWO_ORBITS_S = 10861.6
+REST = OpenLoop(np.zeros((1, 3)))
+
+
+def true(base=BASE, **options):
+    """Return a scenario with true gravity."""
+    return base.equipped(Dynamics(kind='two_body', **{**PLACE, **options}))
+
+
+@pytest.mark.parametrize('options', WORLDS.values(), ids=WORLDS)
+def test_a_drift_is_that_of_dop853(options):
+    """Within 1e-6 m and 1e-9 m/s after 400 s from 173 m, at a tolerance of 1e-13."""
+    flown = true(**options)
+    error = fly(flown, REST).states[-1] - Inertial(flown).drift()
+    assert np.linalg.norm(error[:3]) < 1e-8  # required: 1e-6
+    assert np.linalg.norm(error[3:]) < 1e-10  # required: 1e-9
+    plain = fly(BASE, REST).states[-1] - fly(flown, REST).states[-1]
+    assert np.linalg.norm(plain[:3]) > 1e-4  # the oracle would see what is missing
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('options', WORLDS.values(), ids=WORLDS)
+def test_two_orbits_are_those_of_dop853(options):
+    flown = true(replace(BASE, duration_s=TWO_ORBITS_S), **options)
+    error = fly(flown, REST).states[-1] - Inertial(flown).drift()
+    assert np.linalg.norm(error[:3]) < 1e-6  # required: 1e-4
+    assert np.linalg.norm(error[3:]) < 1e-9
+
+
+def test_forces_turn_with_the_frame():
+    flown = true(replace(BASE, duration_s=200.0), **WORLDS['all'])
+    rng = np.random.default_rng(5)
+    forces = rng.uniform(-0.5, 0.5, (20, 3))
+    flight = fly(flown, OpenLoop(np.repeat(forces, 100, axis=0)))
+    error = flight.states[-1] - Inertial(flown).drift(forces, 10.0)
+    assert np.linalg.norm(error[:3]) < 1e-8 and np.linalg.norm(error[3:]) < 1e-10
+
+
+def test_long_ticks_have_several_steps():
+    flown = true(replace(BASE, dt_s=100.0), eccentricity=0.02)
+    error = fly(flown, REST).states[-1] - Inertial(flown).drift()
+    assert np.linalg.norm(error[:3]) < 1e-7
+
+
+def test_on_a_circle_linear_gravity_is_clohessy_and_wiltshire():
+    linear = fly(BASE.equipped(Dynamics(kind='linear_elliptic')), REST)
+    plain = fly(BASE, REST)
+    np.testing.assert_allclose(linear.states[:, :3], plain.states[:, :3], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(linear.states[:, 3:], plain.states[:, 3:], rtol=0, atol=1e-13)
+    named = fly(BASE.equipped(Dynamics(kind='clohessy_wiltshire')), REST)
+    assert named.states.tobytes() == plain.states.tobytes()
+
+
+def yamanaka_ankersen(flown, t_s):
+    """Return the state (6,) of free drift: JGCD 25 (1), 2002, x here is their -z, y their x.
+
+    In their scaled variables, r~ = rho r with the true anomaly as time, the solution is closed
+    but for an integral that grows with time, J = k^2 t.
+    """
+    d, mu = flown.dynamics, flown.body.mu_m3_s2
+    e, nu = d.eccentricity, math.radians(d.true_anomaly_deg)
+    a = flown.orbit_radius_m
+    h = math.sqrt(mu * a * (1.0 - e * e))
+    k2 = h / (a * (1.0 - e * e)) ** 2  # k^2 = h / p^2
+    n = math.sqrt(mu / a**3)
+
+    def eccentric(nu):
+        return 2.0 * math.atan(math.sqrt((1.0 - e) / (1.0 + e)) * math.tan(nu / 2.0))
+
+    mean = eccentric(nu) - e * math.sin(eccentric(nu)) + n * t_s
+    big = mean
+    for _ in range(50):
+        big -= (big - e * math.sin(big) - mean) / (1.0 - e * math.cos(big))
+    later = 2.0 * math.atan(math.sqrt((1.0 + e) / (1.0 - e)) * math.tan(big / 2.0))
+
+    def scaled(nu, r, v):
+        rho = 1.0 + e * math.cos(nu)
+        return rho * r, -e * math.sin(nu) * r + v / (k2 * rho)
+
+    def unscaled(nu, r, v):
+        rho = 1.0 + e * math.cos(nu)
+        return r / rho, k2 * (e * math.sin(nu) * r + rho * v)
+
+    def basis(nu, t):
+        """Columns: solutions (x, z, x', z') of the motion in the plane, their x along V-bar."""
+        rho = 1.0 + e * math.cos(nu)
+        s, c = rho * math.sin(nu), rho * math.cos(nu)
+        s1 = math.cos(nu) + e * math.cos(2.0 * nu)
+        c1 = -(math.sin(nu) + e * math.sin(2.0 * nu))
+        j = k2 * t
+        return np.array(
+            [
+                [1.0, -c * (1.0 + 1.0 / rho), s * (1.0 + 1.0 / rho), 3.0 * rho**2 * j],
+                [0.0, s, c, 2.0 - 3.0 * e * s * j],
+                [0.0, 2.0 * s, 2.0 * c - e, 3.0 * (1.0 - 2.0 * e * s * j)],
+                [0.0, s1, c1, -3.0 * e * (s1 * j + s / rho**2)],
+            ]
+        )
+
+    x, y, z, vx, vy, vz = flown.start
+    along, up = scaled(nu, y, vy), scaled(nu, -x, -vx)
+    weights = np.linalg.solve(basis(nu, 0.0), [along[0], up[0], along[1], up[1]])
+    y1, x1, vy1, vx1 = basis(later, t_s) @ weights
+    across, turned = scaled(nu, z, vz), later - nu
+    z1 = across[0] * math.cos(turned) + across[1] * math.sin(turned)
+    vz1 = -across[0] * math.sin(turned) + across[1] * math.cos(turned)
+    (x1, vx1), (y1, vy1), (z1, vz1) = (
+        unscaled(later, *pair) for pair in ((-x1, -vx1), (y1, vy1), (z1, vz1))
+    )
+    return np.array([x1, y1, z1, vx1, vy1, vz1])
+
+
+@pytest.mark.parametrize('eccentricity', [0.001, 0.1, 0.6])
+def test_linear_motion_about_an_ellipse_is_that_of_yamanaka_and_ankersen(eccentricity):
+    high = replace(BASE, orbit_radius_m=1.7e7)
+    flown = high.equipped(
+        Dynamics(kind='linear_elliptic', eccentricity=eccentricity, true_anomaly_deg=40.0)
+    )
+    error = fly(flown, REST).states[-1] - yamanaka_ankersen(flown, flown.duration_s)
+    assert np.linalg.norm(error[:3]) < 1e-8 and np.linalg.norm(error[3:]) < 1e-10
+
+
+def test_true_gravity_leaves_the_linear_one_with_the_square_of_the_distance():
+    errors = []
+    for distance in (10.0, 100.0, 1000.0):
+        near = replace(BASE, initial_position_m=(distance, 0.0, 0.0))
+        near = replace(near, initial_velocity_m_s=(0.0, 0.0, 0.0))
+        linear, real = (
+            fly(near.equipped(Dynamics(kind=kind, eccentricity=0.01)), REST).states[-1]
+            for kind in ('linear_elliptic', 'two_body')
+        )
+        errors.append(np.linalg.norm((real - linear)[:3]))
+    assert errors[0] < 1e-5
+    np.testing.assert_allclose(np.array(errors[1:]) / errors[:-1], 100.0, rtol=0.01)
+
+
+def rows_of(flown):
+    """Return the target's orbit, two rows a tick."""
+    return orbit_of(flown.dynamics, flown).rows(flown.ticks)
+
+
+def test_the_target_keeps_its_energy_and_its_momentum_about_the_pole():
+    flown = true(replace(BASE, dt_s=1.0, duration_s=6000.0), eccentricity=0.02, j2=True)
+    radius, _, rate, out, across, _, _, pole_z = rows_of(flown).T[:8]
+    body = flown.body
+    # sin of latitude is the pole's component along x
+    latitude = rows_of(flown)[:, 5]
+    oblate = body.j2 * (body.equator_m / radius) ** 2 * (1.5 * latitude**2 - 0.5)
+    energy = 0.5 * (out**2 + across**2) - body.mu_m3_s2 / radius * (1.0 - oblate)
+    momentum = radius * across * pole_z
+    np.testing.assert_allclose(energy / energy[0], 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(momentum / momentum[0], 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rate, across / radius, rtol=1e-15)
+    assert np.ptp(radius * across) / radius[0] / across[0] > 1e-4  # the plane does move
+
+
+def test_j2_turns_the_node_at_its_secular_rate():
+    """-3/2 J2 (Re / p)^2 n cos i: about -5 degrees a day at 51.6 degrees."""
+    flown = true(replace(BASE, orbit_radius_m=6.778e6), true_anomaly_deg=0.0, j2=True)
+    settings, n = flown.dynamics, flown.mean_motion_rad_s
+    target, world = target_start(settings, flown), world_of(settings, flown)
+    orbits, steps = 15, 1500
+    for _ in range(orbits * steps):
+        rate = orbit_kernels.target_rate(target, world)
+        target = orbit_kernels.target_step(target, rate, 2.0 * math.pi / n / steps, world)
+    hx, hy, _ = np.cross(target[:3], target[3:])
+    turned = math.atan2(hx, -hy)
+    shape = (flown.body.equator_m / flown.orbit_radius_m) ** 2
+    rate = -1.5 * flown.body.j2 * shape * n * math.cos(math.radians(51.6))
+    assert turned == pytest.approx(rate * orbits * 2.0 * math.pi / n, rel=0.01)
+    assert math.degrees(turned) < -4.0
+
+
+def test_differential_drag_moves_the_chaser_209_m_in_two_orbits():
+    """Density 2e-11, C_D A = 2.2 x 0.03 m^2 and 10 kg; the chaser's drag is 30 % larger."""
+    air = Drag(
+        density_kg_m3=2e-11,
+        target_ballistic_coefficient_kg_m2=10.0 / 0.066,
+        chaser_ballistic_coefficient_kg_m2=10.0 / 0.066 / 1.3,
+    )
+    still = {'initial_position_m': (0.0, 0.0, 0.0), 'initial_velocity_m_s': (0.0, 0.0, 0.0)}
+    flown = true(replace(BASE, **still, dt_s=1.0, duration_s=10861.0), drag=air)
+    states = fly(flown, REST).states
+    assert np.linalg.norm(states[-1, :3]) == pytest.approx(209.0, abs=3.0)
+    assert abs(states[200, 1]) == pytest.approx(0.02, abs=0.005)
+
+
+def test_the_target_starts_where_kepler_puts_it():
+    high = replace(BASE, orbit_radius_m=1e7)
+    flown = true(high, eccentricity=0.3, inclination_deg=63.4, true_anomaly_deg=200.0)
+    np.testing.assert_allclose(target_start(flown.dynamics, flown), kepler_start(flown), rtol=1e-14)
+
+
+def test_our_exponential_is_right():
+    values = np.concatenate([np.linspace(-60.0, 60.0, 4001), [-699.9, 699.9, 0.0, 1e-300]])
+    mine = np.array([orbit_kernels.exponential(float(x)) for x in values])
+    np.testing.assert_allclose(mine, np.exp(values), rtol=3e-15)
+    assert orbit_kernels.exponential(-1e9) == 0.0 and orbit_kernels.exponential(0.0) == 1.0
+
+
+def test_a_tick_is_a_function_of_its_number_and_inputs():
+    """Any order of the ticks, over blocks of the orbit, gives the same bits, as verify needs."""
+    flown = true(replace(BASE, duration_s=900.0), **WORLDS['all'])
+    flight = fly(flown, REST)
+    stage = Chain.of(flown).part(Place.DYNAMICS).links[0].stage
+    zero = np.zeros(3)
+    for tick in (8999, 0, 5000, 2047, 2048, 1):
+        (after,) = stage.step(tick, tuple(flight.states[tick]), tuple(zero), tuple(zero))
+        assert np.array(after).tobytes() == flight.states[tick + 1].tobytes()
+    ticks, calm = np.arange(9000), np.zeros((9000, 3))
+    (after,) = stage.steps(ticks, flight.states[:-1], calm, calm)
+    assert after.tobytes() == flight.states[1:].tobytes()
+    assert {RELATIVE_STATE, THRUST_FORCE} <= set(Chain.of(flown).outputs)
+
+
+DIGEST = """
+import hashlib
+from rpo_core import jit
+from rpo_core.flight import fly
+from rpo_core.controller import load_controller
+from rpo_core.dynamics import Drag, Dynamics
+from rpo_core.scenario import load_scenario
+air = Drag(density_kg_m3=2e-11, target_ballistic_coefficient_kg_m2=150.0, scale_height_m=5e4,
+           chaser_ballistic_coefficient_kg_m2=110.0, atmosphere_rate_rad_s=7e-5)
+world = Dynamics(kind='two_body', eccentricity=0.02, inclination_deg=51.6, j2=True, drag=air)
+flight = fly(load_scenario('quick').equipped(world), load_controller('pd'))
+print(jit.COMPILED, hashlib.sha256(flight.states.tobytes()).hexdigest())
+"""
+RECORDED = '2b4c817043012906c67ee1198d6a8cf017c6fb13066fb989f86d9dc2cd4df9ff'
+
+
+@pytest.mark.timeout(180)
+def test_interpreted_and_compiled_have_the_same_bits():
+    interpreted = python(DIGEST, RPO_JIT='0').split()
+    compiled = python(DIGEST, RPO_JIT='1').split()
+    assert (interpreted[0], compiled[0]) == ('False', 'True')
+    assert interpreted[1] == compiled[1] == RECORDED
+
+
+def test_a_scenario_with_dynamics_is_written_and_read_back():
+    for options in WORLDS.values():
+        flown = true(**options)
+        assert files.loads(scenario.dumps(flown), scenario.parse, 'again') == flown
+    assert cw.BODIES['moon'].j2 > 0.0
+    own = cw.Body(4.9e12, 1.7374e6, 2e-4, 1.738e6)
+    moon = replace(BASE, body=own, orbit_radius_m=1.85e6)
+    assert files.loads(scenario.dumps(moon), scenario.parse, 'again') == moon
+
+
+@pytest.mark.parametrize(
+    ('section', 'said'),
+    [
+        ({}, '`dynamics.kind` is missing'),
+        ({'kind': 'hill'}, '`kind` must be one of clohessy_wiltshire, linear_elliptic, two_body'),
+        ({'kind': 'clohessy_wiltshire', 'j2': True}, '`j2` needs `kind` linear_elliptic or two_'),
+        ({'kind': 'linear_elliptic', 'j2': True}, '`j2` needs `kind` two_body'),
+        ({'kind': 'two_body', 'j2': True}, '`inclination_deg` is missing; `j2` needs it'),
+        ({'kind': 'two_body', 'j2': 1}, '`j2` must be true or false'),
+        ({'kind': 'two_body', 'eccentricity': 1.0}, '`eccentricity` must be a finite number >= 0'),
+        ({'kind': 'two_body', 'eccentricity': 0.1}, 'must keep the periapsis at or above 6.4e+06'),
+        ({'kind': 'two_body', 'drag': {}}, '`dynamics.drag.density_kg_m3` is missing'),
+        ({'kind': 'two_body', 'drag': 1.0}, '`dynamics.drag` must be a mapping'),
+    ],
+)
+def test_a_world_that_cannot_be_is_one_sentence(section, said):
+    assert said in refusal('scenario', {**document('scenario', 'quick'), 'dynamics': section})
+
+
+def test_negative_density_and_a_body_without_j2_are_refused():
+    drag = {
+        'density_kg_m3': -1e-12,
+        'target_ballistic_coefficient_kg_m2': 100.0,
+        'chaser_ballistic_coefficient_kg_m2': 100.0,
+    }
+    data = document('scenario', 'quick')
+    refused = refusal('scenario', {**data, 'dynamics': {'kind': 'two_body', 'drag': drag}})
+    assert 'dynamics.drag: `density_kg_m3` must be a finite number >= 0' in refused
+    round_body = {'mu_m3_s2': 4e14, 'radius_m': 6.4e6}
+    oblate = {'kind': 'two_body', 'j2': True, 'inclination_deg': 0.0}
+    refused = refusal('scenario', {**data, 'body': round_body, 'dynamics': oblate})
+    assert '`dynamics.j2` needs a `body` with `j2`' in refused

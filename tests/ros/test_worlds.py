@@ -1,0 +1,55 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The shipped worlds, flown by the nodes: the bits of the core, verified from the log."""
+
+import numpy as np
+import pytest
+
+from rpo_core import overrides, scenario
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_log.read.run_log import read_flight, read_run
+from rpo_log.verify import verify
+from tools.node_processes import node_processes
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with node_processes(ros_env, tmp_path) as started:
+        yield started
+
+
+@pytest.mark.parametrize('world', ['world_leo', 'world_elliptic', 'world_moon'])
+def test_a_world_flies_the_bits_of_the_core(ros, world):
+    output = ros.folder / 'run'
+    short = ['--set', 'duration_s=20.0', '--controller', 'pd', '--output', str(output)]
+    node = ros.node('rpo_bringup', 'final_approach', '--scenario', world, *short)
+    assert node.wait() == 0, node.output
+    verified = verify(output)
+    assert verified.exit_code == 0, verified.sentence()
+    flown = overrides.load(world, ['duration_s=20.0'])
+    flight, logged = fly(flown, load_controller('pd')), read_flight(output)
+    np.testing.assert_array_equal(logged.states, flight.states)
+    np.testing.assert_array_equal(logged.thrust.forces_n, flight.thrust.forces_n)
+    given = read_run(output).values['exerted_force']
+    np.testing.assert_array_equal(given, flight.signals['exerted_force'])
+
+
+def test_a_world_flies_against_the_wall_clock(ros):
+    output = ros.folder / 'run'
+    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    controller = ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    short = scenario.dumps(overrides.load('world_leo', ['duration_s=20.0']))
+    (ros.folder / 'short.yaml').write_text(short)
+    plant = ros.node(
+        'rpo_sim',
+        'plant',
+        scenario=str(ros.folder / 'short.yaml'),
+        mode='free_running',
+        real_time_factor=10.0,
+        wait_for_recorder='true',
+    )
+    assert plant.wait() == 0, plant.output
+    assert recorder.wait() == 0, recorder.output
+    assert controller.stop() == 0, controller.output
+    assert verify(output).difference is None
