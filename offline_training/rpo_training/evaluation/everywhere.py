@@ -64,7 +64,7 @@ def everywhere(
         with closing(on_threads(campaign, list(range(units(runs))), threads)) as source:
             for _, results in source:
                 report(f'{controller.name}: {name}', done, runs)
-                columns = dict(zip(columns_of(campaign.config), results, strict=True))
+                columns = dict(zip(columns_of(campaign), results, strict=True))
                 kept += int(np.count_nonzero(successes(campaign.config, columns)))
                 done += results.shape[1]
         found.append(Outcome(rate(name, kept, runs), least))

@@ -98,9 +98,10 @@ def examine(
 def _missed(path: Path, name: str, runs: int, report: Report) -> int:
     """Return how many runs of a campaign miss a condition."""
     campaign, missed = config.load(path, controller=name, runs=runs), 0
+    names = run_batch.columns_of(campaign)
     for unit in range(run_batch.units(runs)):
         report(f'{name}: {campaign.config.name}', unit * run_batch.UNIT, runs)
-        columns = dict(zip(run_batch.COLUMNS, run_batch.fly_unit(campaign, unit), strict=True))
+        columns = dict(zip(names, run_batch.fly_unit(campaign, unit), strict=True))
         missed += int((~statistics.successes(campaign.config, columns)).sum())
     return missed
 

@@ -59,9 +59,12 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
             title='Energy against success: fuzzy controllers ●, baselines ■',
         )
         axes.invert_yaxis()
-        axes.set_xlim(2.1, 28.0)
+        energies = [row.mean_energy_n2s for row in shown] or [1.0]
+        axes.set_xlim(0.8 * min(energies), 1.5 * max(energies))
         for axis, ticks in ((axes.xaxis, _ENERGIES), (axes.yaxis, _SHARES)):
-            axis.set_ticks(ticks, [f'{tick:g}' for tick in ticks])
+            low, high = sorted(axis.get_view_interval())
+            inside = [tick for tick in ticks if low <= tick <= high]
+            axis.set_ticks(inside, [f'{tick:g}' for tick in inside])
             axis.set_ticks([], minor=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)

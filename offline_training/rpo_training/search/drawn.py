@@ -101,9 +101,10 @@ class DrawnFlights:
         """Return runs of a stage, by number; all of them if not given."""
         campaign, drawn = self.pool(stage)
         if chosen is not None:
-            numbers, parameters, keys = drawn
+            numbers, parameters, keys, own = drawn
             some = list(chosen)
-            drawn = DrawnRuns(numbers[some], parameters[some], keys[some])
+            others = {name: values[some] for name, values in own.items()}
+            drawn = DrawnRuns(numbers[some], parameters[some], keys[some], others)
         batches = range(0, len(drawn.numbers), RUNS)
         return DrawnCase(
             f'{self.label}, stage {stage}',
