@@ -64,13 +64,16 @@ def explain(
     console = plain_console()
     if state is not None:
         if certify or (target and controller is not None):
-            raise InputError('`--state` takes one controller, `--scenario`, `--at`, nothing else')
+            raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
         loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
         seen = _from_goal(console, loaded, state_of(state), scenario)
         if isinstance(loaded, Family):
             explain_family.print_reasons(console, loaded, seen, at or 0.0)
         elif at is not None:
-            raise InputError('`--at` needs a run, or `--state` and a controller that has a clock')
+            raise InputError(
+                '`--state` takes one controller, `--scenario`, and nothing else; `--at` only '
+                'if the controller has a clock'
+            )
         else:
             _print_decisions(console, decisions(only_fuzzy(loaded), seen))
         return

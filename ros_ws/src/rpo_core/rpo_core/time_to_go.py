@@ -18,6 +18,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from rpo_core import limits
 from rpo_core.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
 from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
 from rpo_core.controller_file import Reason, register
@@ -202,13 +203,11 @@ class TimeToGo(Family):
         a convex function of the start, and is largest at a corner of the box: all are flown. For
         the paper's chaser, without disturbance; floating point is not rounded outwards.
         """
-        from rpo_core import metrics
-
-        worst = self._worst_of_box(metrics.ARRIVAL_WINDOW_S)
-        far, fast = metrics.MAX_ARRIVAL_DISTANCE_M, metrics.MAX_ARRIVAL_SPEED_M_S
-        limits = (
+        worst = self._worst_of_box(limits.ARRIVAL_WINDOW_S)
+        far, fast = limits.MAX_ARRIVAL_DISTANCE_M, limits.MAX_ARRIVAL_SPEED_M_S
+        conditions = (
             ('force', 'of an axis, without saturation', worst.force_n, self.max_force_n, 'N'),
-            ('slew', 'of an axis', worst.slew_n_s, metrics.MAX_SLEW_N_S, 'N/s'),
+            ('slew', 'of an axis', worst.slew_n_s, limits.MAX_SLEW_N_S, 'N/s'),
             ('arrival', 'mean of |r| over the last 30 s', worst.distance_m, far, 'm'),
             ('speed', 'mean of |v| over the last 30 s', worst.speed_m_s, fast, 'm/s'),
         )
@@ -219,7 +218,7 @@ class TimeToGo(Family):
                 f'of {_BOX_M:g} m, at {_BOX_M_S:g} m/s',
                 value <= limit,
             )
-            for name, what, value, limit, unit in limits
+            for name, what, value, limit, unit in conditions
         ]
         radius = self._hold_radius()
         hold = f'stable after arrival: spectral radius {radius:.6f}'
