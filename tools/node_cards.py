@@ -33,7 +33,10 @@ MEANINGS = {
     '~/pause': 'data true: no tick passes; false: continue',
     '~/step': 'while paused, pass some ticks',
     '~/reset': 'end this run and wait at tick 0 of the next',
-    '~/abort': 'end the run as aborted',
+    '~/abort': 'plant: end the run as aborted; guidance: leave, and drift away',
+    '~/go': 'end the hold, if its conditions are met',
+    '~/hold': 'brake and stay',
+    '~/retreat': 'fly to `retreat_m`',
 }
 """Topic or service -> what it carries or does."""
 
@@ -133,7 +136,7 @@ CARDS = (
         ('SIGINT or SIGTERM', 'publishes `aborted`, lets the recorder close its log, exit code 0'),
     ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
          {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0}),
-    Card('rpo_sim', 'navigation', 'NavigationNode', (
+    Card('rpo_nav', 'navigation', 'NavigationNode', (
         _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL)),
     Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
         _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '
@@ -142,6 +145,19 @@ CARDS = (
     Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
         _BAD_OUTCOME, ('both topics the same', 'refused'),
         ('SIGINT or SIGTERM', 'prints how many messages it changed; exit code 0'))),
+    Card('rpo_guidance', 'guidance', 'GuidanceNode', (
+        _BAD_OUTCOME, ('a plan that cannot be flown', 'one sentence with the number that fails, '
+                       'exit code 2'),
+        ('`go` without its conditions', 'refused with the reason'),
+        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'hold_points'}),
+    Card('rpo_safety', 'assurance', 'AssuranceNode', (
+        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT,
+        ('a command that would break a limit', 'is changed as little as the limit needs, or '
+         'replaced by the backup law (`filter`); `assurance_status` says so'),
+        ('a command that is not finite', 'never arrives: the plant waits for another'),
+        ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
+         'exit code 2'),
+        _SIGNAL), trial={'scenario': 'assured'}),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (

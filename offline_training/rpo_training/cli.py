@@ -21,7 +21,9 @@ from rpo_training.commands import (
     import_,
     log,
     optimal,
+    plan,
     report,
+    safety,
     simulate,
     train,
     truth,
@@ -79,6 +81,7 @@ app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)
+app.command(epilog=plan.EXAMPLES)(plan.plan)
 app.command(epilog=campaign.EXAMPLES)(campaign.campaign)
 app.command(epilog=truth.EXAMPLES)(truth.truth)
 app.command(epilog=compare.EXAMPLES)(compare.compare)
@@ -90,5 +93,6 @@ app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.KEYGEN_EXAMPLES)(log.keygen)
 app.command(epilog=log.SIGN_EXAMPLES)(log.sign)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
+app.add_typer(safety.safety, name='safety')
 app.command(epilog=report.EXAMPLES)(report.report)
 app.command(epilog=watch.EXAMPLES)(watch.watch)

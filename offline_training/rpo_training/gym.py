@@ -35,6 +35,7 @@ from rpo_core.stage import Place, Signal
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.verdicts import verdicts
+from rpo_safety.assurance import AssuranceStage
 from rpo_training.search.conditions import LABELS, PAPER
 
 Floats = NDArray[np.float64]
@@ -212,7 +213,14 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
             'state': np.array(self._signals[RELATIVE_STATE]),
             'seen': np.array(self.seen),
             'force_n': np.array(self._signals[SATURATED_FORCE]),
+            'constraint': self._constraint(),
         }
+
+    def _constraint(self) -> str:
+        """Return the limit for which assurance changed the last command; '' if it did not."""
+        stages = [link.stage for link in self._plant.links]
+        acting = [stage for stage in stages if isinstance(stage, AssuranceStage)]
+        return acting[0].decision.constraint if acting and acting[0].decision else ''
 
     def render(self) -> Any:
         """Return a line of text ('ansi'), or a picture (height, width, 3) uint8 ('rgb_array')."""

@@ -8,16 +8,21 @@ at once would each compile the same kernels; one that runs before them spares th
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rpo_core.controller import load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario, load_set
+from rpo_safety.settings import Assurance
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import fly_runs
 from rpo_training.engine.cases import case_of_set
 from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
+from rpo_training.safety.attack import attack
+from rpo_training.safety.quiet import quiet
 
 _CAMPAIGN = config.find('paper_test')
 
@@ -26,10 +31,14 @@ def main() -> None:
     """Fly once through everything that is compiled."""
     controller = load_fuzzy(DEFAULT_CONTROLLER)
     fly(load_scenario('quick'), controller)
+    fly(replace(load_scenario('world_leo'), duration_s=1.0), controller)
     assess(controller, workers=1)
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    fly_runs(config.load(config.find('world_leo')), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
+    attack(load_scenario('assured'), 1, 1, 1)
+    quiet(load_scenario('quick'), controller, Assurance())
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
 

@@ -18,7 +18,8 @@ from rpo_log.read import stream
 from rpo_log.verify import verify
 
 EXERTED = '/exerted_force'
-SCENARIO = replace(scenario.load_scenario('world_leo'), duration_s=2.0)
+LEO = scenario.load_scenario('world_leo')
+SCENARIO = replace(LEO, duration_s=2.0, sections=(LEO.dynamics, LEO.thrusters))
 KEPT = (*(t for t in TOPICS if t not in (STATUS, '/disturbance_force')), EXERTED)
 
 

@@ -9,6 +9,7 @@ from inside import inside
 from nav_msgs.msg import Odometry
 
 from rpo_core.explain import decisions
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.decisions import read_decisions
 from rpo_log.read.run_log import controller_of, read_run
@@ -50,7 +51,7 @@ def test_it_says_what_it_does_once_a_period(ros_env):
 
     expected = {
         (f'decision: {d.axis}', d.sentence, tuple((k, repr(x)) for k, x in d.pairs()))
-        for d in decisions(load_controller('trained'), STATE)
+        for d in decisions(load_controller(DEFAULT_CONTROLLER), STATE)
     }
     assert node_said == expected
 

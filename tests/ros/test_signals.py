@@ -106,6 +106,8 @@ def test_all_in_one_process(ros, number, trial):
 
 OTHERS = {
     'navigation': ('navigating', {}),
+    'guidance': ('guiding', {'scenario': 'hold_points'}),
+    'assurance': ('', {'scenario': 'assured'}),
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),
     'replay': ('', {'loop': 'true', 'rate': 1.0}),
@@ -130,7 +132,7 @@ def test_all_other_nodes(ros, number, trial):
             parameters = {**parameters, 'bag': str(tiny_log(ros.folder / 'log'))}
         nodes.append(ros.node(packages[name], name, **parameters))
     for node, (word, _) in zip(nodes, OTHERS.values(), strict=True):
-        node.says(word, deadline_s=90.0)  # nine starts at once
+        node.says(word, deadline_s=90.0)  # many starts at once
     time.sleep(1.0)  # the replay says nothing at its start
     end_each_at_its_moment(nodes, number, trial)
 

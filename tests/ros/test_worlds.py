@@ -39,6 +39,7 @@ def test_a_world_flies_against_the_wall_clock(ros):
     output = ros.folder / 'run'
     recorder = ros.node('rpo_log', 'recorder', output=str(output))
     controller = ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    navigation = ros.node('rpo_nav', 'navigation')
     short = scenario.dumps(overrides.load('world_leo', ['duration_s=20.0']))
     (ros.folder / 'short.yaml').write_text(short)
     plant = ros.node(
@@ -51,5 +52,6 @@ def test_a_world_flies_against_the_wall_clock(ros):
     )
     assert plant.wait() == 0, plant.output
     assert recorder.wait() == 0, recorder.output
-    assert controller.stop() == 0, controller.output
+    for node in (controller, navigation):
+        assert node.stop() == 0, node.output
     assert verify(output).difference is None

@@ -21,20 +21,36 @@ SRC = ROOT / 'ros_ws' / 'src'
 PACKAGES = {path.parent.name: path.parent for path in sorted(SRC.glob('*/package.xml'))}
 FIRST_PARTY = {*PACKAGES, 'rpo_training', 'tools'}
 
-# Which of our packages a package may import. `rpo_log` is its ROS-free half; its nodes are apart.
+# Which of our packages a package may import. Those with nodes have ROS-free ROS-free halves;
+# their nodes are apart.
 MAY_IMPORT = {
     'rpo_core': set(),
     'rpo_log': {'rpo_core'},
-    'rpo_training': {'rpo_core', 'rpo_log'},
+    'rpo_training': {'rpo_core', 'rpo_guidance', 'rpo_log', 'rpo_nav', 'rpo_safety'},
     'rpo_ros': {'rpo_core'},
+    'rpo_guidance': {'rpo_core'},
+    'rpo_guidance nodes': {'rpo_core', 'rpo_guidance', 'rpo_ros'},
+    'rpo_nav': {'rpo_core'},
+    'rpo_nav nodes': {'rpo_core', 'rpo_nav', 'rpo_ros'},
+    'rpo_safety': {'rpo_core'},
+    'rpo_safety nodes': {'rpo_core', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_ros'},
     'rpo_ctrl': {'rpo_core', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_log', 'rpo_ros'},
     'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_log'},  # messages' definitions, the palette
-    'rpo_bringup': {'rpo_core', 'rpo_ros', 'rpo_sim', 'rpo_ctrl', 'rpo_log'},
+    'rpo_bringup': {
+        'rpo_core',
+        'rpo_ros',
+        'rpo_guidance',
+        'rpo_nav',
+        'rpo_safety',
+        'rpo_sim',
+        'rpo_ctrl',
+        'rpo_log',
+    },
     'tools': {'rpo_core', 'rpo_ros', 'rpo_log'},
 }
-ROS_FREE = {'rpo_core', 'rpo_log', 'rpo_training'}
+ROS_FREE = {'rpo_core', 'rpo_guidance', 'rpo_log', 'rpo_nav', 'rpo_safety', 'rpo_training'}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
 # As rosdep has them for Ubuntu 24.04, from apt.
 ROSDEP_KEYS = {
@@ -71,13 +87,14 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    nodes = [
-        path
-        for path in found['rpo_log']
-        if path.name.endswith(('_node.py', 'commands.py', 'parameters.py'))
-    ]
-    found['rpo_log nodes'] = nodes
-    found['rpo_log'] = [path for path in found['rpo_log'] if path not in nodes]
+    for room in ('rpo_guidance', 'rpo_log', 'rpo_nav', 'rpo_safety'):
+        nodes = [
+            path
+            for path in found[room]
+            if path.name.endswith(('_node.py', 'commands.py', 'parameters.py'))
+        ]
+        found[f'{room} nodes'] = nodes
+        found[room] = [path for path in found[room] if path not in nodes]
     found['rpo_training'] = sorted((ROOT / 'offline_training' / 'rpo_training').rglob('*.py'))
     found['tools'] = sorted((ROOT / 'tools').rglob('*.py'))
     return found
@@ -117,7 +134,7 @@ def test_the_core_needs_numpy_and_yaml_alone():
 def test_ros_free_halves_import_with_rclpy_blocked():
     modules = [
         '.'.join([*path.relative_to(base).parts[:-1], path.stem]).removesuffix('.__init__')
-        for room in ('rpo_core', 'rpo_log')
+        for room in ('rpo_core', 'rpo_guidance', 'rpo_log', 'rpo_nav', 'rpo_safety')
         for path in rooms()[room]
         for base in [PACKAGES[room]]
     ]

@@ -280,7 +280,7 @@ def test_a_table_goes_between_its_marks_only(tmp_path):
 
 def test_bad_comparisons_are_refused_in_a_sentence(compare):
     for arguments, said in (
-        (['nobody'], '`controller` must be one of apf_smc, drift, handmade'),
+        (['nobody'], '`controller` must be one of allround, apf_smc, drift'),
         (['missing.yaml'], 'rpo: `controller` must be a file'),  # not the campaign's fault
         (['pd', 'pd'], 'can be compared once'),
         (['pd', '--runs', '0'], '`runs` must be a whole number >= 1'),

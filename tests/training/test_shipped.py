@@ -8,12 +8,17 @@ from pathlib import Path
 import pytest
 
 from rpo_core.controller import load_controller
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_scenario
 from rpo_core.verdicts import verdicts
+from rpo_training.campaign import config as campaigns
+from rpo_training.campaign.run_batch import fly_runs
+from rpo_training.campaign.statistics import successes
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation import everywhere
 from rpo_training.evaluation.assessment import assess
 from rpo_training.search import config as configs
 from rpo_training.search import corners, fitting
@@ -22,7 +27,13 @@ from rpo_training.search.training import Training
 EXPECTED = Path(__file__).with_name('expected')
 
 RACE = ['race.rounds=1', 'race.entrants=2', 'race.evaluations=140', 'cmaes.evaluations=400']
-SHORT = {'paper': ['ga.generations=8'], 'best': RACE, 'robust': RACE}
+DRAWN = [f'fitness.drawn.{key}={n}' for key, n in (('flights', 4), ('pool', 40), ('held_out', 40))]
+SHORT = {
+    'paper': ['ga.generations=8'],
+    'best': RACE,
+    'robust': RACE,
+    'allround': [*RACE, *DRAWN, 'race.last=140'],
+}
 """What shortens a preset to a few seconds; `expected/` holds the controllers it then trains."""
 
 
@@ -32,7 +43,7 @@ def short(preset, folder):
     return Training.create(config, folder, 1).run()
 
 
-@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
+@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
 def test_a_file_is_as_good_as_it_says(name):
     controller = load_controller(name)
     found = assess(controller)
@@ -42,12 +53,23 @@ def test_a_file_is_as_good_as_it_says(name):
     assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
 
 
+def test_the_default_is_good_everywhere():
+    """3 % to every condition, and draws that no training has seen; `--everywhere` flies more."""
+    controller = load_controller(DEFAULT_CONTROLLER)
+    assert assess(controller).margin >= 0.03
+    for name in everywhere.LEAST:
+        campaign = campaigns.load(campaigns.find(name), runs=400, seed=99)
+        assert campaign.controller == controller
+        missed = 400 - int(successes(campaign.config, fly_runs(campaign, 0, 400)).sum())
+        assert missed <= (name == 'random_moving_starts'), 'of these, 4 in 100 000 miss'
+
+
 def test_trained_reaches_every_target():
     targets = assess(load_controller('trained')).targets()
     assert [target for target in targets if not target.holds] == []
 
 
-@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
+@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
 @pytest.mark.parametrize('scenario', ['paper_test', 'paper_test_phase'])
 def test_the_papers_claims_hold(name, scenario):
     flight = fly(load_scenario(scenario), load_controller(name))
@@ -80,7 +102,7 @@ def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('name', ['paper_ga', 'robust', 'trained'])
+@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
 def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     shipped = load_controller(name)
     *_, preset, _, seed = shipped.provenance['command'].split()

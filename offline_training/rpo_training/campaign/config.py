@@ -34,6 +34,7 @@ from rpo_core.validation import (
     within,
 )
 from rpo_core.verdicts import unit_of
+from rpo_nav.sensors import Sensors
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
 from rpo_training.campaign.quantities import QUANTITIES, Dispersion, dispersion
@@ -289,11 +290,22 @@ def _check_effects(config: CampaignConfig, scenario: Scenario) -> None:
         'ballistic_coefficient_share': (drag, 'drag'),
         'true_anomaly_deg': (orbit, 'orbit but a circle'),
         'stuck_off_thruster': (thrusters is not None and thrusters.pulses, '`pulses` of thrusters'),
+        **{
+            name: (scenario.section(Sensors) is not None, '`sensors`')
+            for name in QUANTITIES
+            if name.startswith('sensor_')
+        },
     }
     all_of_them = {name: (has, 'such disturbance') for name, has in acting.items()} | others
     for name, (has_effect, what) in all_of_them.items():
         if name in config.dispersions and not has_effect:
             raise InputError(f'`{name}` has no effect: scenario {scenario.name} has no {what}')
+    navigated = [name for name in config.dispersions if name.startswith('navigation_')]
+    if navigated and scenario.section(Sensors) is not None:
+        raise InputError(
+            f'`{navigated[0]}` must be left out: scenario {scenario.name} has `sensors`, whose '
+            'noise is drawn anew for each run'
+        )
     pulses = thrusters.pulses if thrusters else None
     if pulses and config.spread('stuck_off_thruster')[0] >= pulses.count:
         raise InputError(

@@ -16,6 +16,7 @@ from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
 from rpo_core.verdicts import verdicts
 from rpo_training.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
+from rpo_training.campaign.navigation import estimators_of
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_training.campaign.single import fly_run, scenario_of_draw
 from rpo_training.campaign.worlds import firing_of, orbits_of, spent_of, uneven_steps
@@ -188,6 +189,7 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
         goal=_goal(campaign.scenario, drawn, first, n),
         valves=firing_of(flown) if flown else None,
         orbits=orbits,
+        estimators=estimators_of(flown) if flown else None,
     )
 
 

@@ -20,6 +20,7 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.kernels import CwStep, Vector
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import rotation
+from rpo_nav.sensors import Sensors
 from rpo_training.campaign.config import Campaign, CampaignConfig
 from rpo_training.campaign.quantities import CUT, QUANTITIES, Dispersion
 
@@ -34,6 +35,11 @@ ON_THEIR_OWN = (
     'ballistic_coefficient_share',
     'true_anomaly_deg',
     'stuck_off_thruster',
+    'sensor_noise_share',
+    'sensor_scale_error',
+    'sensor_bias_x_m',
+    'sensor_bias_y_m',
+    'sensor_bias_z_m',
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 
@@ -213,7 +219,8 @@ def _keys(campaign: Campaign, numbers: Ints) -> Ints:
     config = campaign.config
     noisy = any(d.distribution == 'white' for d in config.dispersions.values())
     keys = np.zeros((len(numbers), 2), np.int64)
-    if noisy or config.faults is not None:
+    sensed = campaign.scenario.section(Sensors) is not None
+    if noisy or sensed or config.faults is not None:
         for row, number in zip(keys, numbers.tolist(), strict=True):
             row[:] = _sequence(config.seed, _NOISE, number).generate_state(2)
     return keys

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from rpo_core.dynamics import Dynamics
 from rpo_core.flight import Flight, fly
@@ -13,6 +14,8 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters import Failure, Thrusters, valve_names
+from rpo_nav.estimator import Estimator
+from rpo_nav.sensors import NOISES, Sensors
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import LinkStage
 from rpo_training.campaign.sampling import DrawnRuns, draw
@@ -55,6 +58,7 @@ def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenari
         *_dynamics(campaign, runs, index),
         *_thrusters(campaign, runs, index),
         *_navigation(campaign, runs, index),
+        *_sensing(campaign, runs, index),
     )
 
 
@@ -92,6 +96,35 @@ def _thrusters(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Thruster
         failures = (*found.pulses.failures, Failure(thruster=name, stuck='off'))
         found = replace(found, pulses=replace(found.pulses, failures=failures))
     return [found]
+
+
+def _sensing(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Any]:
+    """Return sensors and estimator of a run; the filter is told what is nominal."""
+    sensors, estimator = campaign.scenario.section(Sensors), campaign.scenario.section(Estimator)
+    if sensors is None:
+        return []
+    louder = 1.0 + _own(runs, 'sensor_noise_share', index)
+    bias = [_own(runs, f'sensor_bias_{axis}_m', index) for axis in 'xyz']
+    units = []
+    for unit in sensors.units:
+        changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
+        changed['scale_error'] = unit.scale_error + _own(runs, 'sensor_scale_error', index)
+        changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
+        units.append(replace(unit, **changed))
+    key = (int(runs.keys[index, 0]), int(runs.keys[index, 1]))
+    found: list[Any] = [replace(sensors, units=tuple(units), noise_key=key)]
+    if estimator is not None:
+        nominal = campaign.scenario
+        told = replace(
+            estimator,
+            noise_scale=estimator.noise_scale / louder,
+            mass_kg=estimator.mass_kg or nominal.mass_kg,
+            delay_ticks=getattr(nominal.thrusters, 'delay_ticks', 0)
+            if estimator.delay_ticks < 0
+            else estimator.delay_ticks,
+        )
+        found.append(told)
+    return found
 
 
 def _navigation(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Navigation]:

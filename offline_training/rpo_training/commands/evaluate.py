@@ -25,12 +25,14 @@ EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
 `rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
 `rpo evaluate trained pd --scenario mine.yaml` | `rpo evaluate robust --everywhere` |
-`rpo evaluate robust --sensitivity`
+`rpo evaluate robust --sensitivity` | `rpo evaluate --estimator world_leo --runs 100`
 """
 
 
 def evaluate(
-    controllers: Annotated[list[str], typer.Argument(help='shipped names or files')],
+    controllers: Annotated[
+        list[str] | None, typer.Argument(help='shipped names or files; none with --estimator')
+    ] = None,
     scenario: Annotated[
         str,
         typer.Option(
@@ -52,23 +54,30 @@ def evaluate(
     check: Annotated[
         bool, typer.Option('--check', help='exit code 1 if a target is missed')
     ] = False,
+    estimator: Annotated[
+        str, typer.Option(help='judge the estimator of this scenario (name or file) instead')
+    ] = '',
+    runs: Annotated[int, typer.Option(help='flights that judge an estimator', min=2)] = 1000,
     workers: Workers = 0,
 ) -> None:
     """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
 
     Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
     A controller that was trained for another scenario than the paper's is judged by what that
-    requires; with --scenario, all are.
+    requires; with --scenario, all are. With --estimator, a filter is judged by the errors of its
+    estimates over many flights with the noise that it is told.
     """
     from rpo_core.controller import load_controller, only_fuzzy
     from rpo_training.display import print_table
     from rpo_training.evaluation.assessment import PAPER, assess
     from rpo_training.evaluation.judgement import trained_for
 
+    if bool(estimator) == bool(controllers):
+        raise InputError('`controllers` or `--estimator` must be given, and not both')
     if seed is not None and not everywhere:
         raise InputError('`--seed` goes with `--everywhere`')
-    missed = False
-    for name in controllers:
+    missed = _judge_estimator(estimator, runs) if estimator else False
+    for name in controllers or ():
         loaded = load_controller(name)
         of = scenario or trained_for(loaded)
         if of and (scenario or of != PAPER):
@@ -109,6 +118,30 @@ def _judge(controller: AnyController, name: str, scenario: str) -> bool:
         judgements = judge(controller, found, show)
     print_table(HEADINGS, rows_of(judgements), f'{name}: requirements of {found.name}')
     return any(j.missed for j in judgements)
+
+
+def _judge_estimator(name: str, runs: int) -> bool:
+    """Print how consistent the estimator of a scenario is; return whether a mean is out of bounds.
+
+    With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late.
+    """
+    from rpo_core.scenario import load_scenario
+    from rpo_training.display import print_table, progress
+    from rpo_training.evaluation.consistency import HEADINGS, consistency, rows_of, told
+
+    scenario = load_scenario(name)
+    late = round(0.3 / scenario.dt_s)
+    cases = {
+        'sensors as they are': told(scenario),
+        '10 % lost, 0.3 s late': told(scenario, dropout_share=0.1, latency_ticks=late),
+    }
+    missed = False
+    for case, flown in cases.items():
+        with progress() as show:
+            found = consistency(flown, runs, show)
+        print_table(HEADINGS, rows_of(found), f'{scenario.name}, {case}: {runs} flights')
+        missed |= not found.holds
+    return missed
 
 
 def _print_targets(found: Assessment) -> None:

@@ -182,6 +182,46 @@ class Orbits(NamedTuple):
     step: float
 
 
+class Estimators(NamedTuple):
+    """Sensors and filters (`rpo_nav`), each array with a row for each of 40 runs where it differs.
+
+    rows, told : (40, sensors, columns) sensors as they are, and as the filter takes them
+    outages : (sensors, 2 m); keys : (40, 2); walk, queue : memory of the sensors; out : scratch
+    n, steps, noise, start, spread, again, gates, limit, delays, patience, newest : of the filter
+    x, p, y, s, commands, pending, counts : (40, ...) memory of the filter; work, tested : scratch
+    command : (40, 3) [N] of the tick before
+    """
+
+    rows: Any
+    told: Any
+    outages: Any
+    keys: Any
+    walk: Any
+    queue: Any
+    out: Any
+    n: int
+    steps: Any
+    noise: Any
+    start: Any
+    spread: Any
+    again: Any
+    gates: Any
+    limit: float
+    delays: Any
+    patience: int
+    newest: int
+    x: Any
+    p: Any
+    y: Any
+    s: Any
+    work: Any
+    commands: Any
+    pending: Any
+    counts: Any
+    tested: Any
+    command: Any
+
+
 class Runs(NamedTuple):
     """Runs that fly side by side; all parts from `navigation` on may be None.
 
@@ -191,6 +231,7 @@ class Runs(NamedTuple):
     goal : None: the target
     valves : in place of the matrix of the thrusters; paired runs only
     orbits : in place of `steps`; paired runs only
+    estimators : in place of `navigation`, which must be there too; paired runs only
     """
 
     planar: Any
@@ -204,6 +245,7 @@ class Runs(NamedTuple):
     goal: Any = None
     valves: Any = None
     orbits: Any = None
+    estimators: Any = None
 
 
 class Control(NamedTuple):

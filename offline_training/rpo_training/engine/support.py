@@ -20,7 +20,7 @@ _announced: set[str] = set()
 _lock = threading.Lock()
 
 
-IN_PAIRS = ('dynamics', 'thrusters')
+IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator')
 """Sections that the engine knows where every run has its own lanes, in campaigns."""
 
 

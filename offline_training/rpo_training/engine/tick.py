@@ -12,6 +12,7 @@ from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate,
 from rpo_core.noise import six_normals
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
+from rpo_training.engine.navigation import navigate, place_estimators, remember
 from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
@@ -321,18 +322,24 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     """
     place(w, runs)
     place_valves(w, runs.valves)
+    place_estimators(runs.estimators)
     # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
-    planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits = runs
+    # fmt: off
+    (planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits,
+     estimators) = runs
+    # fmt: on
     fuzzy, baseline, axes = control
     p, q = len(planar), len(vertical)
     n = 2 * p + q
     for tick in range(windows.horizon + 1):
         measure(w, tick, navigation)
+        navigate(w, tick, estimators)
         aim(w, n, navigation, goal)
         command_fuzzy(w, n, fuzzy, navigation, goal)
         command_baseline(w, tick, baseline, navigation, goal)
         command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal)
+        remember(w, estimators)
         keep_trace(w, n, tick, trace)
         if tick == windows.horizon:
             break

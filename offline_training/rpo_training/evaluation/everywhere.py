@@ -58,7 +58,7 @@ def everywhere(
     """Return what comes of the campaigns of `LEAST`; `report` is told what is flown."""
     found, threads = [], workers or len(sched_getaffinity(0))
     for name, (runs, least) in LEAST.items():
-        campaign = load(find(name), runs=runs, seed=seed)
+        campaign = load(find(name), runs=runs, seed=seed, controller='handmade')
         campaign = replace(campaign, controller=controller)
         kept = done = 0
         with closing(on_threads(campaign, list(range(units(runs))), threads)) as source:

@@ -14,14 +14,16 @@ from rpo_core import metrics
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.explain import decisions
 from rpo_core.flight import Flight
+from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE
 from rpo_log.read.run_log import RunLog, controller_of, read_run
 from rpo_log.show import report as log_report
 from rpo_log.show import style
+from rpo_nav.estimator import Estimator
 from rpo_training.evaluation import optimal
-from rpo_training.report import run_plots
+from rpo_training.report import navigation, run_plots
 from rpo_training.report.approach import (
     CORRIDOR_HALF_ANGLE_DEG,
     KEEP_OUT_RADIUS_M,
@@ -67,6 +69,7 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
             Section('Force and slew', (_limits(flight),)),
             *_thrusters(flight),
             *_disturbance(flight),
+            *navigation.sections(log, flight),
             *_control(flight, controller, why),
             Section('Files', tuple(_files(log))),
         ]
@@ -125,7 +128,7 @@ def _tables(shown: LoggedFlight) -> list[Block]:
         ('duration', f'{scenario.duration_s:g} s, {scenario.ticks} ticks of {scenario.dt_s:g} s'),
         ("disturbance's level", f'{metrics.disturbance_level_n(flight):.4g} N'),
         ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
-        ('navigation', 'as in the scenario' if scenario.navigation else 'perfect'),
+        ('navigation', 'as in the scenario' if _navigated(scenario) else 'perfect'),
     ]
     cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
     return [
@@ -133,6 +136,10 @@ def _tables(shown: LoggedFlight) -> list[Block]:
         Table('The flight and its limits', log_report.COLUMNS, tuple(found)),
         Table('Scenario', ('quantity', 'value'), tuple(facts)),
     ]
+
+
+def _navigated(scenario: Scenario) -> bool:
+    return scenario.navigation is not None or scenario.section(Estimator) is not None
 
 
 def _vector(values: tuple[float, ...]) -> str:

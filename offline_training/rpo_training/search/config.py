@@ -105,7 +105,7 @@ PRESETS = {
         cmaes=CmaSettings(
             population=14, sigma=0.006, evaluations=3000, descents=3, tolerance=0.005, patience=1000
         ),
-        race=RaceSettings(rounds=1, entrants=3, evaluations=700, sigma=0.02, stages=True),
+        race=RaceSettings(rounds=1, entrants=3, evaluations=700, last=980, sigma=0.02, stages=True),
     ),
     'mission': TrainingConfig(
         name='mission',

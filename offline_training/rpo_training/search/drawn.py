@@ -76,7 +76,8 @@ class DrawnFlights:
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
-        self._campaign, self._settings = load(find(name)), settings
+        # The file may name the controller that is to be trained, which is not there yet.
+        self._campaign, self._settings = load(find(name), controller='handmade'), settings
         self.label, self.count = self._campaign.config.name, settings.flights
         success = self._campaign.config.success
         self.columns = [_column(metric, self._campaign) for metric in success]
@@ -101,10 +102,9 @@ class DrawnFlights:
         """Return runs of a stage, by number; all of them if not given."""
         campaign, drawn = self.pool(stage)
         if chosen is not None:
-            numbers, parameters, keys, own = drawn
             some = list(chosen)
-            others = {name: values[some] for name, values in own.items()}
-            drawn = DrawnRuns(numbers[some], parameters[some], keys[some], others)
+            own = {name: values[some] for name, values in drawn.own.items()}
+            drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
         batches = range(0, len(drawn.numbers), RUNS)
         return DrawnCase(
             f'{self.label}, stage {stage}',

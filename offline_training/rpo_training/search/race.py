@@ -37,6 +37,7 @@ class RaceSettings:
     rounds : at most
     entrants : tables in a round that get a descent over feet and scales
     population, sigma, evaluations : of each such descent
+    last : evaluations of the descent over all genes after the last round; 0: as those before
     gain : the race ends after a round that gains less [N^2 s]
     scan : scales between the bounds that are tried first with the start, each with each; 0: none
     stages : whether each round draws its flights anew, and held-out flights decide at the end
@@ -47,6 +48,7 @@ class RaceSettings:
     population: int = 14
     sigma: float = 0.05
     evaluations: int = 2000
+    last: int = 0
     gain: float = 0.01
     scan: int = 0
     stages: bool = False
@@ -59,6 +61,7 @@ class RaceSettings:
         whole('race.population', self.population, least=4)
         real('race.sigma', self.sigma, above=0.0, most=1.0)
         whole('race.evaluations', self.evaluations, least=self.population)
+        whole('race.last', self.last, least=0)
         real('race.gain', self.gain, 'N^2 s', least=0.0)
         whole('race.scan', self.scan, least=0, most=100)
 
@@ -100,7 +103,7 @@ class TableRace:
         """Generations left, at most, of the size of the present one."""
         own = self.settings
         each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
-        most = self.descent.evaluations + own.rounds * each + own.scan**2
+        most = (own.last or self.descent.evaluations) + own.rounds * each + own.scan**2
         return -(-max(most - self.evaluations, 0) // len(self._asked))
 
     def ask(self) -> Floats:
@@ -133,7 +136,8 @@ class TableRace:
         else:
             yield from self._enter(self.settings.rounds + 1)
             self.phase = 'last descent'
-            yield from self._descend(self.descent, self.best.genes, lambda genes: genes)
+            last = replace(self.descent, evaluations=self.settings.last or self.descent.evaluations)
+            yield from self._descend(last, self.best.genes, lambda genes: genes)
         if self.settings.stages:
             yield from self._decide()
 

@@ -16,6 +16,7 @@ FLIGHT_NODES = (
     'fuzzy_controller',
     'rival_controller',
     'navigation',
+    'guidance',
     'disturbance_injector',
     'recorder',
     'replay',

@@ -10,9 +10,10 @@ from pathlib import Path
 from rpo_bringup.options import parser
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_log.parameters import RECORDER
+from rpo_nav.parameters import NAVIGATION
 from rpo_ros.entry_point import EXIT_BAD_INPUT, asks_for_help, start, start_node
 from rpo_ros.parameter_rows import refusal
-from rpo_sim.parameters import DISTURBANCE_INJECTOR, NAVIGATION, PLANT
+from rpo_sim.parameters import DISTURBANCE_INJECTOR, PLANT
 
 _ROWS = (*PLANT, *FUZZY_CONTROLLER, *DISTURBANCE_INJECTOR, *NAVIGATION, *RECORDER)
 """Parameters of the nodes that `final_approach` runs."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`final_approach`: plant, controller, disturbance, navigation and recorder in one process."""
+"""`final_approach`: all nodes of a scenario and the recorder in one process."""
 
 from __future__ import annotations
 
@@ -18,12 +18,14 @@ from rpo_core import overrides, scenario
 from rpo_core.chain import Chain
 from rpo_core.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
+from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
+from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
-from rpo_sim.navigation_node import NavigationNode
 from rpo_sim.plant_node import PlantNode
 
 _START_TIMEOUT_S = 30.0
@@ -43,7 +45,7 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
         ControllerNode({**named, 'controller': options.controller}),
     ]
     places = {link.place for link in Chain.of(chosen).links}
-    for kind in (NavigationNode, DisturbanceInjectorNode):
+    for kind in (NavigationNode, GuidanceNode, AssuranceNode, DisturbanceInjectorNode):
         if places & set(kind.places):
             nodes.append(kind(named))
     # Last, because it makes the run folder: if another node fails, no folder is left behind.

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rpo_core import interfaces
 from rpo_core.controller import Controller
-from rpo_core.controller_file import GoalStage
+from rpo_core.controller_file import FollowStage, GoalStage
 from rpo_core.disturbance import Disturbance
 from rpo_core.dynamics import DynamicsStage
 from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
@@ -58,10 +58,15 @@ class Chain:
     """Stages in a row.
 
     links : stages, in the order in which a tick passes them
+    remembered : signals that a stage, here or in the rest of the chain, reads one tick later
     """
 
-    def __init__(self, links: Sequence[Link]) -> None:
-        self.links = tuple(links)
+    def __init__(self, links: Sequence[Link], remembered: Sequence[str] = ()) -> None:
+        self.links, self._remembered = tuple(links), tuple(remembered)
+        reads = {name for link in links for name in link.reads}
+        self._previous = tuple(name for name in reads if interfaces.current(name) != name)
+        ends = any(link.place is Place.DYNAMICS for link in links)  # the tick ends here
+        self._carried = self._remembered if ends else ()
 
     @classmethod
     def of(
@@ -84,19 +89,23 @@ class Chain:
         if scenario.thrusters is None:
             placed.insert(0, (Place.THRUSTERS, stage_of(None, scenario)))
         if controller is not None:
-            placed.append((Place.CONTROLLER, _controlling(scenario, controller)))
+            guided = any(place is Place.GUIDANCE for place, _ in placed)
+            placed.append((Place.CONTROLLER, _controlling(scenario, controller, guided)))
         if not scenario.disturbance.is_zero:
             stage = DisturbanceStage(scenario.disturbance, scenario)
             placed.append((Place.DISTURBANCE, stage))
         if scenario.dynamics is None:
             placed.append((Place.DYNAMICS, DynamicsStage(scenario)))
         placed.sort(key=lambda pair: pair[0])
-        return cls(_wired(placed, open_loop=controller is None))
+        links = _wired(placed, open_loop=controller is None)
+        reads = {name for link in links for name in link.reads}
+        return cls(links, [interfaces.current(n) for n in reads if interfaces.current(n) != n])
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Signals that it reads and does not make, each once; RELATIVE_STATE where it is read."""
         made: set[str] = {NO_FORCE}
+        made |= {interfaces.previous(name) for name in self._carried}
         found: dict[str, None] = {}
         for link in self.links:
             found.update((name, None) for name in link.reads if name not in made)
@@ -121,15 +130,18 @@ class Chain:
 
     def part(self, *places: Place) -> Chain:
         """Return the stages of some places, reading what they read in the whole chain."""
-        return Chain([link for link in self.links if link.place in places])
+        return self._of([link for link in self.links if link.place in places])
 
     def before(self, place: Place) -> Chain:
         """Return the stages before a place."""
-        return Chain([link for link in self.links if link.place < place])
+        return self._of([link for link in self.links if link.place < place])
 
     def after(self, place: Place) -> Chain:
         """Return the stages after a place."""
-        return Chain([link for link in self.links if link.place > place])
+        return self._of([link for link in self.links if link.place > place])
+
+    def _of(self, links: Sequence[Link]) -> Chain:
+        return Chain(links, self._remembered)
 
     def reset(self) -> None:
         """Let every stage forget: a flight begins."""
@@ -139,21 +151,29 @@ class Chain:
     def step(self, tick: int, signals: Signals) -> None:
         """Pass a tick: add to `signals`, which hold the inputs, what the stages make of them.
 
-        RELATIVE_STATE is afterwards that of the next tick, if the dynamics are in the chain.
+        RELATIVE_STATE is afterwards that of the next tick, if the dynamics are in the chain. What
+        the next tick reads of this one is then kept in `signals` too.
         """
         signals[NO_FORCE] = ZERO
+        for name in self._previous:
+            signals.setdefault(name, ZERO)
         for _, stage, reads in self.links:
             made = stage.step(tick, *[signals[name] for name in reads])
             for name, values in zip(stage.outputs, made, strict=True):
                 signals[name] = values
+        for name in self._carried:
+            if name in signals:
+                signals[interfaces.previous(name)] = signals[name]
 
 
-def _controlling(scenario: Scenario, controller: Controller) -> Stage:
-    """Return a controller as a stage that flies to the goal of a scenario.
+def _controlling(scenario: Scenario, controller: Controller, guided: bool) -> Stage:
+    """Return a controller as a stage that follows guidance, or flies to the goal of a scenario.
 
     One that reads nothing commands forces that were computed before, and is left alone.
     """
     stage, goal = controller.stage(scenario.dt_s), scenario.goal
+    if guided and stage.inputs:
+        return FollowStage(stage)
     return stage if goal is None or not stage.inputs else GoalStage(stage, *goal)
 
 
@@ -166,13 +186,15 @@ def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]
     if open_loop:
         last[COMMAND] = interfaces.CONTROL_FORCE
     made, links = {RELATIVE_STATE, *last.values()}, []
+    last[interfaces.PREVIOUS_COMMAND] = interfaces.previous(_command(placed))
+    made.add(last[interfaces.PREVIOUS_COMMAND])
     for place, stage in placed:
         reads = tuple(last.get(name, name) for name in stage.inputs)
         for name in reads:
             if name not in made:
+                known = ', '.join(sorted(n for n in made if n and interfaces.current(n) == n))
                 raise InputError(
-                    f'stage `{stage.name}` must read a signal made before it, '
-                    f'{", ".join(sorted(made - {NO_FORCE}))}; got {name!r}'
+                    f'stage `{stage.name}` must read a signal made before it, {known}; got {name!r}'
                 )
         links.append(Link(place, stage, reads))
         for name in stage.outputs:
@@ -181,6 +203,17 @@ def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]
             if carried and place is not Place.DYNAMICS:
                 last[carried] = name
     return links
+
+
+def _command(placed: Sequence[tuple[Place, Stage]]) -> str:
+    """Return the name of the last command that is sent; a link comes after it."""
+    sent = [
+        name
+        for place, stage in placed
+        for name in stage.outputs
+        if place < Place.DISTURBANCE and interfaces.row_of(name).carries == COMMAND
+    ]
+    return sent[-1] if sent else interfaces.CONTROL_FORCE
 
 
 def signals_of(scenario: Scenario) -> tuple[str, ...]:

@@ -93,6 +93,47 @@ class GoalStage(Stage):
         )
 
 
+def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return a state (..., 6) relative to the reference, and a command (..., 3) without its force.
+
+    That is what a controller that follows a reference sees and answers.
+    """
+    reference = np.asarray(signals[interfaces.REFERENCE_STATE])
+    force = np.asarray(signals[interfaces.REFERENCE_FORCE])
+    return np.asarray(state) - reference, np.asarray(force_n) - force
+
+
+class FollowStage(Stage):
+    """A controller that was made for the target, and follows a reference.
+
+    It gets the state relative to the reference. Its command gets the force on top that a chaser on
+    the reference needs.
+    """
+
+    def __init__(self, inner: Stage) -> None:
+        self._inner = inner
+        self.name, self.outputs = inner.name, inner.outputs
+        self.inputs = (*inner.inputs, interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is the sum of both forces."""
+        *read, reference, force_n = inputs
+        seen = [
+            tuple(map(sub, values, reference)) if name in _STATES else values
+            for name, values in zip(self._inner.inputs, read, strict=True)
+        ]
+        made = self._inner.step(tick, *seen)
+        return tuple(
+            tuple(map(add, values, force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class ControllerFile:
     """A controller of a kind that names itself.

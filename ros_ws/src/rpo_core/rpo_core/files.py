@@ -16,7 +16,7 @@ import yaml
 
 from rpo_core.validation import InputError, quoted, shown, within
 
-DEFAULT_CONTROLLER = 'trained'
+DEFAULT_CONTROLLER = 'allround'
 """The shipped controller where none is named."""
 
 MAX_BYTES = 1 << 18

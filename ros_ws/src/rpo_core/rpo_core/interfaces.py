@@ -30,6 +30,10 @@ ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
 CLOCK = 'clock'
 RELATIVE_STATE = 'relative_state'
 NAVIGATION_STATE = 'navigation_state'
+NAVIGATION_COVARIANCE = 'navigation_covariance'
+ESTIMATED_DISTURBANCE = 'estimated_disturbance'
+REFERENCE_STATE = 'reference_state'
+REFERENCE_FORCE = 'reference_force'
 CONTROL_FORCE = 'control_force'
 DISTURBANCE_FORCE = 'disturbance_force'
 DUE_FORCE = 'due_force'
@@ -40,6 +44,7 @@ CHASER_MASS = 'chaser_mass'
 APPLIED_FORCE = 'applied_force'
 APPLIED_DISTURBANCE = 'applied_disturbance'
 STAGE_STATUS = 'stage_status'
+GUIDANCE_STATUS = 'guidance_status'
 RUN_STATUS = 'run_status'
 DECISION = 'decision'
 NODE_MANIFEST = 'node_manifest'
@@ -50,6 +55,12 @@ STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance
 """What a signal carries: a relative state; a force commanded, on its way to the thrusters; the
 force that thrusters exert; a force from outside. A stage that reads one of these gets the last
 signal made before it."""
+
+PREVIOUS_COMMAND = 'command of the tick before'
+"""What a stage before the controller may read: the last command, made one tick ago; zero at tick 0.
+Of commands that a link may lose or delay, it is the one that was sent."""
+
+_PREVIOUS = ' of the tick before'
 
 TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
 """When a message is due: at each tick, by the plant itself; at each tick, in answer to a state (in
@@ -63,6 +74,14 @@ _COLUMNS = {
     ),
     FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
 }  # fmt: skip
+
+_COVARIANCES = tuple(
+    f'{part}.covariance[{6 * row + column}]'
+    for part in ('pose', 'twist')
+    for row in range(3)
+    for column in range(3)
+)
+"""Covariances of position and of velocity, 3 x 3 each, row by row."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +119,11 @@ class Interface:
     logged : whether `run.mcap` holds it
     qos : offered by its publisher
     numbers : of a signal that is no topic
+    covariance : whether the numbers of a state are followed by the covariances of position and of
+        velocity, 9 each
+    rider : name of a signal whose numbers are the covariances in the same message; '' for none
+    rides : name of the signal in whose message it travels; '' for none
+    beside : name of the signal without which a run has no such events; '' for none
     """
 
     name: str
@@ -110,6 +134,10 @@ class Interface:
     logged: bool = True
     qos: Qos = field(default=LOCKSTEP)
     numbers: int = 3
+    covariance: bool = False
+    rider: str = ''
+    rides: str = ''
+    beside: str = ''
 
     @property
     def topic(self) -> str:
@@ -119,7 +147,9 @@ class Interface:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the message's fields that the numbers of the signal fill, in their order."""
-        return _COLUMNS.get(self.type, ())
+        if self.rides:
+            return _COVARIANCES
+        return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -130,7 +160,7 @@ class Interface:
     @property
     def layout(self) -> Layout:
         """Where the numbers of the signal lie in the bytes of its message."""
-        return Layout.of(self.type, self.frames)
+        return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
 
 
 _TABLE: dict[str, Interface] = {}
@@ -165,9 +195,19 @@ def table() -> dict[str, Interface]:
     return _TABLE
 
 
+def previous(name: str) -> str:
+    """Return the name of a signal as it was one tick ago."""
+    return name + _PREVIOUS
+
+
+def current(name: str) -> str:
+    """Return the name of a signal without its delay of a tick."""
+    return name.removesuffix(_PREVIOUS)
+
+
 def row_of(name: str) -> Interface:
-    """Return the row of a signal; raises InputError if it has none."""
-    found = table().get(name)
+    """Return the row of a signal, of this tick or the one before; raises InputError if none."""
+    found = table().get(current(name))
     if found is None:
         raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
     return found
@@ -190,7 +230,17 @@ for _row in (
     Interface(RELATIVE_STATE, STATE_TYPE,
               'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
     Interface(NAVIGATION_STATE, STATE_TYPE,
-              'state as navigation finds it, where the scenario has errors of it', STATE),
+              'state as navigation finds it, where the scenario has errors of it', STATE,
+              rider=NAVIGATION_COVARIANCE),
+    Interface(NAVIGATION_COVARIANCE, '',
+              'covariances of position and velocity in navigation_state, where it is estimated',
+              logged=False, rides=NAVIGATION_STATE),
+    Interface(ESTIMATED_DISTURBANCE, FORCE_TYPE,
+              'disturbance as the estimator finds it, target LVLH, where it does'),
+    Interface(REFERENCE_STATE, STATE_TYPE,
+              'state that the controller shall follow, where the scenario has guidance'),
+    Interface(REFERENCE_FORCE, FORCE_TYPE,
+              'force that a chaser on the reference needs, target LVLH'),
     Interface(CONTROL_FORCE, FORCE_TYPE,
               'commanded force, target LVLH, stamp of the state it answers', COMMAND),
     Interface(DISTURBANCE_FORCE, FORCE_TYPE,
@@ -210,6 +260,9 @@ for _row in (
     Interface(STAGE_STATUS, STATUS_TYPE,
               'a stage that was switched off or on in flight, and from which tick',
               due=EVENT, qos=LATCHED),
+    Interface(GUIDANCE_STATUS, STATUS_TYPE,
+              'phase of the plan that begins, its first tick and why',
+              due=EVENT, logged=False, qos=LATCHED),
     Interface(RUN_STATUS, STATUS_TYPE,
               'waiting, running, paused, finished or aborted; reason and metrics',
               due=EVENT, qos=LATCHED),

@@ -31,12 +31,15 @@ class Layout:
     places : offsets of the numbers in the message, three at each
     """
 
-    def __init__(self, type_name: str, texts: tuple[str, ...]) -> None:
+    def __init__(self, type_name: str, texts: tuple[str, ...], covariance: bool = False) -> None:
         if type_name == cdr.CLOCK:
             self.columns: tuple[int, ...] = ()
             self.plain = cdr.encode_clock(0)
         elif type_name == cdr.ODOMETRY:
             self.columns = (0, 1, 2, 43, 44, 45)  # position, linear velocity
+            if covariance:  # three rows of three, of each
+                rows = [part + 6 * row for part in (7, 49) for row in range(3)]
+                self.columns += tuple(row + i for row in rows for i in range(3))
             self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
         else:
             self.columns = (0, 1, 2)  # force
@@ -50,15 +53,18 @@ class Layout:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(type_name: str, texts: tuple[str, ...]) -> Layout:
+    def of(type_name: str, texts: tuple[str, ...], covariance: bool = False) -> Layout:
         """Return the layout of a type of message with these frame ids."""
-        return Layout(type_name, texts)
+        return Layout(type_name, texts, covariance)
 
     def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
-        """Return the CDR of a message that holds a stamp and the numbers of a signal."""
+        """Return the CDR of a message that holds a stamp and the numbers of a signal.
+
+        Of numbers that are not given, the covariances, the message holds zeros.
+        """
         message = bytearray(self.plain)
         cdr.STAMP.pack_into(message, cdr.STAMP_AT, *divmod(stamp_ns, _NS))
-        for i, place in enumerate(self.places):
+        for i, place in enumerate(self.places[: len(values) // 3]):
             _THREE.pack_into(message, place, *values[3 * i : 3 * i + 3])
         return bytes(message)
 

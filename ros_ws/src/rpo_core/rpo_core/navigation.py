@@ -21,7 +21,8 @@ MAX_POSITION_ERROR_M = 1e5
 MAX_VELOCITY_ERROR_M_S = 1e3
 
 
-def _key(name: str, value: Any) -> tuple[int, ...]:
+def key(name: str, value: Any) -> tuple[int, ...]:
+    """Return two words of 32 bits, a key of Philox4x32-10; raises InputError."""
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise InputError(f'`{name}` must be a list of 2 words of 32 bits; got {shown(value)}')
     return tuple(whole(f'{name}[{i}]', v, least=0, most=2**32 - 1) for i, v in enumerate(value))
@@ -46,7 +47,7 @@ class Navigation:
     velocity_bias_m_s: Annotated[Vector, _velocity_bias] = (0.0, 0.0, 0.0)
     position_noise_m: Annotated[float, _position_noise] = 0.0
     velocity_noise_m_s: Annotated[float, _velocity_noise] = 0.0
-    noise_key: Annotated[tuple[int, int], _key] = (0, 0)
+    noise_key: Annotated[tuple[int, int], key] = (0, 0)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -285,6 +285,10 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
+    for settings in base.sections:
+        rehearse = section_of(settings).rehearse
+        if rehearse is not None:
+            rehearse(settings, base)
     return ScenarioSet(base, starts.parse(start, data[start])) if is_set else base
 
 

@@ -45,7 +45,8 @@ class Stage:
 
     name : as verify, nodes and pages name it
     inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE of
-        `rpo_core.interfaces`): then the last signal before this stage that carries it
+        `rpo_core.interfaces`): then the last signal before this stage that carries it; or
+        PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.interfaces`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
     counts_ticks : whether the outputs depend on the number of the tick
@@ -60,9 +61,16 @@ class Stage:
     def reset(self) -> None:
         """Forget all earlier ticks: a flight begins."""
 
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""
+
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
         raise NotImplementedError
+
+    def trouble(self) -> str:
+        """Return what is wrong with it now, for /diagnostics; '' if nothing is."""
+        return ''
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
@@ -89,6 +97,7 @@ class Section:
     place : of the stage
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
+    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     """
 
     name: str
@@ -96,6 +105,7 @@ class Section:
     place: Place
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
+    rehearse: Callable[[Any, Any], None] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

@@ -19,6 +19,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from rpo_core import controller, explain, files, interfaces
 from rpo_core.chain import Chain, Link, Signals
 from rpo_core.controller import AnyController
+from rpo_core.controller_file import followed
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters import ZERO
@@ -116,7 +117,10 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         if not self.active or self.controller is None:
             return health.WARN, explain.INACTIVE
         state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
-        if self.scenario is not None:
+        if interfaces.REFERENCE_STATE in self._reads:
+            seen, law = followed(state, force_n, signals)
+            state, force_n = tuple(seen.tolist()), tuple(law.tolist())
+        elif self.scenario is not None:
             state = self.scenario.from_goal(state)
         return health.OK, explain.reasons(self.controller, state, force_n, tick)
 

@@ -19,4 +19,4 @@ def test_a_shipped_file_is_a_controller(path):
 
 def test_they_are_here():
     """The default and the paper's own are among them."""
-    assert {'trained', 'paper_ga'} <= {path.stem for path in FILES}
+    assert {'allround', 'paper_ga'} <= {path.stem for path in FILES}

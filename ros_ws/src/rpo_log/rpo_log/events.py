@@ -13,6 +13,9 @@ _TICK = re.compile('0|[1-9][0-9]{0,17}')
 ACTIVE, INACTIVE = 'active', 'inactive'
 """Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
 
+WITHOUT_COMMAND = 'without_command'
+"""Value `state` of a stage_status: at its `tick`, the stage took zero for the command before."""
+
 
 def dropped(status: cdr.Status) -> dict[str, int]:
     """Return the signals that the plant goes on without, by a run_status, and from which tick."""

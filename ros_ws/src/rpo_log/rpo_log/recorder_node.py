@@ -73,7 +73,7 @@ class RecorderNode(FlightNode):
             self.resolve_topic_name, (names.CONTROL_FORCE, names.RUN_STATUS, names.DECISION)
         )
         self._expected: list[str] = []
-        self._events: set[str] = set()
+        self._events: dict[str, str] = {}  # topic -> topic without which it is not recorded
         self._recorded: set[str] = set()
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
@@ -108,7 +108,7 @@ class RecorderNode(FlightNode):
                     on_raw = self._on_status
                 else:
                     on_raw = partial(self._on_stage_status, name)
-                    self._events.add(name)
+                    self._events[name] = row.beside and self.resolve_topic_name(row.beside)
             self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
@@ -280,7 +280,8 @@ class RecorderNode(FlightNode):
         """Open the files of the log; raises LogError."""
         base = run_log.TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
         self._expected = self._topics(found)
-        self._recorded = {*self._expected, *self._events, self._status_topic}
+        self._recorded = {*self._expected, self._status_topic}
+        self._recorded |= {n for n, of in self._events.items() if not of or of in self._expected}
         own = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
         log = RunLogWriter(
             self.folder, base, self._recorded, self._manifests.attachments(own),
@@ -306,8 +307,7 @@ class RecorderNode(FlightNode):
         faults = [self._write_run_info(summary), self._seal()]
         beside = filter(None, (self._health_log, self._decisions))
         faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
-        sentence = f'{summary.sentence()}: {self.folder}'
-        log = self.get_logger()
+        log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
         for fault in filter(None, faults):
             log.error(fault)

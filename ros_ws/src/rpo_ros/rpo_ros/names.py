@@ -19,8 +19,8 @@ from rpo_core.interfaces import (
     STAGE_STATUS,
 )
 
-CLOCK = interfaces.row_of(interfaces.CLOCK).topic
-DIAGNOSTICS = interfaces.row_of(interfaces.DIAGNOSTICS).topic
+# Not from the table: it loads the rooms, and with them NumPy, which a `--help` does not wait for.
+CLOCK, DIAGNOSTICS = f'/{interfaces.CLOCK}', f'/{interfaces.DIAGNOSTICS}'
 MARKERS = 'markers'
 CHASER_POSE = 'chaser_pose'
 TF = '/tf'

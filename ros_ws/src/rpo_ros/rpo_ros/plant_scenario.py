@@ -22,6 +22,7 @@ ANEW_S = 2.5
 over; until then it is a second one, and does not count."""
 
 SCENARIO_FILE = 'file.scenario.yaml'
+_MODE = 'parameter.mode'
 
 
 class PlantScenario:
@@ -29,6 +30,7 @@ class PlantScenario:
 
     take : takes the scenario of the run; raises InputError if the node cannot take part
     refuse : gets the reason why the node cannot take part
+    free_running : whether the plant keeps the wall clock; then it publishes the forces that act
     scenario : of the run; the one of the parameter until the plant publishes its own; None: unknown
     """
 
@@ -41,9 +43,10 @@ class PlantScenario:
     ) -> None:
         self._node, self._take, self._refuse = node, take, refuse
         self._asserted = scenario.load_scenario(asserted) if asserted else None
-        self._text = self._run = ''
+        self._text = self._run = self._mode = ''
         self._heard_s = 0.0
         self.scenario = self._asserted
+        self.free_running = False
         node.create_subscription(
             DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
         )
@@ -63,7 +66,8 @@ class PlantScenario:
         if second and text != self._text:
             return
         self._run, self._heard_s = run, now_s
-        if text == self._text:
+        mode = values.get(_MODE, '')
+        if (text, mode) == (self._text, self._mode):
             return
         try:
             found = files.loads(text, scenario.parse, 'the scenario of the plant')
@@ -72,11 +76,12 @@ class PlantScenario:
         except InputError as error:  # no plant flies it, so it is not that of a plant
             self._node.complain(f'a manifest was ignored: {error}')
             return
-        self._text = text
+        self._text, self._mode = text, mode
         try:
             self._compare(found)
-            if found != self.scenario:
-                self.scenario = found
+            free = mode == 'free_running'
+            if found != self.scenario or free != self.free_running:
+                self.scenario, self.free_running = found, free
                 self._take(found)
         except InputError as error:
             self._refuse(str(error))

@@ -8,7 +8,7 @@ interfaces knows the place of each number in the bytes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache, partial
 from importlib import import_module
 from typing import Any
@@ -34,9 +34,15 @@ class Outlet:
     """Publishes a signal."""
 
     def __init__(self, node: Node, name: str) -> None:
-        row = interfaces.row_of(name)
-        self._encode = row.layout.encode
+        self.name, row = name, interfaces.row_of(name)
+        self._encode, self._rider = row.layout.encode, row.rider
         self.publisher = node.create_publisher(message_class(row.type), row.topic, qos.of(row.qos))
+
+    def publish_of(self, stamp_ns: int, signals: Mapping[str, Signal]) -> bytes:
+        """Publish a signal, with what travels in its message; return the bytes."""
+        values = signals[self.name]
+        rider = signals.get(self._rider, ()) if self._rider else ()
+        return self.publish(stamp_ns, (*values, *rider) if rider else values)
 
     def publish(self, stamp_ns: int, values: Signal) -> bytes:
         """Publish the numbers at a stamp; return the bytes, so that they can be published again."""
@@ -52,13 +58,14 @@ def listen(node: Node, name: str, take: Taker, ignore: Callable[[str], Any]) -> 
     ignore : gets the reason why a message cannot be used
     """
     row = interfaces.row_of(name)
-    on_message = partial(_on_message, row.layout.use, take, ignore)
+    on_message = partial(_on_message, row.layout.use, len(row.columns), take, ignore)
     kind = message_class(row.type)
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)
 
 
 def _on_message(
     use: Callable[[bytes], tuple[str, int, Signal]],
+    width: int,
     take: Taker,
     ignore: Callable[[str], Any],
     data: bytes,
@@ -67,4 +74,4 @@ def _on_message(
     if fault:
         ignore(fault)
     else:
-        take(stamp_ns, values)
+        take(stamp_ns, values if len(values) == width else values[:width])

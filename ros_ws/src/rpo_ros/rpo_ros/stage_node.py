@@ -16,7 +16,8 @@ from rclpy.duration import Duration
 from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, Signal
+from rpo_core.stage import Signal
+from rpo_core.thrusters import ZERO
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status, values_of
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow
@@ -29,6 +30,12 @@ REFUSED = 'refused'
 """State in `stage_status` of a node that takes no part in the run of the plant."""
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
+
+WITHOUT_COMMAND = 'without_command'
+"""State in `stage_status` of a stage that took zero for the command of the tick before."""
+
+_MOST_REPEATS = 3
+"""Without the command before, a state that was repeated so often is answered."""
 
 _LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
 """Longest wait, at the end, until the listeners acknowledge."""
@@ -48,6 +55,10 @@ class StageNode(FlightNode):
 
     A repeated input gets the same answer again. Where stages have memory, an input out of order
     changes nothing. `ignored` counts the inputs without an answer, by reason.
+
+    A stage that reads the command of the tick before waits for it. It takes zero at tick 0; from
+    where the plant coasts; and, said on `stage_status`, where it began in flight or the state was
+    repeated `_MOST_REPEATS` times. In free running it reads what the plant applied.
 
     chain : the stages, None until the scenario is known
     """
@@ -74,6 +85,8 @@ class StageNode(FlightNode):
         self._reads: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
+        self._dropped: dict[str, int] = {}
+        self._repeats = (-1, 0)  # a stamp, and how often a state came again without an answer
         self._answer: list[tuple[Outlet, bytes]] = []
         self._stage_status = self.create_publisher(
             DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
@@ -161,7 +174,7 @@ class StageNode(FlightNode):
     @staticmethod
     def _warm_up(chain: Chain) -> None:
         """Load the kernels before the first tick."""
-        zero = (0.0,) * 6
+        zero = (0.0,) * 24
         chain.step(0, {name: zero[: len(interfaces.row_of(name).columns)] for name in chain.inputs})
         chain.reset()
 
@@ -174,11 +187,17 @@ class StageNode(FlightNode):
     def _hear(self, chain: Chain) -> None:
         """Listen to the inputs of the stages, and to nothing else."""
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
-        for name in set(self._inlets) - set(self._reads):
+        sources = {self._source(read): None for read in self._reads}
+        for name in set(self._inlets) - set(sources):
             self.destroy_subscription(self._inlets.pop(name))
-        for name in self._reads:
+        for name in sources:
             if name not in self._inlets:
                 self._listen(name)
+
+    def _source(self, read: str) -> str:
+        """Return the topic that carries what is read."""
+        name = interfaces.current(read)
+        return interfaces.APPLIED_FORCE if name != read and self._run.free_running else name
 
     def _listen(self, name: str) -> None:
         def take(stamp_ns: int, values: Signal) -> None:
@@ -199,14 +218,56 @@ class StageNode(FlightNode):
                 self._wait_for_scenario(name, stamp_ns, values)
             return
         reads = self._reads
-        if name not in reads:
-            return
-        if len(reads) == 1:
+        if reads == (name,):
             self._ask(stamp_ns, {name: values})
             return
-        self._waiting[name] = (stamp_ns, values)
-        if all(self._waiting.get(read, (None,))[0] == stamp_ns for read in reads):
-            self._ask(stamp_ns, {read: self._waiting[read][1] for read in reads})
+        for read in reads:
+            if self._source(read) == name:
+                self._take(read, stamp_ns, values)
+
+    def _take(self, read: str, stamp_ns: int, values: Signal) -> None:
+        """Take one of several inputs; answer if all of its tick are there."""
+        if interfaces.current(read) != read and self.scenario is not None:
+            stamp_ns += self.scenario.dt_ns
+        elif self._waiting.get(read) == (stamp_ns, values):
+            again = self._repeats[1] if self._repeats[0] == stamp_ns else 0
+            self._repeats = stamp_ns, again + 1
+        self._waiting[read] = stamp_ns, values
+        inputs = {name: self._input(name, stamp_ns) for name in self._reads}
+        missing = [name for name, found in inputs.items() if found is None]
+        if missing and (len(missing) < len(inputs)) and self._goes_without(missing, stamp_ns):
+            inputs.update(dict.fromkeys(missing, ZERO))
+            missing = []
+        if not missing:
+            self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
+
+    def _input(self, read: str, stamp_ns: int) -> Signal | None:
+        """Return an input of a tick: that of the answer given before, or one that waits."""
+        answered = bool(self._asked) and self._asked[0] == stamp_ns
+        if interfaces.current(read) != read:
+            tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
+            coasts = self._dropped.get(self._source(read))
+            if tick == 0 or (coasts is not None and tick is not None and tick > coasts):
+                return ZERO
+            if answered:
+                return self._signals.get(read)
+        at, values = self._waiting.get(read, (None, ()))
+        if at == stamp_ns:
+            return values
+        return self._signals.get(read) if answered else None
+
+    def _goes_without(self, missing: Sequence[str], stamp_ns: int) -> bool:
+        """Return whether to go on with zero for what is missing; say so on `stage_status`."""
+        repeats = self._repeats[1] if self._repeats[0] == stamp_ns else 0
+        patient = self.last_tick >= 0 and repeats < _MOST_REPEATS
+        tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
+        if patient or tick is None or any(interfaces.current(n) == n for n in missing):
+            return False
+        for link in self.chain.links if self.chain is not None else ():
+            if set(missing) & set(link.reads):
+                reason = f'no {self._source(missing[0])} of tick {tick - 1}'
+                self.publish_stage_status(link.stage.name, WITHOUT_COMMAND, tick, reason)
+        return True
 
     def _wait_for_scenario(self, name: str, stamp_ns: int, values: Signal) -> None:
         """Keep the newest input; after PATIENCE_S go on without a scenario."""
@@ -250,8 +311,7 @@ class StageNode(FlightNode):
             self._say_begun(self.chain, tick)
         self.step(tick, signals)
         self._answer = [
-            (outlet, outlet.publish(stamp_ns, signals[name]))
-            for name, outlet in self._outlets.items()
+            (outlet, outlet.publish_of(stamp_ns, signals)) for outlet in self._outlets.values()
         ]
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
@@ -287,11 +347,18 @@ class StageNode(FlightNode):
     def new_run(self) -> None:
         """Forget the run before."""
         self.last_tick, self._asked = -1, ()
+        self._dropped, self._repeats = {}, (-1, 0)
+        for read in self._reads:
+            if interfaces.current(read) != read:
+                self._waiting.pop(read, None)
         if self.chain is not None:
             self.chain.reset()
 
     def _on_run_status(self, status: DiagnosticStatus) -> None:
-        phase = values_of(status).get('phase', '')
+        values = values_of(status)
+        phase = values.get('phase', '')
+        for name in values.get('dropped', '').split():
+            self._dropped.setdefault(name, int(values.get('tick', '0')))
         if phase == 'waiting' and self.plant_phase not in ('', 'waiting'):
             self._anew = True
         self.plant_phase = phase
@@ -319,40 +386,8 @@ class StageNode(FlightNode):
         }
         if self.plant_gone:
             return health.WARN, 'no states: the plant is gone', values
+        troubles = [link.stage.trouble() for link in self.chain.links] if self.chain else []
+        if any(troubles):
+            return health.WARN, '; '.join(filter(None, troubles)), values
         doing = 'answering states' if self.chain is not None else 'waiting for the scenario'
         return health.WARN if ignored else health.OK, doing, values
-
-
-class PlaceNode(StageNode):
-    """Runs the stages that a scenario has at some places of the chain.
-
-    node_name : of the node
-    places : of the chain
-    what : the work of the stages in a word, and their product
-    role : in the manifest; '' for none
-    """
-
-    node_name = ''
-    places: tuple[Place, ...] = ()
-    what = ('', '')
-    role = ''
-
-    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(self.node_name, overrides)
-        self.begin()
-
-    def part(self, scenario: Scenario) -> Chain | None:
-        """Return the stages of its places; without any, the node ends."""
-        chain = Chain.of(scenario).part(*self.places)
-        does, makes = self.what
-        if not chain.links:
-            # No error: one launch file serves every scenario.
-            self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
-            self.done = True
-            return None
-        if self.role:
-            if not hasattr(self, '_manifest'):
-                self._manifest = health.Manifest(self, self.role)
-            self._manifest.publish({'scenario': scenario.name}, {})
-        self.get_logger().info(f'{does} as in {scenario.name}')
-        return chain

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 from rpo_core.stage import Place
+from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
-from rpo_ros.stage_node import PlaceNode
 
 
 class DisturbanceInjectorNode(PlaceNode):

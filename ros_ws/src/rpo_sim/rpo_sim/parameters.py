@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from rpo_core.link import CORRUPTIONS
 from rpo_ros import names
 from rpo_ros.parameter_rows import SCENARIO
@@ -39,8 +37,6 @@ PLANT = (
         'plant waits anyway', wall=True),
     Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
-
-NAVIGATION = (replace(SCENARIO, example='path/to/mine.yaml'),)
 
 DISTURBANCE_INJECTOR = (SCENARIO,)
 

@@ -166,13 +166,19 @@ class Messages:
                 continue
             rows = np.searchsorted(ticks, self.tick[found])
             self._refuse_repeated(topic, found)
-            present[topic.signal] = np.zeros(len(ticks), dtype=bool)
-            present[topic.signal][rows] = True
+            there = np.zeros(len(ticks), dtype=bool)
+            there[rows] = True
+            present[topic.signal] = there
             numbers, unlike = self._numbers(topic, found)
             non_canonical += unlike
-            if topic.row.columns:
-                values[topic.signal] = np.full((len(ticks), len(topic.row.columns)), np.nan)
-                values[topic.signal][rows] = numbers
+            table = np.full((len(ticks), numbers.shape[1]), np.nan)
+            table[rows] = numbers
+            width = len(topic.row.columns)
+            if width:
+                values[topic.signal] = np.ascontiguousarray(table[:, :width])
+            if topic.row.rider:
+                values[topic.row.rider] = np.ascontiguousarray(table[:, width:])
+                present[topic.row.rider] = there
         events.sort(key=lambda event: event.tick)
         non_canonical.sort(key=lambda message: message.tick)
         return TickBlock(ticks, values, present, tuple(events), tuple(non_canonical))
@@ -187,9 +193,9 @@ class Messages:
     def _numbers(
         self, topic: Topic, found: NDArray[np.intp]
     ) -> tuple[NDArray[np.float64], list[NonCanonical]]:
-        """Return the numbers (n, width) of the messages of a topic, and those that are unlike."""
+        """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
         layout = topic.row.layout
-        numbers = np.full((len(found), len(topic.row.columns)), np.nan)
+        numbers = np.full((len(found), len(layout.columns)), np.nan)
         like = self.size[found] == layout.size
         data = _cut(self.raw, self.start[found[like]], layout.size)
         stamp_ns = np.ascontiguousarray(data[:, cdr.STAMP_AT + 4 : cdr.STAMP_AT + 8]).view('<u4')
@@ -228,7 +234,7 @@ def _cut(raw: bytes, start: NDArray[np.intp], size: int) -> NDArray[np.uint8]:
 @lru_cache(maxsize=64)
 def _fixed_parts(layout: Layout) -> tuple[slice, ...]:
     """Return the parts of a message that are the same in each: all but its stamp and numbers."""
-    free = [(cdr.STAMP_AT, cdr.STAMP_AT + 8), *((at, at + 24) for at in layout.places)]
+    free = [(cdr.STAMP_AT, cdr.STAMP_AT + 8), *((at, at + 24) for at in sorted(layout.places))]
     ends = [0, *(end for _, end in free)], [*(begin for begin, _ in free), layout.size]
     return tuple(slice(a, b) for a, b in zip(*ends, strict=True) if a < b)
 

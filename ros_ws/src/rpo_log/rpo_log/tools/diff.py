@@ -138,7 +138,7 @@ def _compare_blocks(pair: tuple[TickBlock, TickBlock], found: LogDiff) -> None:
     a, b = pair
     found.compared += len(a.ticks)
     none = np.zeros(len(a.ticks), dtype=bool)
-    for row in interfaces.rows(logged=True):
+    for row in interfaces.table().values():
         sides = [block for block in pair if row.name in block.values]
         if sides:
             here = a.present.get(row.name, none), b.present.get(row.name, none)

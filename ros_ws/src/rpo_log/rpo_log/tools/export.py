@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import csv
 import importlib.util
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,12 @@ _COLUMNS = {
     interfaces.STATE_TYPE: ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'),
     interfaces.FORCE_TYPE: ('fx_n', 'fy_n', 'fz_n'),
 }
+_COVARIANCES = tuple(
+    f'{letter}{row}_{letter}{column}_{unit}'
+    for letter, unit in (('', 'm2'), ('v', 'm2_s2'))
+    for row in 'xyz'
+    for column in 'xyz'
+)
 _PUSHES = ('dx_n', 'dy_n', 'dz_n')
 _PRIMARY = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
 
@@ -40,10 +46,19 @@ def tables(reader: RunReader) -> Iterator[Table]:
             'time_s': block.ticks * base.dt_ns / 1_000_000_000,
             'stamp_ns': base.epoch_ns + block.ticks * base.dt_ns,
         }
-        for topic in reader.topics:
+        for topic in _with_riders(reader.topics):
             if topic.row.columns:
                 table.update(zip(columns(topic), block.values[topic.signal].T, strict=True))
         yield table
+
+
+def _with_riders(recorded: Sequence[Topic]) -> Iterator[Topic]:
+    """Yield the topics, and the covariances in their messages where sensors are logged too."""
+    measured = any(topic.row.covariance for topic in recorded)
+    for topic in recorded:
+        yield topic
+        if measured and topic.row.rider:
+            yield Topic(topic.name, interfaces.row_of(topic.row.rider))
 
 
 def columns(topic: Topic) -> list[str]:
@@ -51,6 +66,10 @@ def columns(topic: Topic) -> list[str]:
 
     The state, the command and the disturbance have no such word before them.
     """
+    if topic.row.rides:
+        return [f'navigation_{name}' for name in _COVARIANCES]
+    if topic.row.covariance:
+        return [f'{topic.signal}_{name}' for name in (*_COLUMNS[topic.type], *_COVARIANCES)]
     pushes = topic.row.carries == interfaces.DISTURBANCE
     prefix = '' if topic.signal in _PRIMARY else topic.signal.partition('_')[0] + '_'
     return [prefix + name for name in (_PUSHES if pushes else _COLUMNS[topic.type])]

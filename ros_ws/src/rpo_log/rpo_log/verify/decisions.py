@@ -71,7 +71,7 @@ class Decisions:
     ) -> Difference | None:
         """Compare the decisions of some ticks of the log.
 
-        states : (n, 6) m, m/s that the controller read, from the goal
+        states : (n, 6) m, m/s that the controller saw: from the goal, or from the reference
         forces_n : (n, 3) N that it commanded; active : (n,) where it was switched on
         """
         while self._waiting is not None and self._waiting.tick <= ticks[-1]:

@@ -22,6 +22,8 @@ class StageStates:
 
     def __init__(self) -> None:
         self._changes: dict[str, list[tuple[int, bool]]] = {}
+        self._missing: dict[str, set[int]] = {}
+        self._commands: dict[str, list[tuple[int, str]]] = {}
         self.dropped: dict[str, int] = {}
 
     def take(self, block_events: Sequence[Event]) -> None:
@@ -32,10 +34,24 @@ class StageStates:
                 self.dropped.update(events.dropped(event.status))
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
+                if state == events.WITHOUT_COMMAND:
+                    self._missing.setdefault(event.values.get('stage', ''), set()).add(tick)
                 if state in (events.ACTIVE, events.INACTIVE):
                     changes = self._changes.setdefault(event.values.get('stage', ''), [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
+                elif state is not None:
+                    name = event.values.get('stage', '')
+                    self._commands.setdefault(name, []).append((tick, state))
+
+    def tell(self, stage: Stage) -> None:
+        """Give a stage the commands that it got in flight."""
+        for tick, state in self._commands.pop(stage.name, []):
+            stage.take_event(tick, state)
+
+    def missing(self, stage: str) -> set[int]:
+        """Return the ticks at which a stage went on without the command before."""
+        return self._missing.get(stage, set())
 
     def active(self, stage: str, ticks: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return at which ticks a stage was switched on."""

@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from rpo_core import interfaces
 from rpo_core.chain import NO_FORCE, Chain, Link
 from rpo_core.controller import AnyController
-from rpo_core.interfaces import RELATIVE_STATE
+from rpo_core.controller_file import followed
+from rpo_core.interfaces import RELATIVE_STATE, current, row_of
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
 from rpo_log import topics
@@ -40,16 +41,19 @@ from rpo_log.read.completeness import Completeness
 from rpo_log.read.decode import TickBlock
 from rpo_log.read.run_log import controller_of, scenario_of
 from rpo_log.read.stream import RunReader
+from rpo_log.topics import Topic
 from rpo_log.verify.controllers import Controllers
 from rpo_log.verify.decisions import Decisions
 from rpo_log.verify.difference import (
     APPLIED,
+    REST,
     START,
     Difference,
     non_canonical_difference,
 )
 from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
+from rpo_log.verify.previous import PreviousSignals
 from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
 from rpo_log.verify.statuses import Statuses
 from rpo_log.verify.verification import Verification
@@ -60,7 +64,10 @@ _APPLIED = {
 }
 """In free running, what the plant took in place of what a signal carries."""
 
-_SECTIONS = {'disturbance': 'a disturbance', 'navigation': 'errors of navigation'}
+_SECTIONS = {
+    'disturbance': 'a disturbance', 'navigation': 'errors of navigation',
+    'sensors': 'sensors', 'estimator': 'an estimator',
+}  # fmt: skip
 
 
 class _Verifier:
@@ -79,6 +86,9 @@ class _Verifier:
                 Fault.BAD_ATTACHMENT, reader.path, f'its {CONTROLLER}: {error}'
             ) from None
         self.topics = {topic.signal: topic for topic in reader.topics}
+        for topic in reader.topics:
+            if topic.row.rider:
+                self.topics[topic.row.rider] = Topic(topic.name, row_of(topic.row.rider))
         self._require_topics(reader)
         self.free = topics.free_running(reader.topics)
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
@@ -90,6 +100,7 @@ class _Verifier:
             interfaces.COMMAND: HeldForces(ticks, float(self.scenario.max_force_n)),
             interfaces.DISTURBANCE: HeldForces(ticks, math.inf),
         }
+        self._previous = PreviousSignals()
         self._following: tuple[int, Floats] | None = None  # state computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
         self.statuses = Statuses(self.scenario, status, self.free)
@@ -170,12 +181,14 @@ class _Verifier:
         """Recompute each stage of the ticks of a block and compare its outputs."""
         signals: dict[str, Floats] = {**block.values, NO_FORCE: np.zeros((len(block.ticks), 3))}
         self._drop(block, signals)
+        self._look_back(block, signals)
         if block.ticks[0] == 0:
             start = np.array([tuple(map(float, self.scenario.start))])
             known = np.arange(len(block.ticks)) == 0
             yield self._first(START, RELATIVE_STATE, block, np.repeat(start, len(known), 0), known)
         for link, stage in zip(self.chain.links, self.stages, strict=True):
             reads = [signals[name] for name in self._reads(link)]
+            self.states.tell(link.stage)
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
             made, known = stage.run(block.ticks, reads, active, began)
@@ -203,14 +216,29 @@ class _Verifier:
             read = signals[next(self._reads(self._controller))]
             forces_n = block.values[interfaces.CONTROL_FORCE]
             active = self.states.active(self._controller.stage.name, block.ticks)
-            from_goal = read - np.array(self.scenario.goal_state)
-            yield self.decisions.difference(block.ticks, from_goal, forces_n, active)
+            if interfaces.REFERENCE_STATE in self._controller.reads:
+                seen, forces_n = followed(read, forces_n, signals)
+            else:
+                seen = read - np.array(self.scenario.goal_state)
+            yield self.decisions.difference(block.ticks, seen, forces_n, active)
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
         for name, tick in self.states.dropped.items():
             if name in signals:
                 signals[name] = np.where((block.ticks >= tick)[:, None], 0.0, signals[name])
+
+    def _look_back(self, block: TickBlock, signals: dict[str, Floats]) -> None:
+        """Add what stages read of the tick before; in free running, as the plant took it."""
+        for link in self.chain.links:
+            for name in link.reads:
+                if current(name) == name:
+                    continue
+                source = current(name)
+                if self.free:
+                    source = _APPLIED.get(row_of(source).carries, source)
+                missing = self.states.missing(link.stage.name)
+                signals[name] = self._previous.of(source, block.ticks, signals[source], missing)
 
     def _reads(self, link: Link) -> Iterator[str]:
         """Yield the signals that a stage reads; in free running the plant says what it took."""
@@ -234,12 +262,14 @@ class _Verifier:
         return self._first(self.names[-1], RELATIVE_STATE, block, computed, where)
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
-        """Compare disturbances that no stage makes with zero."""
+        """Compare disturbances and covariances that no stage makes with zero."""
         made = {*self.chain.outputs, interfaces.APPLIED_DISTURBANCE}
         for name, values in block.values.items():
-            if name not in made and interfaces.row_of(name).carries == interfaces.DISTURBANCE:
+            row = interfaces.row_of(name)
+            if name not in made and (row.carries == interfaces.DISTURBANCE or row.rides):
                 known = np.ones(len(values), dtype=bool)
-                yield self._first('disturbance', name, block, np.zeros_like(values), known)
+                check = REST if row.rides else 'disturbance'
+                yield self._first(check, name, block, np.zeros_like(values), known)
 
     def _compare_applied(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare the forces applied with those commanded not long before, where they are known.

@@ -15,8 +15,7 @@ from itertools import islice, product
 
 from rpo_core import interfaces, kernels
 from rpo_core.chain import Chain, Signals
-from rpo_core.interfaces import RELATIVE_STATE
-from rpo_core.layout import Layout
+from rpo_core.interfaces import RELATIVE_STATE, Interface
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.thrusters import ZERO
@@ -31,10 +30,10 @@ _APPLIED = {
 }
 
 
-def _holds_more(layout: Layout, data: bytes) -> bool:
+def _holds_more(row: Interface, data: bytes) -> bool:
     """Return whether a message holds more than its numbers: a torque, a covariance."""
-    stamp_ns, values, _ = layout.decode(data)
-    return data != layout.encode(stamp_ns, values)
+    stamp_ns, values, _ = row.layout.decode(data)
+    return data != row.layout.encode(stamp_ns, values[: len(row.columns)])
 
 
 class Acting:
@@ -80,12 +79,13 @@ class Acting:
         return self._delay if interfaces.row_of(signal).carries == interfaces.COMMAND else 0
 
     def _values(self, signal: str, data: bytes) -> Signal:
-        return self._topics[self._index[signal]].row.layout.decode(data)[1]
+        row = self._topics[self._index[signal]].row
+        return row.layout.decode(data)[1][: len(row.columns)]
 
     def _like(self, signal: str, found: Sequence[bytes], wanted: Sequence[Signal]) -> bytes | None:
         """Return the first message with one of some values; one with nothing else in it first."""
-        layout = self._topics[self._index[signal]].row.layout
-        for data in sorted(found, key=partial(_holds_more, layout)):
+        row = self._topics[self._index[signal]].row
+        for data in sorted(found, key=partial(_holds_more, row)):
             if self._values(signal, data) in wanted:
                 return data
         return None
@@ -144,8 +144,8 @@ class Acting:
         found = self._heard(signal, tick, candidates)
         if len(found) < 2:
             return found
-        layout = self._topics[self._index[signal]].row.layout
-        return sorted(found, key=partial(_holds_more, layout))
+        row = self._topics[self._index[signal]].row
+        return sorted(found, key=partial(_holds_more, row))
 
     def _next_state(
         self, tick: int, state: bytes, answers: Sequence[bytes], candidates: Candidates

@@ -9,8 +9,8 @@ listens to their output, `navigation_state`.
 from __future__ import annotations
 
 from rpo_core.stage import Place
+from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
-from rpo_ros.stage_node import PlaceNode
 
 
 class NavigationNode(PlaceNode):
@@ -22,5 +22,5 @@ class NavigationNode(PlaceNode):
 
 
 def main() -> int:
-    """Entry point of `ros2 run rpo_sim navigation`."""
+    """Entry point of `ros2 run rpo_nav navigation`."""
     return run_node(NavigationNode)

@@ -1,0 +1,178 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo safety`: the constants of runtime assurance, attacks on it, and how often it acts."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+from rpo_core.validation import InputError
+from rpo_training.commands.shared import Set, interruptible
+
+safety = typer.Typer(
+    name='safety',
+    help='Runtime assurance: its constants, attacks on it, and how often it acts.',
+    no_args_is_help=True,
+)
+
+SHOW_EXAMPLES = 'Example: `rpo safety show assured`'
+ATTACK_EXAMPLES = """
+Examples: `rpo safety attack assured` | `rpo safety attack assured --runs 100000 --seed 2 --set
+assurance.filter=simplex`
+"""
+QUIET_EXAMPLES = """
+Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --controller robust
+--speed paper`
+"""
+
+DRIFT_EXAMPLES = """
+Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
+"""
+
+LEGEND = (
+    'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
+    'a changed command; nearest: the least distance of a path to the zone.'
+)
+
+Name = Annotated[str, typer.Argument(help='shipped scenario, or file', metavar='SCENARIO')]
+
+
+@safety.command(epilog=SHOW_EXAMPLES)
+def show(scenario: Name, changes: Set = None) -> None:
+    """Print the constants of the proof for a scenario (docs/safety.md), and the time of a step.
+
+    With `RPO_JIT=0` in the environment, the time is that of plain Python.
+    """
+    from rpo_core import overrides
+    from rpo_safety.guard import proof_of
+    from rpo_safety.settings import Assurance
+    from rpo_training.display import print_table
+    from rpo_training.safety.quiet import speeds
+
+    found = overrides.load(scenario, changes or [])
+    settings = found.section(Assurance)
+    if settings is None:
+        raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
+    proof = proof_of(settings, found)
+    rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
+    cells = [(name, f'{value:.6g}') for name, value in [*rows, ('floor_m_s', proof.floor_m_s)]]
+    print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
+    passing, acting = speeds(proof.guard, found)
+    typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
+
+
+@safety.command(epilog=ATTACK_EXAMPLES)
+def attack(
+    scenario: Name = 'assured',
+    runs: Annotated[int, typer.Option(min=1, max=10_000_000, help='flights')] = 7000,
+    seed: Annotated[int, typer.Option(min=0, help='of all that is drawn')] = 1,
+    ticks: Annotated[int, typer.Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
+    changes: Set = None,
+) -> None:
+    """Fly dispersed runs under hostile commands and faults; exit code 1 if a limit is broken.
+
+    Starts, errors of navigation, disturbance and thrust are at the edge of what the section
+    `assurance` assumes. The path is looked at between the ticks, too.
+    """
+    from rpo_core import overrides
+    from rpo_training.display import print_table, progress
+    from rpo_training.safety import attack as attacks
+    from rpo_training.safety import hostile
+
+    found = overrides.load(scenario, changes or [])
+    began = time.monotonic()
+    with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
+        results = attacks.attack(found, runs, seed, ticks, lambda n: draw('runs', n, runs))
+    columns = (
+        hostile.VIOLATED,
+        hostile.INFEASIBLE,
+        hostile.TOO_FAST,
+        hostile.ACTED,
+        hostile.CONTACTS,
+    )
+    heads = (
+        'command',
+        'runs',
+        'in the zone',
+        'not admissible',
+        'too fast',
+        'changed',
+        'contacts',
+        'nearest',
+    )
+    rows = [
+        (
+            result.kind,
+            str(len(result.rows)),
+            *(str(result.total(column)) for column in columns),
+            f'{result.least(hostile.LEAST_FREE):.3g} m',
+        )
+        for result in results
+    ]
+    title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
+    print_table(heads, rows, title)
+    broken = sum(r.total(column) for r in results for column in columns[:3])
+    typer.echo(LEGEND)
+    typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
+    if broken:
+        raise typer.Exit(1)
+
+
+@safety.command(epilog=QUIET_EXAMPLES)
+def quiet(
+    scenario: Annotated[
+        str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
+    ] = 'paper_training',
+    controller: Annotated[
+        list[str] | None, typer.Option(help='shipped name or file; repeatable')
+    ] = None,
+    speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
+) -> None:
+    """Fly without assurance, and count the commands that it would change."""
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load
+    from rpo_safety.settings import Assurance
+    from rpo_training.display import print_table
+    from rpo_training.safety import quiet as counting
+
+    found, settings = load(scenario), Assurance(speed=speed)
+    rows = []
+    for name in controller or ['trained', 'robust']:
+        counted = counting.quiet(found, load_controller(name), settings)
+        rows.append((name, *map(str, counted[:3]), f'{counted.margin_m_s:.3f} m/s'))
+    heads = ('controller', 'flights', 'interventions', 'flights with one', 'least margin')
+    print_table(heads, rows, f'{found.name}, speed limit `{speed}`')
+
+
+@safety.command(epilog=DRIFT_EXAMPLES)
+def drift(
+    scenario: Annotated[
+        str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
+    ] = 'paper_training',
+    controller: Annotated[
+        list[str] | None, typer.Option(help='shipped name or file; repeatable')
+    ] = None,
+    radius: Annotated[float, typer.Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
+    beyond: Annotated[float, typer.Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
+    orbits: Annotated[float, typer.Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
+    drag: Annotated[
+        float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
+    ] = 0.0,
+) -> None:
+    """Print from how many moments of flights a thruster silence would lead to the target."""
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load
+    from rpo_training.display import print_table
+    from rpo_training.safety.silence import silence
+
+    found = load(scenario)
+    rows = []
+    for name in controller or ['trained', 'robust']:
+        f = silence(found, load_controller(name), radius, beyond, orbits, drag)
+        rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
+    heads = ('controller', 'flights', 'unprotected', 'of the time')
+    title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
+    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2')

@@ -1,0 +1,290 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Legs as they are flown: the reference state and the force that keeps a chaser on it.
+
+A leg is a function of the ticks since it began. Arithmetic is + - * / and square roots in a fixed
+order: the same bits on every machine.
+"""
+
+from __future__ import annotations
+
+from math import ceil, sqrt
+from typing import NamedTuple, Protocol
+
+from rpo_core import cw, kernels
+from rpo_core.kernels import CwStep, State, Vector, sin_cos
+from rpo_guidance import transfers
+from rpo_guidance.transfers import Transfer, Zones
+
+PI = 3.141592653589793
+
+SEGMENTS = 100
+"""Most segments of a transfer; each is a whole number of ticks."""
+
+STRETCH, STRETCHES = 1.25, 12
+"""A transfer that needs more force than it may gets so much more time, so often."""
+
+ACCELERATION_SHARE = 0.5
+"""Share of the force that guidance may use, for speeding up and braking on lines and arcs."""
+
+
+class Vehicle(NamedTuple):
+    """What legs know of the chaser.
+
+    limit_n : force of an axis that the reference may need
+    """
+
+    mean_motion_rad_s: float
+    mass_kg: float
+    dt_s: float
+    limit_n: float
+    step: CwStep
+
+    @property
+    def acceleration_m_s2(self) -> float:
+        """Acceleration on lines and arcs."""
+        return ACCELERATION_SHARE * self.limit_n / self.mass_kg
+
+    def force_n(self, state: State, acceleration: Vector) -> Vector:
+        """Return the force (3,) [N] for an acceleration (3,) [m/s^2] in a state."""
+        n, m = self.mean_motion_rad_s, self.mass_kg
+        x, _, z, vx, vy, _ = state
+        ax, ay, az = acceleration
+        return (
+            m * (ax - 3.0 * n * n * x - 2.0 * n * vy),
+            m * (ay + 2.0 * n * vx),
+            m * (az + n * n * z),
+        )
+
+
+class Flown(Protocol):
+    """A leg under way."""
+
+    @property
+    def ticks(self) -> int | None:
+        """Its length; None: it has no end of its own."""
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the reference (6,) [m, m/s] and force (3,) [N] so many ticks after its begin."""
+
+
+class Resting:
+    """At rest at a point, for ever."""
+
+    ticks = None
+
+    def __init__(self, position_m: Vector, vehicle: Vehicle) -> None:
+        self._state: State = (*position_m, 0.0, 0.0, 0.0)
+        self._force = vehicle.force_n(self._state, (0.0, 0.0, 0.0))
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the point and the force that holds a chaser there."""
+        return self._state, self._force
+
+
+class Transferring:
+    """On a transfer of least energy."""
+
+    def __init__(
+        self,
+        start: State,
+        end: State,
+        vehicle: Vehicle,
+        duration_s: float,
+        zones: Zones,
+        corridor_s: float | None = None,
+        burn_s: float | None = None,
+    ) -> None:
+        self._vehicle = vehicle
+        for _ in range(STRETCHES):
+            self._plan(start, end, duration_s, zones, corridor_s, burn_s)
+            if self.largest_n <= vehicle.limit_n:
+                break
+            duration_s *= STRETCH
+            burn_s = burn_s and burn_s * STRETCH
+            corridor_s = corridor_s and corridor_s * STRETCH
+
+    def _plan(
+        self,
+        start: State,
+        end: State,
+        duration_s: float,
+        zones: Zones,
+        corridor_s: float | None,
+        burn_s: float | None,
+    ) -> None:
+        vehicle = self._vehicle
+        wanted = max(1, round(duration_s / vehicle.dt_s))
+        self._hold = hold = max(1, -(-wanted // SEGMENTS))  # ticks of a segment
+        segments = max(4, -(-wanted // hold))
+        seconds = hold * vehicle.dt_s
+        step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
+        burn = None if burn_s is None else max(2, round(burn_s / seconds))
+        if corridor_s is not None:
+            zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
+        self.transfer: Transfer = transfers.least_energy(start, end, step, segments, zones, burn)
+        self.largest_n = float(abs(self.transfer.forces).max())
+        self.ticks: int | None = segments * hold
+        self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()
+        self._last: tuple[int, State] = (0, start)
+        self._end = end
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return the planned state and the force of its segment."""
+        if tick >= (self.ticks or 0):
+            return self._end, self._vehicle.force_n(self._end, (0.0, 0.0, 0.0))
+        segment, rest = divmod(tick, self._hold)
+        force: Vector = tuple(self._forces[segment])
+        before, state = self._last
+        if not rest:
+            state = tuple(self._states[segment])
+        elif before != tick:
+            if before != tick - 1:
+                state = tuple(self._states[segment])
+                before = segment * self._hold
+            for _ in range(tick - before):
+                state = kernels.cw_step(state, force, self._vehicle.step)
+        self._last = (tick, state)
+        return state, force
+
+
+class Profile:
+    """A length run through with a first, a largest and a last speed, and one acceleration.
+
+    Speeds that the length does not allow become smaller; the length is kept.
+    """
+
+    def __init__(
+        self, length: float, first: float, cruise: float, last: float, acceleration: float
+    ) -> None:
+        a = acceleration
+        reached = sqrt(a * length + (first * first + last * last) / 2.0)
+        cruise = max(min(cruise, reached), first, last)
+        up = (cruise * cruise - first * first) / (2.0 * a)
+        down = (cruise * cruise - last * last) / (2.0 * a)
+        if up + down > length:  # too short to change the speed: it changes faster
+            a = abs(last * last - first * first) / (2.0 * length)
+            up, down = (length, 0.0) if last > first else (0.0, length)
+        self._a, self._first, self._cruise, self._last = a, first, cruise, last
+        self._length, self._up, self._down = length, up, down
+        self._up_s = (cruise - first) / a if a > 0.0 else 0.0
+        self._down_s = (cruise - last) / a if a > 0.0 else 0.0
+        self._even_s = (length - up - down) / cruise
+        self.duration_s = self._up_s + self._even_s + self._down_s
+
+    def at(self, time_s: float) -> tuple[float, float, float]:
+        """Return length, speed and acceleration at a time."""
+        a = self._a
+        if time_s < self._up_s:
+            return (self._first + 0.5 * a * time_s) * time_s, self._first + a * time_s, a
+        time_s -= self._up_s
+        if time_s < self._even_s:
+            return self._up + self._cruise * time_s, self._cruise, 0.0
+        left = self._even_s + self._down_s - time_s
+        if left > 0.0:
+            return self._length - (self._last + 0.5 * a * left) * left, self._last + a * left, -a
+        return self._length, self._last, 0.0
+
+
+class Straight:
+    """On a straight line, with a profile of speed."""
+
+    def __init__(
+        self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float, end_m_s: float
+    ) -> None:
+        self._vehicle, self._to = vehicle, to_m
+        x, y, z, vx, vy, vz = start
+        line = (to_m[0] - x, to_m[1] - y, to_m[2] - z)
+        length = sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2])
+        self._from: Vector = (x, y, z)
+        self.ticks = 0
+        if length < 1e-6:
+            self._ahead: Vector = (0.0, 0.0, 0.0)
+            self._profile: Profile | None = None
+            return
+        self._ahead = (line[0] / length, line[1] / length, line[2] / length)
+        closing = vx * self._ahead[0] + vy * self._ahead[1] + vz * self._ahead[2]
+        first = min(max(closing, 0.0), speed_m_s)
+        self._profile = Profile(length, first, speed_m_s, end_m_s, vehicle.acceleration_m_s2)
+        self.ticks = ceil(self._profile.duration_s / vehicle.dt_s)
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return point and velocity on the line, and the force in the middle of the tick."""
+        if self._profile is None:
+            return Resting(self._to, self._vehicle).at(0)
+        dt_s = self._vehicle.dt_s
+        state, _ = self._moving(self._profile, tick * dt_s)
+        return state, self._vehicle.force_n(*self._moving(self._profile, (tick + 0.5) * dt_s))
+
+    def _moving(self, profile: Profile, time_s: float) -> tuple[State, Vector]:
+        """Return state and acceleration at a time."""
+        length, speed, a = profile.at(time_s)
+        ux, uy, uz = self._ahead
+        px, py, pz = self._from
+        state = (
+            px + length * ux, py + length * uy, pz + length * uz,
+            speed * ux, speed * uy, speed * uz,
+        )  # fmt: skip
+        return state, (a * ux, a * uy, a * uz)
+
+
+class FlyingAround:
+    """On an arc about the target; its radius changes evenly with the angle."""
+
+    def __init__(self, start: State, to_m: Vector, vehicle: Vehicle, speed_m_s: float) -> None:
+        self._vehicle = vehicle
+        first, self._a = _polar(start[:3])
+        last, end = _polar(to_m)
+        self._angle, self._b = _arc(self._a, end)
+        self._radius, self._growth = first, (last - first) / self._angle
+        speed = speed_m_s / max(first, last)
+        rate = vehicle.acceleration_m_s2 / max(first, last)
+        self._profile = Profile(self._angle, 0.0, speed, 0.0, rate)
+        self.ticks: int | None = ceil(self._profile.duration_s / vehicle.dt_s)
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return point and velocity on the arc, and the force in the middle of the tick."""
+        dt_s = self._vehicle.dt_s
+        state, _ = self._moving(tick * dt_s)
+        return state, self._vehicle.force_n(*self._moving((tick + 0.5) * dt_s))
+
+    def _moving(self, time_s: float) -> tuple[State, Vector]:
+        """Return state and acceleration at a time."""
+        angle, rate, change = self._profile.at(time_s)
+        sine, cosine = sin_cos(angle)
+        r, dr = self._radius + self._growth * angle, self._growth
+        # e = a cos + b sin points to the chaser, e' = b cos - a sin ahead
+        position, velocity, acceleration = [], [], []
+        for a, b in zip(self._a, self._b, strict=True):
+            e, ahead = a * cosine + b * sine, b * cosine - a * sine
+            slope, bend = dr * e + r * ahead, 2.0 * dr * ahead - r * e
+            position.append(r * e)
+            velocity.append(slope * rate)
+            acceleration.append(bend * rate * rate + slope * change)
+        (x, y, z), (vx, vy, vz), (ax, ay, az) = position, velocity, acceleration
+        return (x, y, z, vx, vy, vz), (ax, ay, az)
+
+
+def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:
+    """Return the range [m] and direction of a point; R-bar outward for the target itself."""
+    x, y, z = position_m
+    size = sqrt(x * x + y * y + z * z)
+    return (size, (x / size, y / size, z / size)) if size > 0.0 else (0.0, (1.0, 0.0, 0.0))
+
+
+def _arc(a: Vector, end: Vector) -> tuple[float, Vector]:
+    """Return the angle [rad] from a to end, unit vectors, and the unit vector b ahead at a."""
+    cosine = a[0] * end[0] + a[1] * end[1] + a[2] * end[2]
+    b: Vector | None = None
+    for towards in (end, (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):  # opposite: by below, or H-bar
+        along = towards[0] * a[0] + towards[1] * a[1] + towards[2] * a[2]
+        across = [t - along * u for t, u in zip(towards, a, strict=True)]
+        size = sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
+        if size > 1e-6:
+            b = (across[0] / size, across[1] / size, across[2] / size)
+            break
+    low, high = 1e-9, PI
+    for _ in range(60):  # bisection: the cosine falls from 0 to pi
+        angle = 0.5 * (low + high)
+        low, high = (angle, high) if sin_cos(angle)[1] > cosine else (low, angle)
+    return high, b if b is not None else (0.0, 1.0, 0.0)

@@ -1,0 +1,196 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Approach plans: section `guidance` of a scenario.
+
+A plan is a list of legs, flown one after the other. Each leg begins where the one before ended, the
+first one at the state of the chaser. After the last leg the reference stays where that one ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from math import sqrt
+from typing import Annotated, Any
+
+from rpo_core.kernels import Vector, sin_cos
+from rpo_core.scenario import MAX_VELOCITY_M_S
+from rpo_core.starts import MAX_POSITION_M
+from rpo_core.validation import InputError, Name, check_fields, choice, real, shown, vector3
+
+TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
+KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)
+
+AUTO, COMMAND = 'auto', 'command'
+"""Who ends a hold: its own conditions, or the command `go` while they are met."""
+
+GO_ON, ABORT = 'go', 'abort'
+"""What a hold does when its time is up."""
+
+MAX_LEGS = 50
+
+_position = partial(vector3, unit='m', bound=MAX_POSITION_M)
+_velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
+_time = partial(real, unit='s', least=0.0, most=1e6)
+_some_time = partial(real, unit='s', above=0.0, most=1e6)
+_speed = partial(real, unit='m/s', above=0.0, most=10.0)
+
+
+def _optional(name: str, value: Any, check: Any) -> Any:
+    return None if value is None else check(name, value)
+
+
+Point = Annotated[Vector | None, partial(_optional, check=_position)]
+Time = Annotated[float | None, partial(_optional, check=_some_time)]
+Speed = Annotated[float | None, partial(_optional, check=_speed)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """One leg of a plan.
+
+    kind : `transfer`, least energy in `duration_s`, around the keep-out sphere; with `burn_s` the
+        thrusters fire at its two ends only. `straight`, at `speed_m_s`. `fly_around`, on an arc
+        about the target, its radius changing evenly. `hold`, at one point
+    to_m : (3,) target LVLH, where it ends
+    arrive_m_s : (3,) velocity there, of a transfer
+    corridor_s : so long before its end a transfer enters the corridor
+    end_speed_m_s : of a straight leg, where it ends
+    within_m, within_m_s : GO is given only while error and speed are no larger
+    dwell_s : least time of a hold; timeout_s : longest, then `on_timeout`
+    """
+
+    name: Name
+    kind: Annotated[str, partial(choice, known=KINDS)]
+    to_m: Point = None
+    arrive_m_s: Annotated[Vector, _velocity] = (0.0, 0.0, 0.0)
+    duration_s: Time = None
+    corridor_s: Time = None
+    burn_s: Time = None
+    speed_m_s: Speed = None
+    end_speed_m_s: Annotated[float, partial(real, unit='m/s', least=0.0, most=10.0)] = 0.0
+    dwell_s: Annotated[float, _time] = 0.0
+    go: Annotated[str, partial(choice, known=(AUTO, COMMAND))] = AUTO
+    within_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 0.5
+    within_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.05
+    timeout_s: Time = None
+    on_timeout: Annotated[str, partial(choice, known=(GO_ON, ABORT))] = ABORT
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for kind, names in _OF_KIND.items():
+            for name in names:
+                if getattr(self, name) != _DEFAULTS[name] and self.kind not in _KINDS_OF[name]:
+                    raise InputError(
+                        f'`{name}` goes with a leg of kind {" or ".join(_KINDS_OF[name])}; '
+                        f'{self.name} is of kind {self.kind}'
+                    )
+            if self.kind == kind:
+                for name in _NEEDED[kind]:
+                    if getattr(self, name) is None:
+                        raise InputError(f'`{name}` is missing; a leg of kind {kind} needs it')
+        if self.kind == STRAIGHT and self.speed_m_s and self.end_speed_m_s > self.speed_m_s:
+            raise InputError(
+                f'`end_speed_m_s` must be at most `speed_m_s` = {self.speed_m_s!r}; '
+                f'got {self.end_speed_m_s!r}'
+            )
+        if self.burn_s and self.duration_s and 2.0 * self.burn_s > self.duration_s:
+            raise InputError(
+                f'`burn_s` must be at most half of `duration_s` = {self.duration_s!r}; '
+                f'got {self.burn_s!r}'
+            )
+
+
+_OF_KIND = {
+    TRANSFER: ('arrive_m_s', 'duration_s', 'corridor_s', 'burn_s'),
+    STRAIGHT: ('speed_m_s', 'end_speed_m_s'),
+    FLY_AROUND: ('speed_m_s',),
+    HOLD: ('dwell_s', 'go', 'within_m', 'within_m_s', 'timeout_s', 'on_timeout'),
+}
+_NEEDED = {
+    TRANSFER: ('to_m', 'duration_s'),
+    STRAIGHT: ('to_m', 'speed_m_s'),
+    FLY_AROUND: ('to_m', 'speed_m_s'),
+    HOLD: (),
+}
+_KINDS_OF = {
+    name: [kind for kind, names in _OF_KIND.items() if name in names]
+    for names in _OF_KIND.values()
+    for name in names
+}
+_DEFAULTS = {name: Leg.__dataclass_fields__[name].default for name in _KINDS_OF}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corridor:
+    """The cone by which the chaser enters the keep-out sphere; its tip is the port.
+
+    axis : (3,) from the port outward; half_angle_deg : of the cone
+    from_m : range from the target within which the chaser must be inside; 0: no corridor
+    """
+
+    axis: Annotated[Vector, partial(vector3, unit='', bound=1e3)] = (0.0, 1.0, 0.0)
+    half_angle_deg: Annotated[float, partial(real, unit='deg', above=0.0, most=60.0)] = 10.0
+    from_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not any(self.axis):
+            raise InputError('`axis` must not be zero; got [0, 0, 0]')
+
+    @property
+    def ahead(self) -> Vector:
+        """Unit vector (3,) from the port outward."""
+        x, y, z = self.axis
+        size = sqrt(x * x + y * y + z * z)
+        return x / size, y / size, z / size
+
+    @property
+    def slope(self) -> float:
+        """Tangent of the half angle."""
+        sine, cosine = sin_cos(self.half_angle_deg * 0.017453292519943295)
+        return sine / cosine
+
+    def outside_m(self, position_m: Vector, port_m: Vector) -> float:
+        """Return how far [m] a point lies outside the cone, across its axis; < 0 inside."""
+        from_port = [r - p for r, p in zip(position_m, port_m, strict=True)]
+        along = sum(r * a for r, a in zip(from_port, self.ahead, strict=True))
+        across = [r - along * a for r, a in zip(from_port, self.ahead, strict=True)]
+        return sqrt(sum(r * r for r in across)) - along * self.slope
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guidance:
+    """Settings of guidance.
+
+    keep_out_m : radius of the sphere about the target; the corridor leads through it
+    margin_m : by which transfers plan a larger sphere, for the errors of the flight
+    port_m : (3,) tip of the corridor
+    retreat_m : (3,) where `retreat` leads
+    abort_offset_m : by how much `abort` goes below (ahead of the target) or above (behind it), from
+        where relative motion carries the chaser away without a force
+    abort_s : time of the transfer there
+    force_share : of the thrusters' force that the reference may need
+    """
+
+    legs: tuple[Leg, ...]
+    keep_out_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
+    margin_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e3)] = 3.0
+    corridor: Corridor = Corridor()
+    port_m: Annotated[Vector, _position] = (0.0, 0.0, 0.0)
+    retreat_m: Point = None
+    abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
+    abort_s: Annotated[float, _some_time] = 300.0
+    force_share: Annotated[float, partial(real, unit='', above=0.0, most=1.0)] = 0.6
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not 1 <= len(self.legs) <= MAX_LEGS:
+            raise InputError(f'`legs` must be 1 to {MAX_LEGS} legs; got {shown(list(self.legs))}')
+        for leg in self.legs:
+            if leg.corridor_s and not self.corridor.from_m:
+                raise InputError(f'`corridor_s` of leg {leg.name} needs `corridor.from_m`')
+        names = [leg.name for leg in self.legs]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f'`legs` must have names of their own; {name} is there twice')

@@ -1,0 +1,260 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator: a Kalman filter on the relative motion. Section `estimator`.
+
+It reads the measurements and the force that was commanded one tick before. Its arithmetic is in
+`rpo_nav.filter_kernels`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from math import sqrt
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import cw, interfaces
+from rpo_core.codec import UNLESS_DEFAULT
+from rpo_core.interfaces import PREVIOUS_COMMAND
+from rpo_core.jit import as_table
+from rpo_core.kernels import CwStep, cw_step
+from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.validation import InputError, check_fields, real, whole
+from rpo_nav.filter_kernels import (
+    BASE,
+    COUNTS,
+    LAST_ACCEPTED,
+    LAST_RESET,
+    NOW,
+    REJECTED,
+    RESETS,
+    TESTED,
+    Filter,
+    Memory,
+    estimate,
+)
+from rpo_nav.sensor_kernels import MEASURED, three_normals
+from rpo_nav.sensors import Sensors
+
+_START = 255
+"""Stream of the random numbers of the start."""
+
+_above = partial(real, above=0.0, most=1e6)
+_least = partial(real, least=0.0, most=1e6)
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """A Kalman filter, told the noise of the sensors as the scenario has it.
+
+    position_sigma_m, velocity_sigma_m_s : each axis, of the state at the start: the filter begins
+        with the start of the scenario plus an error of that size, drawn with the sensors' key
+    acceleration_noise_m_s1_5 : root of the spectral density of what is not modelled, each axis
+    noise_scale : sigma of the sensors as the filter takes it, over that of the scenario
+    disturbance_sigma_n : of a constant disturbance force at the start, each axis; 0: the filter has
+        no such state
+    disturbance_walk_n_s0_5 : how the disturbance changes, per root of a second
+    gate_sigmas : a measurement is rejected beyond the chi-square quantile of so many sigmas of a
+        normal number; 0: none is
+    restart_after : so many rejected measurements in a row restart the filter; 0: none do
+    restart_velocity_sigma_m_s : each axis, after a restart
+    mass_kg : of the chaser as the filter takes it; 0: as the scenario has it
+    delay_ticks : from a command to its force as the filter takes it; -1: as the scenario has it
+    """
+
+    position_sigma_m: Annotated[float, partial(_above, unit='m')] = 1.0
+    velocity_sigma_m_s: Annotated[float, partial(_above, unit='m/s')] = 0.01
+    acceleration_noise_m_s1_5: Annotated[float, partial(_least, unit='m/s^1.5')] = 1e-5
+    noise_scale: Annotated[float, partial(real, least=1e-3, most=1e3)] = 1.0
+    disturbance_sigma_n: Annotated[float, partial(_least, unit='N')] = 0.0
+    disturbance_walk_n_s0_5: Annotated[float, partial(_least, unit='N/s^0.5')] = 0.0
+    gate_sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = 5.0
+    restart_after: Annotated[int, partial(whole, least=0, most=1_000_000)] = 20
+    restart_velocity_sigma_m_s: Annotated[float, partial(_above, unit='m/s')] = 1.0
+    mass_kg: Annotated[float, partial(_least, unit='kg')] = field(
+        default=0.0, metadata=UNLESS_DEFAULT
+    )
+    delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = field(
+        default=-1, metadata=UNLESS_DEFAULT
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.disturbance_walk_n_s0_5 > 0.0 and self.disturbance_sigma_n == 0.0:
+            raise InputError('`disturbance_sigma_n` must be > 0 N where the disturbance walks')
+
+    @property
+    def states(self) -> int:
+        """6 states, or 9 with a disturbance."""
+        return 9 if self.disturbance_sigma_n > 0.0 else 6
+
+
+def gate(numbers: int, sigmas: float) -> float:
+    """Return the chi-square quantile of so many numbers; 0 for none.
+
+    By Wilson and Hilferty, "The distribution of chi-square", 1931: right to 12 % up to 5 sigmas,
+    and made of + - * / sqrt.
+    """
+    if sigmas == 0.0 or numbers == 0:
+        return 0.0
+    share = 2.0 / (9.0 * numbers)
+    root = 1.0 - share + sigmas * sqrt(share)
+    return numbers * root * root * root
+
+
+def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Filter:
+    """Return the filter of a scenario as the kernels read it."""
+    n, units = settings.states, sensors.units
+    rows = np.array([unit.row(scenario.dt_s) for unit in units])
+    rows[:, :5] *= settings.noise_scale
+    first, second = (three_normals(0, i, _START, *sensors.noise_key) for i in range(2))
+    sigmas = [settings.position_sigma_m] * 3 + [settings.velocity_sigma_m_s] * 3
+    draws = zip(scenario.start, sigmas, (*first, *second), strict=True)
+    start = [value + sigma * draw for value, sigma, draw in draws] + [0.0] * (n - 6)
+    disturbed = [settings.disturbance_sigma_n] * (n - 6)
+    again = [settings.position_sigma_m] * 3 + [settings.restart_velocity_sigma_m_s] * 3
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
+    delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
+    return Filter(
+        n,
+        step,
+        as_table(_process_noise(settings, step, mass_kg, scenario.dt_s)),
+        as_table(start),
+        as_table(_diagonal([*sigmas, *disturbed])),
+        as_table(_diagonal([*again, *disturbed])),
+        as_table(rows),
+        as_table([gate(numbers, settings.gate_sigmas) for numbers in range(7)]),
+        float(scenario.max_force_n),
+        delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
+        settings.restart_after,
+        max(unit.latency_ticks for unit in units),
+        1,
+    )
+
+
+def _diagonal(sigmas: list[float]) -> list[float]:
+    n = len(sigmas)
+    return [sigmas[i] * sigmas[i] if i == j else 0.0 for i in range(n) for j in range(n)]
+
+
+def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> list[float]:
+    """Return Q (n * n): white acceleration, held for a tick; the walk of the disturbance."""
+    n, zero = settings.states, (0.0,) * 6
+    density = settings.acceleration_noise_m_s1_5 * mass_kg
+    variance = density * density / dt_s
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    columns = [cw_step(zero, force, step) for force in unit]
+    noise = [0.0] * (n * n)
+    for i in range(6):
+        for j in range(6):
+            shared = 0.0
+            for column in columns:
+                shared += column[i] * column[j]
+            noise[n * i + j] = variance * shared
+    walk = settings.disturbance_walk_n_s0_5
+    for i in range(6, n):
+        noise[n * i + i] = walk * walk * dt_s
+    return noise
+
+
+def memory_of(f: Filter) -> Memory:
+    """Return the memory of a filter that has not begun."""
+    n, sensors = f.n, len(f.sensors)
+    slots = f.newest + f.delay + 2
+    shapes = (n, n * n, n, n * n, 3 * n + n * n, (slots, 3), (slots, sensors, MEASURED + 1))
+    tables: Any = [as_table(np.zeros(shape)) for shape in shapes]
+    tables += [as_table(np.full(COUNTS, -1), np.int64), as_table(np.zeros((sensors, TESTED)))]
+    return Memory(*tables)
+
+
+class EstimatorStage(Stage):
+    """From measurements and the command before to the estimated state and its covariance."""
+
+    name = 'estimator'
+    outputs: tuple[str, ...] = (interfaces.NAVIGATION_STATE, interfaces.NAVIGATION_COVARIANCE)
+    memory_ticks = None
+
+    def __init__(self, settings: Estimator, scenario: Any) -> None:
+        sensors = _sensors_of(scenario)
+        self.inputs = (PREVIOUS_COMMAND, *sensors.signals)
+        self.filter = filter_of(settings, sensors, scenario)
+        self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
+        self._measured = as_table(np.zeros((len(sensors.units), MEASURED)))
+        if settings.states == 9:
+            self.outputs = (*self.outputs, interfaces.ESTIMATED_DISTURBANCE)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the start of the scenario."""
+        self.memory = memory_of(self.filter)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return state (6,) [m, m/s], covariances (18,), and the disturbance (3,) [N] if any.
+
+        The covariances are those of position [m^2] and of velocity [m^2/s^2], 3 x 3 each.
+        """
+        command, *measurements = inputs
+        for row, values in zip(self._measured, measurements, strict=True):
+            row[0] = float(values[6] >= 0.0)
+            row[1:7] = values[:6]
+        estimate(tick, command, self._measured, self.filter, self.memory)
+        y, s, n = self.memory.y, self.memory.s, self.filter.n
+        state = tuple(map(float, y[:6]))
+        blocks = [(i, j) for at in (0, 3) for i in range(at, at + 3) for j in range(at, at + 3)]
+        found = (state, tuple(float(s[n * i + j]) for i, j in blocks))
+        return found if n == 6 else (*found, tuple(map(float, y[6:9])))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """Whole covariance (n, n) of the newest estimate; SI units."""
+        n = self.filter.n
+        return np.array(self.memory.s).reshape(n, n)
+
+    @property
+    def innovations(self) -> list[list[float]]:
+        """Per sensor, innovations over sigma of what was measured newly; empty if nothing was."""
+        return [list(map(float, row[2 : 2 + int(row[0])])) for row in self.memory.tested]
+
+    def trouble(self) -> str:
+        """Return what is wrong, for /diagnostics; '' if nothing is."""
+        counts = self.memory.counts
+        if counts[RESETS] > 0:
+            return (
+                f'the estimator diverged: it was restarted {counts[RESETS]} times, the last time '
+                f'at tick {counts[LAST_RESET]}'
+            )
+        silent = counts[BASE] - counts[LAST_ACCEPTED]
+        if counts[NOW] >= 0 and silent > self._silent_ticks:
+            return f'the estimator is coasting: no measurement was taken for {silent} ticks'
+        return ''
+
+    @property
+    def rejected(self) -> int:
+        """How many measurements were rejected."""
+        return max(0, int(self.memory.counts[REJECTED]))
+
+    @property
+    def restarts(self) -> int:
+        """How often it was restarted."""
+        return max(0, int(self.memory.counts[RESETS]))
+
+
+def _sensors_of(scenario: Any) -> Sensors:
+    found = scenario.section(Sensors)
+    if found is None:
+        raise InputError('`estimator` must have something to measure: `sensors` is missing')
+    return found
+
+
+def _check(_settings: Estimator, scenario: Any) -> None:
+    """Raise InputError if there are no sensors, or another stage makes the navigation state."""
+    _sensors_of(scenario)
+    if scenario.navigation is not None:
+        raise InputError('`estimator` must be alone: `navigation` makes a navigation state too')
+
+
+register(Section('estimator', Estimator, Place.ESTIMATOR, EstimatorStage, _check))

@@ -1,0 +1,11 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters of the node of this package."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rpo_ros.parameter_rows import SCENARIO
+
+NAVIGATION = (replace(SCENARIO, example='path/to/mine.yaml'),)

@@ -1,0 +1,210 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What sensors measure, number by number: + - * / sqrt and comparisons, in the order written.
+
+A sensor is a row of floats; the names below are its columns. Random numbers are functions of
+(tick, stream, key), so a measurement is a function of them and of the true state.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+from rpo_core.jit import kernel
+from rpo_core.kernels import State, Vector
+from rpo_core.noise import normal_pair, philox
+
+(
+    NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
+    BIAS_X, BIAS_Y, BIAS_Z, WALK, SCALE, PERIOD, LATENCY, DROPOUT, OUTLIER, OUTLIER_SIZE,
+    COSINE, AXIS_X, AXIS_Y, AXIS_Z,
+) = range(21)  # fmt: skip
+"""Columns of a sensor. CROSS_SHARE is that of the noise across the line of sight. DROPOUT and
+OUTLIER are bounds of a random word of 32 bits. COSINE is that of the half angle of the field of
+view, -2 if there is no limit."""
+
+COLUMNS = 21
+
+MEASURED = 7
+"""Numbers of a measurement: 1 or 0 for none, position [m] (a unit vector without range), velocity
+[m/s]."""
+
+NO_DIRECTION_M = 1e-9
+"""Closer to the target than this, the line of sight is taken to be along V-bar."""
+
+_FIRST, _SECOND, _OUTLIER, _WALK = range(4)  # blocks of random words of a tick
+
+
+@kernel
+def larger(floor: float, value: float) -> float:
+    """Return the larger one of two numbers."""
+    return value if value > floor else floor
+
+
+@kernel
+def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """Return the distance [m] of a point, and its direction (3,)."""
+    distance = sqrt(x * x + y * y + z * z)
+    if distance < NO_DIRECTION_M:
+        return distance, 0.0, 1.0, 0.0
+    return distance, x / distance, y / distance, z / distance
+
+
+@kernel
+def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
+    """Return two unit vectors that form a right-handed frame with a unit vector.
+
+    The first is at right angles to the axis that is farthest from the vector.
+    """
+    sx, sy, sz = abs(ux), abs(uy), abs(uz)
+    if sx <= sy and sx <= sz:
+        ax, ay, az = 0.0, uz, -uy
+    elif sy <= sz:
+        ax, ay, az = -uz, 0.0, ux
+    else:
+        ax, ay, az = uy, -ux, 0.0
+    size = sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = ax / size, ay / size, az / size
+    return (ax, ay, az), (uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
+
+
+@kernel
+def four_words(tick: int, block: int, stream: int, k0: int, k1: int) -> tuple[int, int, int, int]:
+    """Return four random words of a block of a tick of a stream."""
+    return philox(tick, block, stream, 0, k0, k1)
+
+
+@kernel
+def three_normals(tick: int, block: int, stream: int, k0: int, k1: int) -> Vector:
+    """Return three independent standard normals of a block of a tick of a stream."""
+    a, b, c, d = four_words(tick, block, stream, k0, k1)
+    n0, n1 = normal_pair(a, b)
+    n2, _ = normal_pair(c, d)
+    return n0, n1, n2
+
+
+@kernel
+def is_due(tick: int, sensor: Any, outages: Any) -> bool:
+    """Return whether a sensor measures at a tick: its period, and no outage [first, end)."""
+    due = tick % int(sensor[PERIOD]) == 0
+    for i in range(0, len(outages), 2):
+        due = due and not outages[i] <= tick < outages[i + 1]
+    return due
+
+
+@kernel
+def sees(ux: float, uy: float, uz: float, sensor: Any) -> bool:
+    """Return whether the target is in the field of view; u points from the target to the chaser."""
+    away = ux * sensor[AXIS_X] + uy * sensor[AXIS_Y] + uz * sensor[AXIS_Z]
+    return bool(-away >= sensor[COSINE])
+
+
+@kernel
+def sample(
+    tick: int, state: State, walked: Vector, sensor: Any, stream: int, k0: int, k1: int, out: Any
+) -> None:
+    """Fill the measurement (7,) of a true state.
+
+    walked : (3,) [m] part of the bias that is a random walk
+
+    The noise has one sigma along the line of sight, another across it; both grow with distance.
+    """
+    out[0] = 0.0
+    x = state[0] + sensor[BIAS_X] + walked[0]
+    y = state[1] + sensor[BIAS_Y] + walked[1]
+    z = state[2] + sensor[BIAS_Z] + walked[2]
+    distance, ux, uy, uz = sight(x, y, z)
+    if not sees(ux, uy, uz, sensor):
+        return
+    a, b, c, d = four_words(tick, _FIRST, stream, k0, k1)
+    e, f, dropped, outlying = four_words(tick, _SECOND, stream, k0, k1)
+    if dropped < sensor[DROPOUT]:
+        return
+    n0, n1 = normal_pair(a, b)
+    n2, n3 = normal_pair(c, d)
+    along = larger(sensor[NOISE_FLOOR], sensor[NOISE_SHARE] * distance) * n0
+    cross = larger(sensor[NOISE_FLOOR], sensor[CROSS_SHARE] * distance)
+    (ax, ay, az), (bx, by, bz) = across(ux, uy, uz)
+    first, second = cross * n1, cross * n2
+    x = x * sensor[SCALE] + (ux * along + ax * first + bx * second)
+    y = y * sensor[SCALE] + (uy * along + ay * first + by * second)
+    z = z * sensor[SCALE] + (uz * along + az * first + bz * second)
+    if outlying < sensor[OUTLIER]:
+        ox, oy, oz = three_normals(tick, _OUTLIER, stream, k0, k1)
+        size = sensor[OUTLIER_SIZE]
+        x, y, z = x + size * ox, y + size * oy, z + size * oz
+    if sensor[HAS_RANGE] == 0.0:
+        _, x, y, z = sight(x, y, z)
+    out[0], out[1], out[2], out[3] = 1.0, x, y, z
+    out[4], out[5], out[6] = 0.0, 0.0, 0.0
+    if sensor[HAS_VELOCITY] != 0.0:
+        n4, n5 = normal_pair(e, f)
+        sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
+        out[4] = state[3] + sigma * n3
+        out[5] = state[4] + sigma * n4
+        out[6] = state[5] + sigma * n5
+
+
+@kernel
+def sense(
+    tick: int, state: State, sensors: Any, outages: Any, k0: int, k1: int,
+    walk: Any, queue: Any, out: Any,
+) -> None:  # fmt: skip
+    """Fill the measurements (sensors, 7) that arrive at a tick.
+
+    outages : (sensors, 2 m) ticks, first and end of each
+    walk : (sensors, 4) the random walk of each bias [m], and the tick up to which it is summed
+    queue : (sensors, slots, 8) measurements on their way, each with its tick
+    """
+    for i in range(len(sensors)):
+        sensor, slots = sensors[i], len(queue[i])
+        while sensor[WALK] > 0.0 and walk[i][3] < tick:
+            walk[i][3] += 1.0
+            n0, n1, n2 = three_normals(int(walk[i][3]), _WALK, i + 1, k0, k1)
+            walk[i][0] += sensor[WALK] * n0
+            walk[i][1] += sensor[WALK] * n1
+            walk[i][2] += sensor[WALK] * n2
+        slot = queue[i][tick % slots]
+        slot[0], slot[MEASURED] = 0.0, float(tick)
+        if is_due(tick, sensor, outages[i]):
+            walked = (walk[i][0], walk[i][1], walk[i][2])
+            sample(tick, state, walked, sensor, i + 1, k0, k1, slot)
+        taken = tick - int(sensor[LATENCY])
+        found = queue[i][taken % slots]
+        out[i][0] = 0.0
+        if taken >= 0 and found[MEASURED] == taken:
+            for j in range(MEASURED):
+                out[i][j] = found[j]
+
+
+@kernel
+def describe(sensor: Any, measured: Any, out: Any) -> None:
+    """Fill the numbers (24,) of a measurement's message.
+
+    Position, velocity, and the covariance of each (rows of 3 x 3) as the sensor claims it, from the
+    distance measured. As in sensor_msgs/Imu, a covariance that begins with -1 means: not measured.
+    """
+    for j in range(24):
+        out[j] = 0.0
+    out[6], out[15] = -1.0, -1.0
+    if measured[0] == 0.0:
+        return
+    for j in range(6):
+        out[j] = measured[j + 1]
+    distance, ux, uy, uz = sight(out[0], out[1], out[2])
+    along = larger(sensor[NOISE_FLOOR], sensor[NOISE_SHARE] * distance)
+    cross = larger(sensor[NOISE_FLOOR], sensor[CROSS_SHARE] * distance)
+    if sensor[HAS_RANGE] == 0.0:
+        along, cross = 0.0, sensor[CROSS_SHARE]
+    u = (ux, uy, uz)
+    for row in range(3):
+        for column in range(3):
+            one = 1.0 if row == column else 0.0
+            shared = u[row] * u[column]
+            out[6 + 3 * row + column] = along * along * shared + cross * cross * (one - shared)
+    if sensor[HAS_VELOCITY] != 0.0:
+        sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
+        for row in range(3):
+            for column in range(3):
+                out[15 + 3 * row + column] = sigma * sigma if row == column else 0.0

@@ -1,0 +1,275 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors: what the chaser measures of the target, and when. Section `sensors`.
+
+Each measurement is a function of the true state and of (tick, key). Sources of usual sizes: Fehse,
+"Automated Rendezvous and Docking of Spacecraft", 2003, 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from math import pi, sqrt
+from typing import Annotated, Any
+
+import numpy as np
+
+from rpo_core import interfaces
+from rpo_core.jit import as_table
+from rpo_core.kernels import Vector, sin_cos
+from rpo_core.navigation import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
+from rpo_core.stage import Place, Section, Signal, Stage, register
+from rpo_core.validation import (
+    InputError,
+    check_fields,
+    choice,
+    real,
+    shown,
+    store,
+    vector3,
+    whole,
+)
+from rpo_nav.sensor_kernels import COLUMNS, MEASURED, describe, sense
+
+MAX_SENSORS = 4
+MAX_LATENCY_TICKS = 100
+MAX_OUTAGES = 100
+POSITION, RANGE_BEARING, BEARING = 'relative_position', 'range_bearing', 'bearing'
+KINDS = (POSITION, RANGE_BEARING, BEARING)
+
+NOISES = (
+    'noise_floor_m',
+    'noise_share',
+    'bearing_noise_rad',
+    'velocity_floor_m_s',
+    'velocity_share_1_s',
+)
+"""Fields of a sensor that scale its noise."""
+
+MEASUREMENTS = ('measurement', *(f'measurement_{i}' for i in range(2, MAX_SENSORS + 1)))
+"""Signals, one of each sensor."""
+
+for _name in MEASUREMENTS:
+    interfaces.add(
+        interfaces.Interface(
+            _name,
+            interfaces.STATE_TYPE,
+            'what a sensor measured, with its covariance; -1 as the first one: nothing',
+            covariance=True,
+        ),
+        before=interfaces.NAVIGATION_STATE,
+    )
+
+
+def _outages(name: str, value: Any) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, (list, tuple)) or len(value) > MAX_OUTAGES:
+        raise InputError(
+            f'`{name}` must be a list of at most {MAX_OUTAGES} intervals [begin, end] in s; '
+            f'got {shown(value)}'
+        )
+    found = []
+    for i, pair in enumerate(value):
+        if not isinstance(pair, (list, tuple)) or len(pair) != 2:
+            raise InputError(f'`{name}[{i}]` must be [begin, end] in s; got {shown(pair)}')
+        begin = real(f'{name}[{i}][0]', pair[0], 's', least=0.0)
+        found.append((begin, real(f'{name}[{i}][1]', pair[1], 's', above=begin)))
+    return tuple(found)
+
+
+_metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
+_share = partial(real, least=0.0, most=1.0)
+_speed = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
+_vector = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
+_direction = partial(vector3, unit='', bound=1e6)
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One sensor. Noise is white; its sigma is the larger one of a floor and a share of the range.
+
+    kind : `relative_position` (each axis alike), `range_bearing` (a lidar, a camera that knows the
+        size of the target) or `bearing` (a camera that does not)
+    noise_floor_m, noise_share : sigma of each axis, or along the line of sight
+    bearing_noise_rad : sigma across the line of sight; `noise_floor_m` is the floor of that too
+    velocity_floor_m_s, velocity_share_1_s : sigma of velocity, by range; both 0: not measured
+    bias_m : (3,) added to the position; bias_walk_m_s0_5 : per root of a second, each axis
+    scale_error : share by which distances are too long
+    period_ticks, latency_ticks : between measurements; from a measurement to its arrival
+    dropout_share : probability that a measurement does not come
+    boresight : (3,) axis of the field of view, from the chaser, target LVLH
+    field_of_view_rad : half angle about the boresight; pi: there is no limit
+    outages_s : intervals [begin, end) of flight time without measurements
+    outlier_share : probability of an outlier; outlier_size_m : sigma of it, each axis
+    """
+
+    kind: Annotated[str, partial(choice, known=KINDS)]
+    noise_floor_m: Annotated[float, _metres] = 0.01
+    noise_share: Annotated[float, _share] = 0.0
+    bearing_noise_rad: Annotated[float, _share] = 0.0
+    velocity_floor_m_s: Annotated[float, _speed] = 0.0
+    velocity_share_1_s: Annotated[float, _share] = 0.0
+    bias_m: Annotated[Vector, _vector] = (0.0, 0.0, 0.0)
+    bias_walk_m_s0_5: Annotated[float, _metres] = 0.0
+    scale_error: Annotated[float, partial(real, above=-1.0, most=1.0)] = 0.0
+    period_ticks: Annotated[int, partial(whole, least=1, most=1_000_000)] = 1
+    latency_ticks: Annotated[int, partial(whole, least=0, most=MAX_LATENCY_TICKS)] = 0
+    dropout_share: Annotated[float, partial(real, least=0.0, below=1.0)] = 0.0
+    boresight: Annotated[Vector, _direction] = (0.0, 1.0, 0.0)
+    field_of_view_rad: Annotated[float, partial(real, unit='rad', above=0.0, most=pi)] = pi
+    outages_s: Annotated[tuple[tuple[float, float], ...], _outages] = ()
+    outlier_share: Annotated[float, partial(real, least=0.0, below=1.0)] = 0.0
+    outlier_size_m: Annotated[float, _metres] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.noise_floor_m <= 0.0:
+            raise InputError('`noise_floor_m` must be > 0 m: a covariance must be positive; got 0')
+        if self.kind == POSITION and self.bearing_noise_rad > 0.0:
+            raise InputError('`bearing_noise_rad` must be 0 for a sensor of relative_position')
+        if self.kind == BEARING and self.bearing_noise_rad == 0.0:
+            raise InputError('`bearing_noise_rad` must be > 0 rad for a sensor of bearing; got 0')
+        if self.kind == BEARING and self.noise_share > 0.0:
+            raise InputError('`noise_share` must be 0 for a sensor of bearing: it has no range')
+        if self.velocity_share_1_s > 0.0 and self.velocity_floor_m_s == 0.0:
+            raise InputError('`velocity_floor_m_s` must be > 0 m/s where velocity is measured')
+        if self.kind != POSITION and self.velocity_floor_m_s > 0.0:
+            raise InputError('`velocity_floor_m_s` must be 0 but for a sensor of relative_position')
+        if not any(self.boresight):
+            raise InputError('`boresight` must have a direction; got [0, 0, 0]')
+
+    def row(self, dt_s: float) -> list[float]:
+        """Return the sensor as the kernels read it."""
+        x, y, z = self.boresight
+        size = sqrt(x * x + y * y + z * z)
+        limited = self.field_of_view_rad < pi
+        found = [
+            self.noise_floor_m,
+            self.noise_share,
+            self.noise_share if self.kind == POSITION else self.bearing_noise_rad,
+            self.velocity_floor_m_s,
+            self.velocity_share_1_s,
+            float(self.kind != BEARING),
+            float(self.velocity_floor_m_s > 0.0),
+            *self.bias_m,
+            self.bias_walk_m_s0_5 * sqrt(dt_s),
+            1.0 + self.scale_error,
+            float(self.period_ticks),
+            float(self.latency_ticks),
+            self.dropout_share * 2**32,
+            self.outlier_share * 2**32,
+            self.outlier_size_m,
+            sin_cos(self.field_of_view_rad)[1] if limited else -2.0,
+            x / size,
+            y / size,
+            z / size,
+        ]
+        if len(found) != COLUMNS:
+            raise RuntimeError(f'a sensor must have {COLUMNS} columns; it has {len(found)}')
+        return found
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of a chaser.
+
+    noise_key : two words of 32 bits, the key of Philox4x32-10, for all of them and for the start of
+        the estimator
+    """
+
+    units: tuple[Sensor, ...]
+    noise_key: Annotated[tuple[int, int], key] = (0, 0)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not 1 <= len(self.units) <= MAX_SENSORS:
+            raise InputError(f'`units` must be 1 to {MAX_SENSORS} sensors; got {len(self.units)}')
+        store(self, units=tuple(self.units))
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of the signals, one of each sensor."""
+        return MEASUREMENTS[: len(self.units)]
+
+
+class Sensing:
+    """Sensors and their memory as tables, for the kernels.
+
+    rows : (sensors, columns); outages : (sensors, 2 m) ticks, padded with zeros
+    walk, queue, out : see `rpo_nav.sensor_kernels.sense`
+    """
+
+    def __init__(self, settings: Sensors, scenario: Any) -> None:
+        self.key = settings.noise_key
+        units = settings.units
+        self.rows = as_table([unit.row(scenario.dt_s) for unit in units])
+        most = max(len(unit.outages_s) for unit in units)
+        ticks = np.zeros((len(units), 2 * most), dtype=np.int64)
+        for row, unit in zip(ticks, units, strict=True):
+            times = [time for pair in unit.outages_s for time in pair]
+            row[: len(times)] = [first_tick(time, scenario) for time in times]
+        self.outages = as_table(ticks, np.int64)
+        self.slots = max(unit.latency_ticks for unit in units) + 1
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what is on its way."""
+        count = len(self.rows)
+        self.walk = as_table([(0.0, 0.0, 0.0, -1.0)] * count)
+        self.queue = as_table(np.full((count, self.slots, MEASURED + 1), -1.0))
+        self.out = as_table(np.zeros((count, MEASURED)))
+
+
+def first_tick(time_s: float, scenario: Any) -> int:
+    """Return the first tick at a time or after it."""
+    return min(-(-round(time_s * 1e9) // scenario.dt_ns), 2**31)
+
+
+class SensorsStage(Stage):
+    """From the true state to the measurements that arrive."""
+
+    name = 'sensors'
+    inputs = (interfaces.RELATIVE_STATE,)
+
+    def __init__(self, settings: Sensors, scenario: Any) -> None:
+        self.outputs = settings.signals
+        self.memory_ticks = max(unit.latency_ticks for unit in settings.units)
+        self._sensing = Sensing(settings, scenario)
+        self._message = as_table(np.zeros(24))
+
+    def reset(self) -> None:
+        """Forget what is on its way."""
+        self._sensing.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the measurement (24,) of each sensor; see `sensor_kernels.describe`."""
+        s = self._sensing
+        sense(tick, inputs[0], s.rows, s.outages, *s.key, s.walk, s.queue, s.out)
+        found = []
+        for sensor, measured in zip(s.rows, s.out, strict=True):
+            describe(sensor, measured, self._message)
+            found.append(tuple(map(float, self._message)))
+        return tuple(found)
+
+
+def _check(settings: Sensors, scenario: Any) -> None:
+    """Raise InputError if a sensor never measures in a flight of the scenario."""
+    for i, unit in enumerate(settings.units):
+        place = f'`sensors.units[{i}]`'
+        if unit.latency_ticks > scenario.ticks:
+            raise InputError(
+                f'{place}: `latency_ticks` must be at most {scenario.ticks}, the length of the '
+                f'flight; got {unit.latency_ticks}'
+            )
+        last = scenario.ticks - unit.latency_ticks
+        end = 0
+        for begin, until in sorted(unit.outages_s):
+            if -(-first_tick(begin, scenario) // unit.period_ticks) * unit.period_ticks > end:
+                break
+            end = max(end, first_tick(until, scenario))
+            end = -(-end // unit.period_ticks) * unit.period_ticks
+        if end > last:
+            raise InputError(f'{place}: `outages_s` must leave time to measure; they leave none')
+
+
+register(Section('sensors', Sensors, Place.SENSOR, SensorsStage, _check))

@@ -1,0 +1,49 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node that runs the stages that a scenario has at some places of the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rpo_core.chain import Chain
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Place
+from rpo_ros import health
+from rpo_ros.stage_node import StageNode
+
+
+class PlaceNode(StageNode):
+    """Runs the stages that a scenario has at some places of the chain.
+
+    node_name : of the node
+    places : of the chain
+    what : the work of the stages in a word, and their product
+    role : in the manifest; '' for none
+    """
+
+    node_name = ''
+    places: tuple[Place, ...] = ()
+    what = ('', '')
+    role = ''
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__(self.node_name, overrides)
+        self.begin()
+
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the stages of its places; without any, the node ends."""
+        chain = Chain.of(scenario).part(*self.places)
+        does, makes = self.what
+        if not chain.links:
+            # No error: one launch file serves every scenario.
+            self.get_logger().info(f'{scenario.name} has no {makes}: nothing to do')
+            self.done = True
+            return None
+        if self.role:
+            if not hasattr(self, '_manifest'):
+                self._manifest = health.Manifest(self, self.role)
+            self._manifest.publish({'scenario': scenario.name}, {})
+        self.get_logger().info(f'{does} as in {scenario.name}')
+        return chain

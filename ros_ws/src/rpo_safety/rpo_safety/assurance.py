@@ -1,0 +1,168 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Stage `assurance`: between any controller and the thrusters."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any, NamedTuple
+
+from rpo_core import interfaces
+from rpo_core.kernels import State, Vector, cw_step
+from rpo_core.stage import Signal, Stage
+from rpo_core.thrusters import ZERO
+from rpo_core.validation import InputError
+from rpo_safety import filters, kernels
+from rpo_safety.corridor import approach_margins
+from rpo_safety.guard import guard_of
+from rpo_safety.kernels import APPROACH, CONTACT, OPEN
+from rpo_safety.packed import Filter
+from rpo_safety.settings import Assurance
+
+ASSURED_FORCE, ASSURANCE_STATUS = 'assured_force', 'assurance_status'
+"""Signal and topic of the force; topic of the interventions."""
+
+UNKNOWN = -1
+"""Mode before the first state: the state decides."""
+
+MODES = {OPEN: 'open', APPROACH: 'approach', CONTACT: 'contact'}
+CONSTRAINTS = {
+    filters.NOTHING: '',
+    filters.FORCE: 'force',
+    filters.SLEW: 'slew',
+    filters.SPEED: 'speed',
+    filters.KEEP_OUT: 'keep_out',
+    filters.CORRIDOR: 'corridor',
+    filters.NOT_FINITE: 'not_finite',
+}
+
+
+class Decision(NamedTuple):
+    """What became of a command.
+
+    constraint : '' if it was passed on as it came
+    margin_m, margin_m_s : that the command as it came would leave one tick later
+    before_n, after_n : (3,) the command and the force
+    """
+
+    mode: str
+    constraint: str
+    margin_m: float
+    margin_m_s: float
+    before_n: Signal
+    after_n: Signal
+
+    @property
+    def sentence(self) -> str:
+        """The intervention in words."""
+        if not self.constraint:
+            return 'the command passes'
+        return f'the command would break `{self.constraint}`: changed'
+
+    def values(self, tick: int) -> list[tuple[str, object]]:
+        """Return what `assurance_status` says of the intervention."""
+        return [
+            ('tick', tick),
+            ('mode', self.mode),
+            ('constraint', self.constraint),
+            ('margin_m', float(self.margin_m)),
+            ('margin_m_s', float(self.margin_m_s)),
+            *((f'before_n.{a}', float(f)) for a, f in zip('xyz', self.before_n, strict=True)),
+            *((f'after_n.{a}', float(f)) for a, f in zip('xyz', self.after_n, strict=True)),
+        ]
+
+
+class AssuranceStage(Stage):
+    """From the state as it is known and a command to a force that keeps the assured sets.
+
+    It remembers the forces that are on their way to delayed thrusters, the last force (slew limit)
+    and its mode (corridor); without these it has no memory.
+
+    guard : numbers of the filter
+    decision : of the last tick
+    """
+
+    name = 'assurance'
+    inputs = (interfaces.STATE, interfaces.COMMAND)
+    outputs = (ASSURED_FORCE,)
+    counts_ticks = False
+
+    def __init__(self, settings: Assurance, scenario: Any) -> None:
+        self.guard = guard_of(settings, scenario)
+        self._step = scenario.step
+        self._assure = Filter(self._step, self.guard)
+        self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+        remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0
+        self.memory_ticks = None if remembers else 0
+        self.decision: Decision | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the forces on their way: a flight begins."""
+        self._line: deque[Vector] = deque([ZERO] * self._delay)
+        self._last: Vector = ZERO
+        self._mode = UNKNOWN
+
+    def ahead(self, state: Signal) -> State:
+        """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
+        x, y, z, vx, vy, vz = state
+        found: State = (x, y, z, vx, vy, vz)
+        for force in self._line:
+            found = cw_step(found, force, self._step)
+        return found
+
+    def mode_of(self, state: State) -> int:
+        """Return the mode in which a flight begins, or goes on after a gap."""
+        g = self.guard
+        found = kernels.open_margins(state, 0.0, 0.0, g)
+        if g.side == 0.0 or min(found) >= 0.0:
+            return OPEN
+        found = approach_margins(state, 0.0, 0.0, g)
+        return APPROACH if min(found) >= 0.0 else OPEN
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the assured force (3,) [N]."""
+        state, command = self.ahead(inputs[0]), inputs[1]
+        if self._mode == UNKNOWN:
+            self._mode = self.mode_of(state)
+        fx, fy, fz, mode, acted, metres, speed = self._assure(
+            state, command, self._last, self._mode
+        )
+        force = (fx, fy, fz)
+        if self.memory_ticks is None:
+            self._mode, self._last = mode, force
+            if self._delay:
+                self._line.append(force)
+                self._line.popleft()
+        self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)
+        return (force,)
+
+
+def check_start(settings: Assurance, scenario: Any) -> None:
+    """Refuse a flight that begins outside the assured sets, with what it would need.
+
+    Raises InputError that names the constraints and the numbers.
+    """
+    stage = AssuranceStage(settings, scenario)
+    state, g = stage.ahead(scenario.start), stage.guard
+    rho, closing, speed = kernels.closing(state)
+    if rho > settings.domain_m:
+        raise InputError(
+            f'`assurance.domain_m` must be at least the range of the start, {rho:.6g} m; '
+            f'got {settings.domain_m!r}'
+        )
+    mode = stage.mode_of(state)
+    metres, slower = filters.margins(state, mode, 0.0, 0.0, g)
+    metres = min(metres, filters.margins(scenario.start, mode, 0.0, 0.0, g)[0])
+    if slower < 0.0:
+        raise InputError(
+            f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
+            f'{rho:.6g} m; got {speed:.6g} m/s'
+        )
+    if metres < 0.0:
+        stop = rho - g.keep_out_m - metres
+        raise InputError(
+            f'`assurance.keep_out_m` and the start exclude each other: at {closing:.6g} m/s '
+            f'towards the target it takes {stop:.6g} m to stop, and '
+            f'{rho - g.keep_out_m:.6g} m are left'
+        )

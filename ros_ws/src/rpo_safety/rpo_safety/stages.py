@@ -1,0 +1,33 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What this room adds to scenarios and to the table of interfaces (`rpo_core.plugins`)."""
+
+from __future__ import annotations
+
+from rpo_core import interfaces
+from rpo_core.interfaces import Interface
+from rpo_core.stage import Place, Section, register
+from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE, AssuranceStage, check_start
+from rpo_safety.settings import Assurance
+
+interfaces.add(
+    Interface(
+        ASSURED_FORCE,
+        interfaces.FORCE_TYPE,
+        'command after runtime assurance, target LVLH, stamp of the state it answers',
+        interfaces.COMMAND,
+    ),
+    before=interfaces.DISTURBANCE_FORCE,
+)
+interfaces.add(
+    Interface(
+        ASSURANCE_STATUS,
+        interfaces.STATUS_TYPE,
+        'each intervention of runtime assurance: constraint, margins, force before and after',
+        due=interfaces.EVENT,
+        qos=interfaces.Qos(durability='transient_local'),
+        beside=ASSURED_FORCE,
+    ),
+    before=interfaces.RUN_STATUS,
+)
+register(Section('assurance', Assurance, Place.ASSURANCE, AssuranceStage, check_start))

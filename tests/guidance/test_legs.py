@@ -1,0 +1,84 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Legs: the force of a reference carries a free chaser along it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rpo_core import cw, kernels
+from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle
+from rpo_guidance.transfers import Zones
+
+N_RAD_S = cw.mean_motion(6_678_000.0)
+VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))
+REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
+
+LEGS = {
+    'transfer': lambda: Transferring(
+        REST, (0.0, 20.0, 0.0, 0.0, 0.0, 0.0), VEHICLE, 200.0, Zones(13.0)
+    ),
+    'straight': lambda: Straight(REST, (10.0, -20.0, 5.0), VEHICLE, 0.3, 0.0),
+    'around': lambda: FlyingAround(REST, (0.0, 40.0, 0.0), VEHICLE, 0.5),
+    'out of plane': lambda: FlyingAround(REST, (0.0, 0.0, 50.0), VEHICLE, 0.5),
+}
+
+
+@pytest.mark.parametrize('name', LEGS)
+def test_a_chaser_with_the_force_of_the_reference_stays_on_it(name):
+    leg = LEGS[name]()
+    state, worst = leg.at(0)[0], 0.0
+    for tick in range(leg.ticks):
+        reference, force = leg.at(tick)
+        worst = max(worst, float(np.abs(np.subtract(state, reference)[:3]).max()))
+        assert max(map(abs, force)) <= VEHICLE.limit_n
+        state = kernels.cw_step(state, force, VEHICLE.step)
+    # a transfer is planned with held forces; lines and arcs are followed as a force of ticks can
+    assert worst < (1e-6 if name == 'transfer' else 0.2)
+
+
+@pytest.mark.parametrize('name', LEGS)
+def test_a_leg_is_a_function_of_its_tick(name):
+    """Asked again, or with ticks left out, it answers the same bits."""
+    one, two = LEGS[name](), LEGS[name]()
+    ticks = [0, 1, 2, 7, 8, 40, 41, 500, 501]
+    every = {tick: one.at(tick) for tick in range(502)}
+    assert [two.at(tick) for tick in ticks] == [every[tick] for tick in ticks]
+
+
+def test_a_reference_moves_as_its_velocity_says():
+    for name in ('straight', 'around', 'out of plane'):
+        leg = LEGS[name]()
+        states = np.array([leg.at(tick)[0] for tick in range(leg.ticks + 1)])
+        moved = np.diff(states[:, :3], axis=0) / VEHICLE.dt_s
+        mean = (states[1:, 3:] + states[:-1, 3:]) / 2.0
+        assert np.abs(moved - mean)[:-1].max() < 2e-3, name  # the last tick may be a part of one
+        assert np.linalg.norm(states[:, 3:], axis=1).max() <= 0.51
+
+
+def test_an_arc_keeps_between_its_radii_and_ends_where_it_shall():
+    leg = LEGS['around']()
+    ranges = np.array([np.linalg.norm(leg.at(tick)[0][:3]) for tick in range(leg.ticks + 1)])
+    assert (ranges <= 60.0 + 1e-9).all()
+    assert (ranges >= 40.0 - 1e-9).all()
+    np.testing.assert_allclose(leg.at(leg.ticks)[0][:3], (0.0, 40.0, 0.0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ('length', 'first', 'cruise', 'last'),
+    [(40.0, 0.0, 0.3, 0.0), (1.0, 0.0, 0.3, 0.0), (19.0, 0.0, 0.1, 0.07), (0.5, 0.2, 0.3, 0.0),
+     (0.01, 0.2, 0.3, 0.0), (30.0, 0.1, 0.1, 0.1)],
+)  # fmt: skip
+def test_a_profile_covers_its_length(length, first, cruise, last):
+    profile = Profile(length, first, cruise, last, 0.015)
+    times = np.linspace(0.0, profile.duration_s, 2001)
+    found = np.array([profile.at(t) for t in times])
+    assert found[0, 0] == pytest.approx(0.0)
+    assert found[-1, 0] == pytest.approx(length)
+    assert found[0, 1] == pytest.approx(first)
+    assert found[-1, 1] == pytest.approx(last, abs=1e-9)
+    assert found[:, 1].max() <= cruise + 1e-12
+    np.testing.assert_allclose(
+        ((found[1:, 1] + found[:-1, 1]) / 2.0 * np.diff(times)).sum(), length, rtol=1e-3
+    )

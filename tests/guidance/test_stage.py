@@ -1,0 +1,170 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The plan in the chain: phases, commands, refusals, and what a bad plan is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+
+from rpo_core import files, scenario
+from rpo_core.chain import Chain
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.interfaces import REFERENCE_STATE, RELATIVE_STATE
+from rpo_core.stage import Place
+from rpo_core.validation import InputError
+from rpo_guidance import plan, stages
+
+KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
+
+
+def document(name):
+    return yaml.safe_load(files.find('scenario', name).read_text())
+
+
+def stage_of(chosen):
+    return next(link.stage for link in Chain.of(chosen).links if link.place is Place.GUIDANCE)
+
+
+def follow(chosen, until, commands=None):
+    """Fly the reference exactly up to a tick; return the stage."""
+    stage, state = stage_of(chosen), chosen.start
+    for tick in range(until):
+        for name in (commands or {}).get(tick, ()):
+            assert not stage.command(name)
+        state = stage.step(tick, state)[0]
+    return stage
+
+
+@pytest.fixture(scope='module')
+def around():
+    return scenario.load_scenario('around')
+
+
+@pytest.fixture(scope='module')
+def hold_points():
+    return scenario.load_scenario('hold_points')
+
+
+@pytest.mark.parametrize('controller', ['trained', 'pd'])
+def test_around_the_target_and_in_by_the_corridor(around, controller):
+    flight = fly(around, load_controller(controller))
+    contact = int(np.argmax(np.linalg.norm(flight.positions_m - PORT_M, axis=1) < 0.1))
+    position = flight.positions_m[: contact + 1]
+    inside = np.linalg.norm(position, axis=1) < KEEP_OUT_M
+    off_axis = np.hypot(position[:, 0], position[:, 2])
+    assert (off_axis[inside] <= (position[inside, 1] - 1.0) * np.tan(np.radians(10.0))).all()
+    errors = position - flight.signals[REFERENCE_STATE][: contact + 1, :3]
+    assert np.abs(errors).max() < 0.1
+    assert 0.05 <= -flight.velocities_m_s[contact, 1] <= 0.1
+    assert np.abs(flight.velocities_m_s[contact, [0, 2]]).max() <= 0.04
+
+
+def test_a_controller_without_guidance_keeps_its_bits(around):
+    plain = replace(around, sections=(), goal_position_m=(0.0, 0.0, 0.0))
+    assert all(link.place is not Place.GUIDANCE for link in Chain.of(plain).links)
+    stage = next(
+        link.stage
+        for link in Chain.of(plain, load_controller('trained')).links
+        if link.place is Place.CONTROLLER
+    )
+    assert type(stage).__name__ == 'FuzzyStage'
+
+
+def test_phases_follow_each_other(hold_points):
+    stage = follow(hold_points, hold_points.ticks)
+    assert [change.phase for change in stage.changes] == [
+        'fly_around', 'hold_60', 'to_20', 'hold_20', 'to_the_port', stages.ARRIVED,
+    ]  # fmt: skip
+
+
+def test_a_hold_waits_for_the_command(hold_points):
+    legs = hold_points.section(plan.Guidance).legs
+    waiting = replace(
+        hold_points.section(plan.Guidance),
+        legs=tuple(
+            replace(leg, go=plan.COMMAND, timeout_s=None) if leg.kind == plan.HOLD else leg
+            for leg in legs
+        ),
+    )
+    chosen = hold_points.equipped(waiting)
+    held = follow(chosen, chosen.ticks)
+    assert held.changes[-1].phase == 'hold_60'
+    gone = follow(chosen, chosen.ticks, {chosen.ticks - 100: ['go']})
+    assert gone.changes[-1][:2] == (chosen.ticks - 100, 'to_20')
+
+
+def test_a_hold_that_takes_too_long_aborts(hold_points):
+    settings = hold_points.section(plan.Guidance)
+    waiting = replace(
+        settings,
+        legs=tuple(
+            replace(leg, go=plan.COMMAND) if leg.kind == plan.HOLD else leg for leg in settings.legs
+        ),
+    )
+    chosen = hold_points.equipped(waiting)
+    stage = follow(chosen, chosen.ticks)
+    assert [change.phase for change in stage.changes][-2:] == [stages.ABORTING, stages.DRIFTING]
+
+
+def test_go_without_conditions_is_refused(hold_points):
+    stage = follow(hold_points, 10)
+    assert stage.command('go') == '`go` ends a hold; the phase is fly_around'
+    begun = next(c.tick for c in follow(hold_points, 9000).changes if c.phase == 'hold_60')
+    stage = follow(hold_points, begun + 5)
+    assert stage.command('go').startswith('`dwell_s` = 30 s is not over')
+
+
+def test_hold_stops_and_go_goes_on(around):
+    stage = follow(around, 3000, {1000: ['hold'], 2500: ['go']})
+    phases = [change.phase for change in stage.changes]
+    assert phases == ['to_the_port', stages.STOPPED, 'to_the_port']
+    stopped = follow(around, 2000, {1000: ['hold']})
+    (reference, _) = stopped.step(2000, (0.0,) * 6)
+    assert reference[3:] == (0.0, 0.0, 0.0)
+
+
+def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
+    """From any moment beyond the gate, without force, the chaser stays out for two orbits."""
+    orbit_ticks = round(2.0 * np.pi / around.mean_motion_rad_s / around.dt_s)
+    for moment in (500, 2000, 3500):
+        stage = follow(around, moment + 5000, {moment: ['abort']})
+        assert stage.changes[-1].phase == stages.DRIFTING
+        chain = Chain.of(around).part(Place.DYNAMICS)
+        state = stage.step(moment + 5000, stage._reference)[0]
+        nearest = np.inf
+        for tick in range(0, 2 * orbit_ticks):
+            signals = {RELATIVE_STATE: state, **dict.fromkeys(chain.inputs, (0.0, 0.0, 0.0))}
+            signals[RELATIVE_STATE] = state
+            chain.step(tick, signals)
+            state = signals[RELATIVE_STATE]
+            nearest = min(nearest, float(np.linalg.norm(state[:3])))
+        assert nearest > KEEP_OUT_M
+        assert stage.command('go') == 'guidance is drifting: an abort is not taken back'
+
+
+@pytest.mark.parametrize(
+    ('spoil', 'sentence'),
+    [
+        (
+            lambda g: g['legs'][0].update(duration_s=100.0, corridor_s=30.0),
+            '`duration_s` of leg to_the_port must be about',
+        ),
+        (lambda g: g['legs'][0].pop('corridor_s'), 'must keep out of the sphere of 10 m but for'),
+        (lambda g: g['corridor'].update(from_m=0.0), '`corridor_s` of leg to_the_port needs'),
+        (lambda g: g['legs'][0].update(speed_m_s=1.0), '`speed_m_s` goes with a leg of kind'),
+        (lambda g: g['legs'][0].pop('to_m'), '`to_m` is missing'),
+        (lambda g: g['legs'].append(g['legs'][0]), 'to_the_port is there twice'),
+        (lambda g: g['legs'][0].update(kind='warp'), '`kind` must be one of'),
+        (lambda g: g.update(legs=[]), '`legs` must be 1 to'),
+    ],
+)
+def test_a_plan_that_cannot_be_flown_is_refused(spoil, sentence):
+    data = document('around')
+    spoil(data['guidance'])
+    with pytest.raises(InputError, match=sentence.replace('(', r'\(')):
+        scenario.parse(data)

@@ -1,0 +1,71 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios with sensors and estimators for the tests."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from typing import Any
+
+from rpo_core import interfaces, scenario
+from rpo_core.baselines import Pd
+from rpo_core.noise import six_normals
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Place, Stage
+from rpo_nav.estimator import Estimator
+
+LIDAR = {
+    'kind': 'range_bearing',
+    'noise_floor_m': 0.01,
+    'noise_share': 0.01,
+    'bearing_noise_rad': 0.002,
+}
+PD = Pd(name='pd', max_force_n=0.5, position_gain_n_m=0.01375, velocity_gain_n_s_m=0.6734)
+
+
+def make(units: Any = (LIDAR,), key: int = 7, ticks: int = 300, **changes: Any) -> Scenario:
+    """Return a scenario with sensors, and with an estimator unless `estimator` is None."""
+    document = {
+        'schema': 'rpo/scenario/1',
+        'name': 'navigated',
+        'orbit_radius_m': 6678000.0,
+        'mass_kg': 10.0,
+        'max_force_n': 0.5,
+        'dt_s': 0.1,
+        'duration_s': ticks / 10,
+        'initial_position_m': [10.0, 60.0, -40.0],
+        'initial_velocity_m_s': [0.0, 0.0, 0.0],
+        'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
+        'disturbance': 'none',
+        'sensors': {'units': list(units), 'noise_key': [key, 1]},
+        'estimator': {},
+        **changes,
+    }
+    return scenario.parse({name: value for name, value in document.items() if value is not None})
+
+
+class Unmodelled(Stage):
+    """The force that the process noise of an estimator stands for, drawn as it believes."""
+
+    name = 'unmodelled'
+    outputs = (interfaces.DISTURBANCE_FORCE,)
+
+    def __init__(self, flown: Scenario, key: int) -> None:
+        settings = flown.section(Estimator)
+        density = settings.acceleration_noise_m_s1_5 * flown.mass_kg
+        self._sigma, self._key = density / flown.dt_s**0.5, key
+        self._walk = settings.disturbance_walk_n_s0_5 * flown.dt_s**0.5
+        first = six_normals(0, key, 3)[:3]
+        self._constant = [settings.disturbance_sigma_n * draw for draw in first]
+
+    def step(self, tick, *inputs):
+        draws = six_normals(tick, self._key, 2)
+        force = tuple(c + self._sigma * n for c, n in zip(self._constant, draws, strict=False))
+        for axis in range(3):
+            self._constant[axis] += self._walk * draws[3 + axis]
+        return (force,)
+
+
+def unmodelled(flown: Scenario, key: int) -> list[tuple[Place, Stage]]:
+    """Return the stage of the unmodelled force in its place."""
+    return [(Place.DISTURBANCE, Unmodelled(flown, key))]

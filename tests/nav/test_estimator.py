@@ -1,0 +1,272 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The estimator against filterpy, against its own covariance, and against what sensors may do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nav_scenarios import LIDAR, PD, make, unmodelled
+
+from rpo_core import cw, jit
+from rpo_core.chain import Chain
+from rpo_core.flight import fly
+from rpo_core.validation import InputError
+from rpo_nav.estimator import Estimator, EstimatorStage, gate
+from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS, step_covariance, step_state, update
+
+pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+
+POSITION = {
+    'kind': 'relative_position',
+    'noise_floor_m': 0.05,
+    'velocity_floor_m_s': 0.002,
+}  # linear, with a constant R: filterpy's filter
+
+
+def oracle(flown, start, spread):
+    """Return filterpy's filter of a scenario."""
+    settings = flown.section(Estimator)
+    motion, push = cw.matrices(flown.step)
+    filter_ = KalmanFilter(6, 6, 3)
+    filter_.F, filter_.B, filter_.H = motion, push, np.eye(6)
+    density = settings.acceleration_noise_m_s1_5 * flown.mass_kg
+    filter_.Q = push @ push.T * density**2 / flown.dt_s
+    filter_.R = np.diag([0.05**2] * 3 + [0.002**2] * 3)
+    filter_.x, filter_.P = np.array(start).reshape(6, 1), np.diag(np.square(spread))
+    return filter_
+
+
+@pytest.mark.parametrize('latency', [0, 3])
+def test_it_is_the_filter_of_filterpy(latency):
+    flown = make([{**POSITION, 'latency_ticks': latency}], ticks=400)
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    other = oracle(flown, stage.filter.start, [1.0] * 3 + [0.01] * 3)
+    flight = fly(flown, PD, unmodelled(flown, 5))
+    before = [np.zeros((3, 1)), *flight.forces_n.clip(-0.5, 0.5)[:, :, None]]
+    worst = 0.0
+    for tick in range(flown.ticks + 1):
+        measured = flight.signals['measurement'][tick]
+        stage.step(tick, tuple(before[tick].ravel()), tuple(measured))
+        taken = tick - latency
+        if taken >= 0:
+            if taken > 0:
+                other.predict(u=before[taken])
+            other.update(measured[:6].reshape(6, 1))
+            x, p = other.x, other.P
+            for later in range(taken + 1, tick + 1):  # on to the present, without measurements
+                x = other.F @ x + other.B @ before[later]
+                p = other.F @ p @ other.F.T + other.Q
+            worst = max(worst, np.abs(x.ravel() - np.array(stage.memory.y)).max())
+            worst = max(worst, np.abs(p - stage.covariance).max())
+            estimated = flight.signals['navigation_state'][tick]
+            assert np.array_equal(estimated, np.array(stage.memory.y))
+    assert worst < 1e-9
+
+
+def test_sensors_of_different_latency_are_each_taken_at_their_tick():
+    """One filter gets both at once; the other gets one of them three ticks later."""
+    late = {**POSITION, 'velocity_floor_m_s': 0.0, 'latency_ticks': 3}
+    both = [fly(make([late, {**LIDAR, 'latency_ticks': n}]), PD) for n in (0, 3)]
+    quick, slow = (f.signals['navigation_covariance'][50:] for f in both)
+    assert (quick[:, [0, 4, 8]] < slow[:, [0, 4, 8]]).all()
+    errors = [f.signals['navigation_state'] - f.states for f in both]
+    sigmas = np.sqrt(quick[:, [0, 4, 8]])
+    assert np.abs(errors[0][50:, :3] / sigmas).max() < 5.0
+
+
+def consistency(runs, ticks, **changes):
+    """Return NEES (runs, ticks + 1) and whitened innovations, flat, of flights with true noise."""
+    nees, innovations = np.empty((runs, ticks + 1)), []
+    for key in range(runs):
+        flown = make(key=key, ticks=ticks, **changes)
+        chain = Chain.of(flown, PD, unmodelled(flown, key))
+        stage = next(link.stage for link in chain.links if link.stage.name == 'estimator')
+        signals = {'relative_state': flown.start}
+        for tick in range(ticks + 1):
+            true = np.array(signals['relative_state'])
+            chain.step(tick, signals)
+            error = np.array(stage.memory.y)[:6] - true
+            nees[key, tick] = error @ np.linalg.solve(stage.covariance[:6, :6], error)
+            innovations += [found for found in stage.innovations if found]
+    return nees, np.array(innovations)
+
+
+@pytest.mark.parametrize(
+    'sensor',
+    [
+        {},
+        {'dropout_share': 0.1, 'latency_ticks': 3},
+        {'kind': 'relative_position', 'noise_share': 0.005, 'bearing_noise_rad': 0.0},
+    ],
+    ids=['lidar', 'late', 'position'],
+)  # fmt: skip
+def test_errors_are_as_large_as_it_says(sensor):
+    """Mean NEES of 6, mean NIS of 3, white innovations; bounds of 4 sigma for so few runs."""
+    runs, ticks = 40, 150
+    nees, innovations = consistency(runs, ticks, units=[{**LIDAR, **sensor}])
+    at = nees[:, 10::20]  # some ticks; neighbours are correlated
+    assert abs(nees[:, -1].mean() - 6.0) < 4.0 * np.sqrt(12.0 / runs)
+    assert abs(at.mean() - 6.0) < 4.0 * np.sqrt(12.0 / runs)
+    nis = np.square(innovations).sum(axis=1)
+    assert abs(nis.mean() - 3.0) < 4.0 * np.sqrt(6.0 / len(nis))
+    for axis in innovations.T:
+        correlation = (axis[1:] * axis[:-1]).mean()
+        assert abs(correlation) < 4.0 / np.sqrt(len(axis))
+
+
+def test_a_wrong_noise_is_seen_in_nees():
+    """The test above can fail: a filter that takes the sensors for twice as good."""
+    nees, _ = consistency(8, 100, estimator={'noise_scale': 0.5})
+    assert nees[:, -1].mean() > 9.0
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize('n', [6, 9])
+def test_the_covariance_stays_positive_over_a_million_updates(n):
+    """From 1e6 m to a sensor of 1e-4 m: the variances span twenty decades."""
+    step = cw.discretise(1.16e-3, 10.0, 0.1)
+    sigmas = np.array([1e6] * 3 + [1e3] * 3 + [1.0] * (n - 6))
+    noise = np.zeros((n, n))
+    noise[3:6, 3:6] = np.eye(3) * 1e-14
+    noise[6:, 6:] = np.eye(n - 6) * 1e-16
+    p, q = jit.as_table(np.diag(sigmas**2).ravel()), jit.as_table(noise.ravel())
+    x, work = jit.as_table(np.zeros(n)), jit.as_table(np.zeros(2 * n))
+
+    @jit.kernel
+    def many(count, x, p, n, step, q, work):
+        for _ in range(count):
+            step_state(x, n, (0.0, 0.0, 0.0), step)
+            step_covariance(p, n, step, q)
+            update(x, p, n, 0, (1.0, 0.0, 0.0), 0.0, 1e-8, work)
+            update(x, p, n, 0, (0.0, 0.6, 0.8), 0.0, 1e-8, work)
+            update(x, p, n, 0, (0.0, -0.8, 0.6), 0.0, 1e-8, work)
+
+    for _ in range(10):
+        many(34_000 if jit.COMPILED else 100, x, p, n, step, q, work)
+        found = np.array(p).reshape(n, n)
+        assert np.array_equal(found, found.T)
+        scale = np.sqrt(np.diag(found))
+        assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 1e-6
+
+
+def test_the_gate_is_the_chi_square_quantile():
+    from scipy.stats import chi2, norm
+
+    for numbers in (2, 3, 6):
+        for sigmas in (3.0, 4.0, 5.0):
+            exact = chi2.isf(norm.sf(sigmas), numbers)
+            assert gate(numbers, sigmas) == pytest.approx(exact, rel=0.12)
+
+
+def test_outliers_are_rejected():
+    outliers = {**LIDAR, 'outlier_share': 0.05, 'outlier_size_m': 20.0}
+    with_gate, without = (
+        fly(make([outliers], estimator={'gate_sigmas': gate}), PD) for gate in (4.0, 0.0)
+    )
+    errors = [
+        np.linalg.norm((f.signals['navigation_state'] - f.states)[100:, :3], axis=1).max()
+        for f in (with_gate, without)
+    ]
+    assert errors[0] < 0.3
+    assert errors[1] > 2.0 * errors[0]
+
+
+def test_it_coasts_through_an_outage_and_knows_it():
+    flight = fly(make([{**LIDAR, 'outages_s': [[10.0, 20.0]]}], ticks=400), PD)
+    sigma = np.sqrt(flight.signals['navigation_covariance'][:, [0, 4, 8]])
+    assert (sigma[199] > sigma[99]).all()
+    assert (sigma[260] < sigma[199]).all()
+    error = np.abs(flight.signals['navigation_state'] - flight.states)[:, :3]
+    assert (error < 5.0 * sigma).all()
+
+
+def test_it_restarts_when_it_has_diverged():
+    """It believes a start of 1 m; the sensor says 30 m away. It says so."""
+    flown = make([{**LIDAR, 'bias_m': [30.0, 0.0, 0.0]}], ticks=300)
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    assert stage.trouble() == ''
+    flight = fly(flown, PD)
+    for tick in range(flown.ticks + 1):
+        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
+        stage.step(tick, tuple(before), tuple(flight.signals['measurement'][tick]))
+    assert stage.memory.counts[RESETS] == 1
+    assert stage.memory.counts[LAST_RESET] == 19
+    assert stage.memory.counts[IN_A_ROW] == 0
+    assert 'restarted 1 times' in stage.trouble()
+    error = flight.signals['navigation_state'] - flight.states
+    assert np.abs(error[-1, :3] - [30.0, 0.0, 0.0]).max() < 1.0
+
+
+def test_it_estimates_a_constant_disturbance():
+    flown = make(
+        ticks=2000,
+        disturbance={'constant_n': [0.002, -0.001, 0.003], 'harmonics': []},
+        estimator={'disturbance_sigma_n': 0.01},
+    )
+    flight = fly(flown, PD)
+    found = flight.signals['estimated_disturbance']
+    assert np.abs(found[-1] - [0.002, -0.001, 0.003]).max() < 5e-4
+
+
+def test_a_camera_alone_finds_the_distance_while_the_chaser_manoeuvres():
+    camera = {'kind': 'bearing', 'bearing_noise_rad': 0.0005}
+    flown = make([camera], ticks=600, estimator={'position_sigma_m': 3.0})
+    flight = fly(flown, PD)
+    error = np.linalg.norm((flight.signals['navigation_state'] - flight.states)[:, :3], axis=1)
+    assert error[-1] < 0.5 * error[0]
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(
+        st.tuples(*[st.floats(-1e5, 1e5)] * 6, st.sampled_from([-1.0, 1.0])),
+        min_size=1, max_size=30,
+    ),
+    st.floats(-1e300, 1e300),
+)  # fmt: skip
+def test_its_state_is_always_finite(measured, force):
+    """Whatever is measured, whatever is commanded."""
+    flown = make([POSITION], estimator={'restart_after': 3, 'disturbance_sigma_n': 1.0})
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    for tick, row in enumerate(measured):
+        message = (*row[:6], row[6], *[0.0] * 8, row[6], *[0.0] * 8)
+        found = stage.step(tick, (force, 0.0, -force), message)
+        assert all(np.isfinite(values).all() for values in found)
+
+
+def test_of_missing_ticks_the_command_is_held():
+    """A free-running node may miss ticks; the estimate goes on as if none was measured there."""
+    flown = make([{**LIDAR, 'latency_ticks': 2}])
+    stage, other = (EstimatorStage(flown.section(Estimator), flown) for _ in range(2))
+    nothing = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8
+    for tick in range(20):
+        whole = stage.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, nothing)
+        if tick in (0, 19):
+            gapped = other.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, nothing)
+    assert whole == gapped
+
+
+@pytest.mark.parametrize(
+    ('changes', 'sentence'),
+    [
+        ({'sensors': None}, '`sensors` is missing'),
+        ({'navigation': {'position_noise_m': 0.1}}, '`navigation` makes a navigation state too'),
+        ({'estimator': {'position_sigma_m': 0.0}}, '`position_sigma_m` must be a finite'),
+        ({'estimator': {'disturbance_walk_n_s0_5': 0.1}}, '`disturbance_sigma_n` must be > 0 N'),
+        ({'units': [{**LIDAR, 'noise_floor_m': 0.0}]}, 'a covariance must be positive'),
+        ({'units': [{**LIDAR, 'latency_ticks': 90}], 'ticks': 50}, 'the length of the flight'),
+        ({'units': [{**LIDAR, 'outages_s': [[0.0, 99.0]]}]}, 'they leave none'),
+        ({'units': [{**LIDAR, 'dropout_share': 1.0}]}, '`dropout_share` must be a finite number'),
+        ({'units': []}, '`units` must be 1 to 4 sensors'),
+        ({'units': [{**LIDAR, 'boresight': [0, 0, 0]}]}, '`boresight` must have a direction'),
+        ({'units': [{'kind': 'sonar'}]}, 'must be one of relative_position, range_bearing'),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(changes, sentence):
+    with pytest.raises(InputError, match=r'^[^\n]*$') as error:
+        make(**changes)
+    assert sentence in str(error.value)

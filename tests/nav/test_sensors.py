@@ -1,0 +1,185 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What sensors measure: sizes of the errors, times, and all of it a function of the tick."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nav_scenarios import LIDAR, make
+from scipy.stats import kstest
+
+from rpo_nav.sensor_kernels import across
+from rpo_nav.sensors import Sensors, SensorsStage
+
+pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
+
+FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)  # 100 m
+RANGE_M = 100.0
+
+
+def measured(unit, ticks=4000, state=FAR, key=7, more=()):
+    """Return the measurements (ticks, 24) of a chaser that stays where it is."""
+    flown = make([unit, *more], key=key, ticks=4000, estimator=None)
+    stage = SensorsStage(flown.section(Sensors), flown)
+    return np.array([stage.step(tick, state)[0] for tick in range(ticks)])
+
+
+def came(rows):
+    """Return which measurements came."""
+    return rows[:, 6] >= 0.0
+
+
+def test_the_noise_of_a_lidar_grows_with_range_along_and_across():
+    unit = {**LIDAR, 'noise_share': 0.01, 'bearing_noise_rad': 0.003, 'noise_floor_m': 0.02}
+    for state, sigmas in ((FAR, (1.0, 0.3)), ((0.3, -0.4, 0.0, 0, 0, 0), (0.02, 0.02))):
+        errors = measured(unit, state=state)[:, :3] - state[:3]
+        u = np.array(state[:3]) / np.linalg.norm(state[:3])
+        side = np.array([-u[1], u[0], 0.0])
+        for axis, sigma in ((u, sigmas[0]), (side, sigmas[1]), ([0, 0, 1], sigmas[1])):
+            found = errors @ axis
+            assert kstest(found / sigma, 'norm').pvalue > 1e-3
+            assert abs((found[1:] * found[:-1]).mean()) < 4.0 * sigma**2 / np.sqrt(len(found))
+
+
+def test_the_message_has_the_covariance_that_the_sensor_claims():
+    rows = measured({**LIDAR, 'bearing_noise_rad': 0.003})
+    claimed = rows[:, 6:15].reshape(-1, 3, 3).mean(axis=0)
+    assert np.allclose(claimed, np.cov((rows[:, :3] - FAR[:3]).T), atol=0.06)
+    assert (rows[:, 15] == -1.0).all()  # no velocity
+
+
+def test_position_and_velocity_by_axis():
+    unit = {
+        'kind': 'relative_position', 'noise_share': 0.01, 'velocity_floor_m_s': 1e-4,
+        'velocity_share_1_s': 1e-4,
+    }  # fmt: skip
+    rows = measured(unit)
+    errors = rows[:, :6] - FAR
+    assert np.allclose(errors.std(axis=0), [1.0] * 3 + [0.01] * 3, rtol=0.05)
+    assert np.allclose(np.corrcoef(errors.T), np.eye(6), atol=0.07)
+    assert np.allclose(rows[:, [15, 19, 23]].mean(axis=0), 1e-4, rtol=0.05)
+
+
+def test_a_camera_measures_a_direction():
+    rows = measured({'kind': 'bearing', 'bearing_noise_rad': 0.001})
+    assert np.allclose(np.linalg.norm(rows[:, :3], axis=1), 1.0)
+    assert (rows[:, :3] @ np.array([0.8, 0.6, 0.0])).std() == pytest.approx(0.001, rel=0.05)
+
+
+def test_bias_scale_and_walk():
+    still = {'kind': 'relative_position', 'noise_floor_m': 1e-9}
+    rows = measured({**still, 'bias_m': [0.1, 0.2, -0.3], 'scale_error': 0.01}, ticks=5)
+    expected = np.add(FAR[:3], [0.1, 0.2, -0.3]) * 1.01
+    assert np.allclose(rows[:, :3], expected, atol=1e-6)
+    ends = [
+        measured({**still, 'bias_walk_m_s0_5': 0.5}, ticks=91, key=key)[90, :3] - FAR[:3]
+        for key in range(300)
+    ]
+    assert np.std(ends) == pytest.approx(0.5 * np.sqrt(9.1), rel=0.08)
+
+
+def test_the_walk_is_a_function_of_the_tick():
+    flown = make([{**LIDAR, 'bias_walk_m_s0_5': 0.5}], estimator=None)
+    stages = [SensorsStage(flown.section(Sensors), flown) for _ in range(2)]
+    whole = [stages[0].step(tick, FAR) for tick in range(50)]
+    assert stages[1].step(49, FAR) == whole[49]
+
+
+@pytest.mark.parametrize('latency', [0, 4])
+def test_period_latency_and_dropouts(latency):
+    unit = {**LIDAR, 'period_ticks': 3, 'latency_ticks': latency, 'dropout_share': 0.25}
+    rows = measured(unit)
+    due = (np.arange(len(rows)) - latency) % 3 == 0
+    due[:latency] = False
+    assert not came(rows)[~due].any()
+    assert came(rows)[due].mean() == pytest.approx(0.75, abs=0.05)
+
+
+def test_what_comes_late_was_measured_before():
+    flown = make([{**LIDAR, 'latency_ticks': 4}], estimator=None)
+    prompt = make([LIDAR], estimator=None)
+    late, now = (SensorsStage(f.section(Sensors), f) for f in (flown, prompt))
+    states = [tuple(value + tick for value in FAR) for tick in range(20)]
+    rows = [late.step(tick, state)[0] for tick, state in enumerate(states)]
+    assert rows[4:] == [now.step(tick, state)[0] for tick, state in enumerate(states[:16])]
+    again = SensorsStage(flown.section(Sensors), flown)  # its memory is as deep as it says
+    again.reset()
+    found = [again.step(tick, states[tick])[0] for tick in range(10, 20)]
+    assert found[again.memory_ticks :] == rows[14:]
+
+
+def test_field_of_view_and_outages():
+    ahead = {**LIDAR, 'boresight': [0.0, 2.0, 0.0], 'field_of_view_rad': 0.5}
+    for x, seen in ((40.0, True), (60.0, False), (-40.0, True), (-60.0, False)):
+        rows = measured(ahead, 3, (x, -100.0, 0.0, 0, 0, 0))  # the target is ahead, along V-bar
+        assert came(rows).all() == seen
+    assert not came(measured(ahead, 3, (0.0, 100.0, 0.0, 0, 0, 0))).any()
+    rows = measured({**LIDAR, 'outages_s': [[1.0, 2.0], [2.5, 3.01]]}, 40)
+    assert np.flatnonzero(~came(rows)).tolist() == [*range(10, 20), *range(25, 31)]
+
+
+def test_outliers():
+    rows = measured({**LIDAR, 'outlier_share': 0.1, 'outlier_size_m': 50.0})
+    far = np.abs(rows[:, :3] - FAR[:3]).max(axis=1) > 6.0
+    assert far.mean() == pytest.approx(0.1, abs=0.02)
+
+
+def test_keys_and_sensors_are_independent():
+    first, other = measured(LIDAR, key=1), measured(LIDAR, key=2)
+    assert np.array_equal(first, measured(LIDAR, key=1))
+    assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < 0.06
+    flown = make([LIDAR, LIDAR], estimator=None)
+    stage = SensorsStage(flown.section(Sensors), flown)
+    pairs = np.array([stage.step(tick, FAR) for tick in range(2000)])
+    assert abs(np.corrcoef(pairs[:, 0, 0], pairs[:, 1, 0])[0, 1]) < 0.08
+
+
+def test_the_frame_of_the_line_of_sight_is_right_handed():
+    rng = np.random.default_rng(3)
+    rows = [*rng.normal(size=(200, 3)), *np.eye(3), *-np.eye(3)]
+    for u in (row / np.linalg.norm(row) for row in rows):
+        first, second = map(np.array, across(*u.tolist()))
+        frame = np.column_stack([u, first, second])
+        assert np.allclose(frame.T @ frame, np.eye(3))
+        assert np.allclose(np.cross(u, first), second)
+
+
+DIGEST = """
+import hashlib, numpy as np
+from nav_scenarios import LIDAR, PD, make
+from rpo_core import jit
+from rpo_core.flight import fly
+units = [
+    {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,
+     'outlier_size_m': 9.0},
+    {'kind': 'relative_position', 'velocity_floor_m_s': 0.01, 'period_ticks': 5,
+     'noise_floor_m': 0.3, 'bias_walk_m_s0_5': 0.01, 'field_of_view_rad': 2.0},
+    {'kind': 'bearing', 'bearing_noise_rad': 0.001, 'period_ticks': 2, 'latency_ticks': 1},
+]
+flight = fly(make(units, estimator={'disturbance_sigma_n': 0.01}), PD)
+found = hashlib.sha256(flight.states.tobytes())
+for name in sorted(flight.signals):
+    found.update(flight.signals[name].tobytes())
+print(jit.COMPILED, found.hexdigest())
+"""
+
+
+@pytest.mark.timeout(180)
+def test_interpreted_and_compiled_bits_are_the_same():
+    pytest.importorskip('numba')
+    said = []
+    for choice in '01':
+        variables = {**os.environ, 'RPO_JIT': choice, 'PYTHONPATH': os.pathsep.join(sys.path)}
+        done = subprocess.run(
+            [sys.executable, '-c', DIGEST], env=variables, cwd=Path(__file__).parent,
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        said.append(done.stdout.split())
+    assert [compiled for compiled, _ in said] == ['False', 'True']
+    assert said[0][1] == said[1][1]

@@ -1,0 +1,51 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runtime assurance as a node: the flight is that of the core, logged and verified."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from inside import inside
+
+from rpo_core import scenario
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_log.read.run_log import read_run
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.verify import verify
+from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE
+from rpo_safety.assurance_node import AssuranceNode
+from rpo_safety.settings import Assurance
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.plant_node import PlantNode
+
+
+def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros_env, tmp_path):
+    found = scenario.load_scenario('paper_test').equipped(Assurance(keep_out_m=66.0))
+    found = replace(found, duration_s=20.0)
+    path = tmp_path / 'zone.yaml'
+    path.write_text(scenario.dumps(found))
+    with inside() as inner:
+        inner.start(ControllerNode({'controller': 'trained'}))
+        inner.start(AssuranceNode({'scenario': str(path)}))
+        inner.start(DisturbanceInjectorNode({}))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        inner.start(PlantNode({'scenario': str(path), 'wait_for_recorder': True}))
+        inner.until(lambda: recorder.done)
+    assert recorder.exit_code == 0
+    log, flight = read_run(tmp_path / 'run'), fly(found, load_controller('trained'))
+    np.testing.assert_array_equal(log.states, flight.states)
+    np.testing.assert_array_equal(log.values[ASSURED_FORCE], flight.signals[ASSURED_FORCE])
+    changed = (log.values[ASSURED_FORCE] != flight.forces_n).any(axis=1)
+    assert changed.any()
+    events = [event for event in log.events if event.signal == ASSURANCE_STATUS]
+    first = events[0].values
+    assert first['constraint'] == 'keep_out'
+    assert int(first['tick']) == np.flatnonzero(changed)[0]
+    assert float(first['after_n.y']) == log.values[ASSURED_FORCE][int(first['tick']), 1]
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0
+    assert 'assurance' in found.sentence()

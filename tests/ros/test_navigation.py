@@ -1,0 +1,98 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors and estimator as a node: the bits of the core, a log that verifies, a lost command."""
+
+import numpy as np
+import pytest
+from nav_scenarios import LIDAR, make
+
+from rpo_core import scenario as scenarios
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_log.read.run_log import read_run
+from rpo_log.verify import verify
+from rpo_ros.stage_node import WITHOUT_COMMAND
+from tools.node_processes import node_processes
+
+LATE = {**LIDAR, 'latency_ticks': 3, 'dropout_share': 0.1}
+SLOW = {
+    'kind': 'relative_position', 'noise_floor_m': 0.5, 'velocity_floor_m_s': 0.02,
+    'period_ticks': 10,
+}  # fmt: skip
+
+
+def written(folder, **changes):
+    flown = make([LATE, SLOW], **changes)
+    path = folder / 'navigated.yaml'
+    path.write_text(scenarios.dumps(flown))
+    return flown, path
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with node_processes(ros_env, tmp_path) as started:
+        yield started
+
+
+@pytest.mark.timeout(120)
+def test_the_nodes_fly_the_bits_of_the_core(ros, tmp_path):
+    flown, path = written(tmp_path, estimator={'disturbance_sigma_n': 0.01})
+    folder = tmp_path / 'run'
+    node = ros.node(
+        'rpo_bringup', 'final_approach', '--scenario', str(path), '--controller', 'handmade',
+        '--output', str(folder), '--no-report',
+    )  # fmt: skip
+    assert node.wait() == 0, node.output
+    expected, found = fly(flown, load_controller('handmade')), read_run(folder)
+    assert found.complete, found.gaps
+    np.testing.assert_array_equal(found.states, expected.states)
+    logged = ('measurement', 'measurement_2', 'navigation_state', 'estimated_disturbance')
+    for name in (*logged, 'navigation_covariance'):
+        np.testing.assert_array_equal(found.values[name], expected.signals[name])
+    verified = verify(folder)
+    assert verified.exit_code == 0, verified.sentence()
+    assert {'sensors', 'estimator'} <= set(verified.stages)
+
+
+def fly_apart(ros, path, folder, **plant):
+    """Fly with each node in a process."""
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    ros.node('rpo_nav', 'navigation', scenario=path)
+    recorder = ros.node('rpo_log', 'recorder', output=str(folder))
+    node = ros.node('rpo_sim', 'plant', scenario=path, wait_for_recorder='true', **plant)
+    for process in (node, recorder):
+        assert process.wait() == 0, process.output
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.slow
+def test_in_free_running_it_reads_what_the_plant_applied(ros, tmp_path):
+    _, path = written(tmp_path, ticks=100)
+    folder = tmp_path / 'run'
+    fly_apart(ros, path, folder, mode='free_running', real_time_factor='1.0')
+    verified = verify(folder)
+    assert verified.difference is None, verified.sentence()
+    assert 'estimator' in verified.stages
+
+
+@pytest.mark.timeout(120)
+def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path):
+    """Navigation hears no commands: each repeated state is answered, and the log verifies."""
+    _, path = written(tmp_path, ticks=5)
+    folder = tmp_path / 'run'
+    with node_processes(ros_env, tmp_path) as ros:
+        ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+        ros.node(
+            'rpo_nav', 'navigation', '--ros-args', '-r', 'control_force:=nobody', scenario=path
+        )
+        recorder = ros.node('rpo_log', 'recorder', output=str(folder))
+        plant = ros.node(
+            'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', resend_after_s=0.02
+        )
+        for process in (plant, recorder):
+            assert process.wait() == 0, process.output
+    events = [event.values for event in read_run(folder).events if event.signal == 'stage_status']
+    states = [(event['stage'], event['state'], event['tick']) for event in events]
+    assert states == [('estimator', WITHOUT_COMMAND, str(tick)) for tick in range(1, 6)]
+    verified = verify(folder)
+    assert verified.exit_code == 0, verified.sentence()

@@ -1,0 +1,184 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The section `assurance`, its stage in the chain, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+import yaml
+from scipy import optimize
+
+import rpo_training.gym
+from rpo_core import scenario
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.kernels import cw_step
+from rpo_core.thrusters import Thrusters
+from rpo_core.validation import InputError
+from rpo_safety import filters
+from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
+from rpo_safety.guard import guard_of
+from rpo_safety.kernels import OPEN, open_margins
+from rpo_safety.packed import Filter
+from rpo_safety.settings import Assurance, Corridor
+
+PAPER = scenario.load_scenario('paper_test')
+ASSURED = scenario.load_scenario('assured')
+SURE = Assurance(keep_out_m=10.0)
+
+
+def test_a_flight_that_needs_no_help_keeps_its_bits():
+    """Nothing but one more signal is different."""
+    controller = load_controller('trained')
+    plain, assured = fly(PAPER, controller), fly(PAPER.equipped(Assurance()), controller)
+    assert (plain.states == assured.states).all()
+    assert (assured.signals[ASSURED_FORCE] == plain.forces_n).all()
+
+
+def test_the_shipped_scenario_arrives_and_keeps_its_zone():
+    """`robust` flies to the hold point; where it would break a limit, the force is another."""
+    flight = fly(ASSURED, load_controller('robust'))
+    assert np.linalg.norm(flight.positions_m, axis=1).min() > 10.0
+    assert np.linalg.norm(flight.errors[-1, :3]) < 0.5
+
+
+def test_a_controller_that_wants_the_target_stops_at_the_zone():
+    zone = PAPER.equipped(SURE)
+    flight = fly(zone, load_controller('trained'))
+    nearest = np.linalg.norm(flight.positions_m, axis=1).min()
+    assert 10.0 <= nearest < 10.1
+
+
+def test_a_file_is_read_back_the_same():
+    again = scenario.parse(yaml.safe_load(scenario.dumps(ASSURED)))
+    assert again == ASSURED
+    assert again.section(Assurance) == ASSURED.section(Assurance)
+
+
+def test_what_is_not_finite_becomes_a_stop():
+    stage = AssuranceStage(SURE, PAPER)
+    state = (0.0, 60.0, 0.0, 0.0, -0.1, 0.0)
+    for bad in (math.nan, math.inf, -math.inf, 1e200):
+        (force,) = stage.step(0, state, (0.1, bad, 0.0))
+        assert force == (0.0, 0.0, 0.0)
+        assert stage.decision.constraint == 'not_finite'
+    (force,) = stage.step(0, (math.nan, *state[1:]), (0.1, 0.0, 0.0))
+    assert force == (0.0, 0.0, 0.0)
+
+
+def test_the_least_change_is_the_projection():
+    """Beside a solver: nothing in the box that keeps the next state in the set is nearer."""
+    guard = guard_of(Assurance(keep_out_m=10.0), PAPER)
+    random = np.random.default_rng(5)
+    acted = 0
+    for _ in range(300):
+        e = random.normal(size=3)
+        e /= np.linalg.norm(e)
+        r, gap = e * (guard.keep_out_m + 0.5), 0.5
+        v = -e * math.sqrt(2 * guard.authority_m_s2 * gap) * random.uniform(0.9, 0.99)
+        state, command = tuple(np.concatenate([r, v])), tuple(random.uniform(-0.5, 0.5, 3))
+        *force, _, constraint, _, _ = filters.assure(
+            state, command, (0.0,) * 3, OPEN, PAPER.step, guard
+        )
+        if constraint != filters.KEEP_OUT:
+            continue
+        acted += 1
+
+        def margin(f, state=state):
+            after = cw_step(state, tuple(f), PAPER.step)
+            return open_margins(after, guard.next_m, guard.next_m_s, guard)[0] * 1e3
+
+        best = optimize.minimize(
+            lambda f, command=command: ((f - np.array(command)) ** 2).sum(),
+            np.array(force),
+            bounds=[(-0.5, 0.5)] * 3,
+            constraints={'type': 'ineq', 'fun': margin},
+        )
+        ours = np.linalg.norm(np.subtract(force, command))
+        assert ours <= math.sqrt(best.fun) * 1.01 + 2e-3
+    assert acted > 40
+
+
+def test_the_packed_filter_gives_the_same_bits():
+    """The stage calls it with arrays where kernels are compiled."""
+    guard = guard_of(ASSURED.section(Assurance), ASSURED)
+    packed, random = Filter(ASSURED.step, guard), np.random.default_rng(6)
+    for mode in (0, 1) * 100:
+        state = (*random.uniform(-20, 20, 3).tolist(), *random.uniform(-0.3, 0.3, 3).tolist())
+        command, last = random.uniform(-0.6, 0.6, (2, 3)).tolist()
+        one = filters.assure(state, tuple(command), tuple(last), mode, ASSURED.step, guard)
+        assert one == packed(state, tuple(command), tuple(last), mode)
+
+
+def test_the_slew_limit_is_kept_while_nothing_else_asks():
+    stage = AssuranceStage(Assurance(keep_out_m=10.0, slew_n_s=0.1), PAPER)
+    last = np.zeros(3)
+    for tick in range(20):
+        (force,) = stage.step(tick, (0.0, 60.0, 0.0, 0.0, 0.0, 0.0), (0.5, -0.5, 0.02))
+        assert np.abs(np.subtract(force, last)).max() <= 0.01 + 1e-12
+        last = np.array(force)
+    assert last == pytest.approx([0.2, -0.2, 0.02])
+
+
+def test_a_learner_is_shielded():
+    """Gymnasium flies the chain: an agent of a scenario with the section cannot reach the zone."""
+    env = gymnasium.make(rpo_training.gym.ENVIRONMENT, scenario=PAPER.equipped(SURE))
+    env.reset(seed=1)
+    over, nearest, acted = False, math.inf, 0
+    while not over:
+        state = env.unwrapped._info()['state']
+        _, _, over, _, info = env.step(-state[:3] / np.linalg.norm(state[:3]))
+        nearest = min(nearest, np.linalg.norm(info['state'][:3]))
+        acted += info['constraint'] == 'keep_out'
+    assert nearest >= 10.0
+    assert acted > 40
+
+
+@pytest.mark.parametrize(
+    ('settings', 'sentence'),
+    [
+        ({'keep_out_m': 75.0}, 'the start exclude each other'),
+        ({'speed': 'sqrt', 'disturbance_n': 0.6}, 'something to brake with'),
+        ({'speed': {'speed_m_s': 0.1, 'deceleration_m_s2': 0.05}}, 'exclude each other'),
+        ({'keep_out_m': 10.0, 'position_error_m': 6.0}, 'exclude each other'),
+        ({'keep_out_m': 10.0, 'velocity_error_m_s': 5.0}, 'exclude each other'),
+        ({'disturbance_n': 0.001}, 'must be at least'),
+        ({'speed': 'slow'}, 'must be one of paper, sqrt, afrl'),
+        ({'filter': 'none'}, 'must be one of'),
+        ({'domain_m': 50.0}, 'must be at least the range of the start'),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_assured_is_refused(settings, sentence):
+    """Each names the constraints, and the number that fails."""
+    document = scenario.to_document(PAPER)
+    with pytest.raises(InputError, match=sentence):
+        scenario.parse({**document, 'assurance': settings})
+
+
+def test_a_world_whose_errors_are_not_known_needs_bounds():
+    with pytest.raises(InputError, match=r'`assurance\.\w+` is missing; section `\w+` needs it'):
+        scenario.load_scenario('world_leo').equipped(Assurance())
+
+
+def test_a_corridor_that_is_too_narrow_for_the_errors_is_refused():
+    way = Corridor('+y', 10.0, 1.0, 20.0)
+    with pytest.raises(InputError, match='to stop between the walls takes'):
+        PAPER.equipped(Assurance(keep_out_m=10.0, corridor=way, position_error_m=0.1))
+
+
+def test_a_start_that_cannot_stop_is_refused_with_its_distance():
+    fast = replace(PAPER, initial_position_m=(0.0, 20.0, 0.0), initial_velocity_m_s=(0, -0.8, 0))
+    with pytest.raises(InputError, match=r'takes 7\.\d+ m to stop|must allow the start'):
+        fast.equipped(Assurance(keep_out_m=15.0, speed='afrl'))
+
+
+def test_a_late_thruster_is_part_of_the_stage():
+    late = PAPER.equipped(Thrusters(delay_ticks=3))
+    stage = AssuranceStage(SURE, late)
+    assert stage.memory_ticks is None
+    assert AssuranceStage(SURE, PAPER).memory_ticks == 0

@@ -1,0 +1,60 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""How consistent the estimators of the shipped worlds are, and the command that prints it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
+from rpo_nav.estimator import Estimator
+from rpo_training.cli import app
+from rpo_training.evaluation.consistency import consistency, told
+
+WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize('name', WORLDS)
+def test_the_shipped_estimators_are_consistent(name):
+    """Few and short flights, bounds of 95 % for the mean over ten moments."""
+    found = consistency(replace(told(load_scenario(name)), duration_s=50.0), 40)
+    assert found.holds, found
+    assert found.correlation < 2.0 * found.correlation_bound
+
+
+@pytest.mark.timeout(180)
+def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
+    flown = replace(told(load_scenario('world_leo')), duration_s=50.0)
+    wrong = replace(flown.section(Estimator), noise_scale=0.6)
+    found = consistency(flown.equipped(wrong), 20)
+    assert not found.holds
+    assert found.nees.mean() > 8.0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize('changes', [{}, {'dropout_share': 0.1, 'latency_ticks': 3}])
+def test_a_thousand_flights(changes):
+    found = consistency(told(load_scenario('world_leo'), **changes), 1000)
+    assert np.allclose(found.nees_bounds, (5.79, 6.21), atol=0.006)
+    assert 5.79 <= found.nees.mean() <= 6.21
+    assert found.holds, found
+
+
+def test_the_command_and_its_bad_input():
+    done = CliRunner().invoke(
+        app, ['evaluate', '--estimator', 'world_moon', '--runs', '3'], env={'COLUMNS': '200'}
+    )
+    assert done.exit_code == 0, done.output
+    assert 'NEES of 6 states' in done.output
+    assert '10 % lost' in done.output
+    done = CliRunner().invoke(app, ['evaluate', 'trained', '--estimator', 'world_moon'])
+    assert isinstance(done.exception, InputError) or done.exit_code == 2
+    with pytest.raises(InputError, match='must have sections `sensors` and `estimator`'):
+        told(load_scenario('paper_test'))
