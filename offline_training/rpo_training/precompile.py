@@ -42,7 +42,8 @@ def main() -> None:
     next(flights_of(controller, load_set('paper_training')))
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())
-    metrics_of(load_controller('lqr'), case_of_set(load_set('paper_training')), workers=1)
+    for name in ('lqr', 'pace'):
+        metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)
 
 

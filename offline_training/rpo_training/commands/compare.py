@@ -4,17 +4,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_training.commands.shared import Workers, echo, interruptible
 
+if TYPE_CHECKING:
+    from rpo_training.evaluation.comparison import ComparedController
+
 EXAMPLES = """
 Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
-`rpo compare --write docs/compare.md`
+`rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg`
 """
 
 _CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
@@ -29,6 +33,13 @@ def compare(
     ] = None,
     campaign: Annotated[Path, typer.Option(help='what is dispersed, and success')] = _CAMPAIGN,
     runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,
+    random: Annotated[
+        int,
+        typer.Option(min=0, max=1_000_000, help='random starts, at rest and as many moving'),
+    ] = 2000,
+    picture: Annotated[
+        Path | None, typer.Option(help='energy against success, beside the one in the folder')
+    ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='folder that keeps what was computed')
     ] = Path('runs/compare'),
@@ -47,10 +58,13 @@ def compare(
     names = controllers or list(comparison.CONTROLLERS)
     sentence = 'Interrupted; what was computed is kept: the same command goes on.'
     with interruptible(lambda: sentence), progress() as show:
-        compared = comparison.Comparison(names, output, campaign, runs, workers, show)
+        compared = comparison.Comparison(
+            names, output, campaign, runs, workers, show, random_runs=random
+        )
         least, rows = compared.least(), compared.rows()
     name = compared.campaigns[0].config.name
-    for headings, *lines in (comparison_table.overview(rows), comparison_table.tests(rows)):
+    tables = (comparison_table.overview, comparison_table.robustness, comparison_table.tests)
+    for headings, *lines in (table(rows) for table in tables):
         columns = zip(headings, *lines, strict=True)
         widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
         print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)
@@ -58,6 +72,18 @@ def compare(
         echo(f'- {note}')
     for path in comparison_table.write(rows, least, name, output):
         echo(path)
+    for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
+        _draw(rows, path)
     if write is not None:
         comparison_table.put_into(write, comparison_table.markdown(rows, least, name))
         echo(write)
+
+
+def _draw(rows: Sequence[ComparedController], path: Path) -> None:
+    try:
+        from rpo_training.report.pareto import draw
+    except ImportError:
+        typer.echo('No picture: matplotlib is not installed.', err=True)
+        return
+    draw(rows, path)
+    echo(path)

@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from rpo_core.controller import FuzzyController
+    from rpo_core.controller import AnyController, FuzzyController
+    from rpo_core.controller_file import Reason
     from rpo_core.explain import Decision
     from rpo_training.analysis.certificate import Certificate
 
 EXAMPLES = """
-Examples: `rpo explain handmade` | `rpo explain handmade --certify` |
+Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
 `rpo explain runs/first --at 37.5` | `rpo explain --state 10,60,-40,0,0,0` |
 `rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
 """
@@ -54,17 +55,27 @@ def explain(
     ] = False,
 ) -> None:
     """Say in words why the controller fires: its rules, or one decision of a run or a state."""
-    from rpo_core.controller import load_fuzzy
+    from rpo_core.controller import load_controller, only_fuzzy
     from rpo_core.explain import decisions, state_of
+    from rpo_core.family import Family
+    from rpo_training.commands import explain_family
     from rpo_training.display import plain_console
 
     console = plain_console()
     if state is not None:
-        if at is not None or certify or (target and controller is not None):
+        if certify or (target and controller is not None):
             raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
-        loaded = load_fuzzy(controller or target or DEFAULT_CONTROLLER)
-        found = decisions(loaded, _from_goal(console, loaded, state_of(state), scenario))
-        _print_decisions(console, found)
+        loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
+        seen = _from_goal(console, loaded, state_of(state), scenario)
+        if isinstance(loaded, Family):
+            explain_family.print_reasons(console, loaded, seen, at or 0.0)
+        elif at is not None:
+            raise InputError(
+                '`--state` takes one controller, `--scenario`, and nothing else; `--at` only '
+                'if the controller has a clock'
+            )
+        else:
+            _print_decisions(console, decisions(only_fuzzy(loaded), seen))
         return
     if scenario:
         raise InputError('`--scenario` needs `--state`')
@@ -84,7 +95,11 @@ def explain(
         raise InputError('say what to explain: a controller, a run with --at, or --state')
     if _is_run(target):
         raise InputError(f'{target}: say which instant of the run, like --at 37.5')
-    _explain_controller(console, load_fuzzy(target), certify)
+    loaded = load_controller(target)
+    if isinstance(loaded, Family):
+        explain_family.print_controller(console, loaded, certify)
+    else:
+        _explain_controller(console, only_fuzzy(loaded), certify)
 
 
 def _is_run(target: str) -> bool:
@@ -92,7 +107,7 @@ def _is_run(target: str) -> bool:
 
 
 def _from_goal(
-    console: Console, controller: FuzzyController, state: Sequence[float], scenario: str
+    console: Console, controller: AnyController, state: Sequence[float], scenario: str
 ) -> Sequence[float]:
     """Return a state relative to the goal of a scenario, of what it was trained for by default."""
     from rpo_core.scenario import ScenarioSet, load
@@ -120,7 +135,9 @@ def _explain_run(console: Console, path: str, at: float) -> None:
 
     from rpo_core.controller import only_fuzzy
     from rpo_core.explain import decisions
+    from rpo_core.family import Family
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
+    from rpo_training.commands import explain_family
 
     log = read_run(path)
     times = log.times_s
@@ -133,26 +150,31 @@ def _explain_run(console: Console, path: str, at: float) -> None:
         raise InputError(f'{path}: has no state at {times[row]:g} s')
     scenario = scenario_of(log)
     state = scenario.from_goal(log.states[row].tolist())
-    found = decisions(only_fuzzy(controller_of(log)), state)
-    console.print(f'{printable(path)}, tick {int(log.ticks[row])}, {times[row]:g} s')
-    _print_decisions(console, found)
-    logged, same = log.forces_n[row], tuple(decision.force_n for decision in found)
+    controller, tick = controller_of(log), int(log.ticks[row])
+    console.print(f'{printable(path)}, tick {tick}, {times[row]:g} s')
+    if isinstance(controller, Family):
+        reasons, same = explain_family.print_at(console, controller, state, tick)
+    else:
+        found = decisions(only_fuzzy(controller), state)
+        _print_decisions(console, found)
+        same = found[0].force_n, found[1].force_n, found[2].force_n
+        reasons = [(d.sentence, d.pairs()) for d in found]
+    logged = log.forces_n[row]
     if scenario.goal is not None:
-        same = tuple(map(add, same, scenario.goal.force_n))
+        x, y, z = map(add, same, scenario.goal.force_n)
+        same = x, y, z
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')
     elif tuple(logged.tolist()) == same:
         console.print('The logged force is the same, bit for bit.')
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
-    same_decision = _compare_decision(console, path, log.base.stamp_ns(int(log.ticks[row])), found)
+    same_decision = _compare_decision(console, path, log.base.stamp_ns(tick), reasons)
     if not same_decision or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
         raise typer.Exit(1)
 
 
-def _compare_decision(
-    console: Console, path: str, stamp_ns: int, found: tuple[Decision, ...]
-) -> bool:
+def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
     """Compare with the decision that the controller published; return whether none differs."""
     from rpo_log.read.decisions import decision_at
 
@@ -166,13 +188,13 @@ def _compare_decision(
             f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
         )
         return True
-    expected = [(d.sentence, {name: repr(x) for name, x in d.pairs()}) for d in found]
+    expected = [(sentence, {name: repr(x) for name, x in pairs}) for sentence, pairs in found]
     published = [(axis.message, dict(axis.values)) for axis in logged.axes]
     if published == expected:
         console.print('The controller said the same in flight, number by number.')
         return True
-    for axis, (sentence, _) in zip(found, published, strict=False):
-        console.print(f'In flight the controller said of {axis.axis}: {printable(sentence)}')
+    for axis, (sentence, _) in zip('xyz', published, strict=False):
+        console.print(f'In flight the controller said of {axis}: {printable(sentence)}')
     return False
 
 

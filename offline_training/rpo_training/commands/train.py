@@ -22,7 +22,7 @@ EXAMPLES = """
 Examples: `rpo train` | `rpo train --scenario mine.yaml` | `rpo train --preset best -o runs/best` |
 `rpo train --resume runs/best` | `rpo train --seed 3 --set ga.generations=50 --set genes.rules=odd`
 | `rpo train --show > mine.yaml` then `rpo train --config mine.yaml` |
-`rpo train --cluster tcp://127.0.0.1:8786`
+`rpo train --cluster tcp://127.0.0.1:8786` | `rpo train --family time_to_go`
 """
 
 
@@ -33,6 +33,9 @@ def train(
             help='paper, best, robust, allround, front, mission  [paper; with --scenario, mission]'
         ),
     ] = None,
+    family: Annotated[
+        str, typer.Option(help='train another family than the 30 parameters: pace, time_to_go')
+    ] = '',
     scenario: Annotated[
         str, typer.Option(help='train for this scenario or set (name or file); scales are fitted')
     ] = '',
@@ -60,13 +63,24 @@ def train(
     the best controller, which is written, misses a condition.
     """
     from rpo_training.search import config as configs
+    from rpo_training.search.family_training import CONFIG as FAMILY
+    from rpo_training.search.family_training import FamilyTraining, is_family
     from rpo_training.search.training import Training
 
     if resume is not None:
-        given = (preset, scenario or None, config, seed, algorithm, settings, output)
-        if any(option is not None for option in given):
+        given = (preset, config, seed, algorithm, settings, output)
+        if family or scenario or any(option is not None for option in given):
             raise InputError('`--resume` takes its configuration from the run folder: give none')
-        _fly(Training.resume(resume, workers, cluster), plots)
+        if (resume / FAMILY).exists():
+            training = FamilyTraining.resume(resume, workers)
+            end(training, fly(training))
+        else:
+            _fly(Training.resume(resume, workers, cluster), plots)
+        return
+    if family or (config is not None and is_family(config)):
+        if preset or algorithm or cluster:
+            raise InputError('`--family` takes no `--preset`, `--algorithm` and `--cluster`')
+        _train_family(family, scenario, config, seed, settings or [], output, workers, show)
         return
     options = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in options.items() if value is not None]
@@ -81,6 +95,37 @@ def train(
         typer.echo(configs.dumps(chosen), nl=False)
         return
     _fly(Training.create(chosen, folder, workers, cluster), plots)
+
+
+def _train_family(
+    family: str,
+    scenario: str,
+    path: Path | None,
+    seed: int | None,
+    settings: list[str],
+    output: Path | None,
+    workers: int,
+    show: bool,
+) -> None:
+    from rpo_training.search import config as configs
+    from rpo_training.search import family_training
+
+    if path is None:
+        chosen = family_training.config_of(family, scenario)
+    elif family or scenario:
+        raise InputError('`--config` says family and scenario: give neither')
+    else:
+        chosen = family_training.FamilyTraining.load(path)
+    named = [] if seed is None else [f'seed={seed}']
+    chosen = configs.override(chosen, [*named, *settings])
+    folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
+    if not any(setting.startswith('name=') for setting in settings):
+        chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
+    if show:
+        typer.echo(family_training.dumps(chosen), nl=False)
+        return
+    training = family_training.FamilyTraining.create(chosen, folder, workers)
+    end(training, fly(training))
 
 
 def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfig:

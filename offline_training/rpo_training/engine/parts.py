@@ -249,10 +249,15 @@ class Runs(NamedTuple):
 
 
 class Control(NamedTuple):
-    """A controller: `lanes.Law`, which acts axis by axis; or a BaselineLaw, for paired runs."""
+    """A controller, one of these.
+
+    fuzzy : `lanes.Law`, which acts axis by axis
+    baseline : BaselineLaw, for paired runs; axes : one that treats all axes alike
+    """
 
     fuzzy: Any = None
     baseline: Any = None
+    axes: Any = None
 
 
 class Plant(NamedTuple):

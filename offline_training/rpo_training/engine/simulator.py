@@ -114,7 +114,11 @@ class Simulator:
 
     def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
         baseline.refuse_other_ticks(case.base.dt_s)
-        self._fly_paired(parts.Control(None, baseline.law), case, rows)
+        crossed = case.half if baseline.alike else None
+        if crossed is None:
+            self._fly_paired(parts.Control(None, baseline.law), case, rows)
+        else:
+            self._fly_crossed(parts.Control(axes=baseline.law), case, crossed, rows)
 
     def _fly_crossed(
         self, control: parts.Control, case: Case, crossed: Crossed, rows: Floats

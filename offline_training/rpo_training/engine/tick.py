@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from rpo_core.baseline_kernels import baseline_force
+from rpo_core.baseline_kernels import axis_force, baseline_force
 from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
 from rpo_core.noise import six_normals
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
@@ -120,6 +120,23 @@ def command_baseline(w, tick, law, navigation, goal):  # type: ignore[no-untyped
         _command_paired(w, tick, law, R, V)
     else:
         _command_paired(w, tick, law, SEEN_R, SEEN_V)
+
+
+@compiled
+def _command_axes(w, n, tick, law, r, v):  # type: ignore[no-untyped-def]
+    for s in range(n):
+        w[FORCE + s] = axis_force(w[r + s], w[v + s], tick, law)
+
+
+@compiled
+def command_axes(w, n, tick, law, navigation, goal):  # type: ignore[no-untyped-def]
+    """Row FORCE [N] of n lanes from the input of a controller that treats all axes alike."""
+    if law is None:
+        return
+    if navigation is None and goal is None:
+        _command_axes(w, n, tick, law, R, V)
+    else:
+        _command_axes(w, n, tick, law, SEEN_R, SEEN_V)
 
 
 @compiled
@@ -311,7 +328,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     (planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits,
      estimators) = runs
     # fmt: on
-    fuzzy, baseline = control
+    fuzzy, baseline, axes = control
     p, q = len(planar), len(vertical)
     n = 2 * p + q
     for tick in range(windows.horizon + 1):
@@ -320,6 +337,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         aim(w, n, navigation, goal)
         command_fuzzy(w, n, fuzzy, navigation, goal)
         command_baseline(w, tick, baseline, navigation, goal)
+        command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal)
         remember(w, estimators)
         keep_trace(w, n, tick, trace)

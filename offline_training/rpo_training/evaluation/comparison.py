@@ -37,8 +37,9 @@ from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
 from rpo_training.engine.cases import Case, case_of_set
 from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import plans
+from rpo_training.evaluation import plans, robustness
 from rpo_training.evaluation.optimal import least_constrained
+from rpo_training.evaluation.robustness import RANDOM, Robustness
 from rpo_training.export.parts import identifier
 from rpo_training.outputs import digest_of, make_folder, write_text
 from rpo_training.search import fitness
@@ -47,13 +48,14 @@ Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Called with the present work, how much of it is done, and how much it is in all."""
 
-FUZZY = ('trained', 'robust', 'paper_ga', 'handmade')
+FUZZY = ('trained', 'robust', 'paper_ga', 'handmade', 'pace', 'time_to_go')
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)
 
 PLANS_EVERY = 10  # ticks between the plans that are computed
 PLANS_RUNS = 100  # of the campaign
+RANDOM_RUNS = 2000  # random starts, at rest and as many moving
 _CALLS, _REPETITIONS = 2000, 5
 
 
@@ -78,6 +80,7 @@ class ComparedController:
     tests : by scenario
     kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
     command_us : processor time of one command on this machine [us]
+    more : random starts, margins, thrusters, contact, proof
     plans : of a predictive controller: peaks from the starts and from some runs of the campaign
     """
 
@@ -97,6 +100,7 @@ class ComparedController:
     low: float
     high: float
     command_us: float
+    more: Robustness
     plans: dict[str, dict[str, float]] | None = None
 
 
@@ -118,8 +122,10 @@ class Comparison:
         runs: int | None = None,
         workers: int = 0,
         report: Report = lambda what, done, total: None,
+        random_runs: int = RANDOM_RUNS,
     ) -> None:
         self.folder, self.workers, self.report = folder, workers, report
+        self.names, self.random_runs = list(names), random_runs
         for name in names:
             controllers.load_controller(
                 name
@@ -132,6 +138,12 @@ class Comparison:
         self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
 
     @cached_property
+    def _random(self) -> list[str]:
+        """The texts of the campaigns of random starts, and of what they fly."""
+        loaded = [config.load(config.find(name), controller='drift') for name in RANDOM]
+        return [text for campaign in loaded for text in campaign.texts[:2]]
+
+    @cached_property
     def case(self) -> Case:
         """The training starts."""
         return case_of_set(load_set(STARTS))
@@ -140,8 +152,8 @@ class Comparison:
         """Return all controllers; compute the results that are not kept."""
         least = self.least()
         return [
-            self._row(campaign, label, least)
-            for campaign, label in zip(self.campaigns, self.labels, strict=True)
+            self._row(campaign, label, name, least)
+            for campaign, label, name in zip(self.campaigns, self.labels, self.names, strict=True)
         ]
 
     def least(self) -> float:
@@ -175,12 +187,17 @@ class Comparison:
         write_text(path, json.dumps(kept, indent=1))
         return found
 
-    def _row(self, campaign: Campaign, label: str, least: float) -> ComparedController:
+    def _row(self, campaign: Campaign, label: str, given: str, least: float) -> ComparedController:
         controller = campaign.controller
         text = controllers.dumps(controller)
         name = controller.name
         found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
         rate = self._campaign(campaign)
+        more = self._kept(
+            f'{name}-more',
+            [text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)],
+            lambda: self._more(controller, given, campaign),
+        )
         plans = None
         if isinstance(controller, Mpc):
             plans = self._kept(
@@ -198,6 +215,7 @@ class Comparison:
             low=rate.low,
             high=rate.high,
             command_us=command_us(controller, load_scenario(TESTS[0])),
+            more=Robustness(**more),
             plans=plans,
             **{key: value for key, value in found.items() if key != 'tests'},
         )
@@ -217,6 +235,12 @@ class Comparison:
             'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
             'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
         }
+
+    def _more(self, controller: AnyController, given: str, campaign: Campaign) -> dict[str, Any]:
+        """Return random starts, margins, thrusters, contact and proof."""
+        rows = metrics_of(controller, self.case, self.workers)
+        runs = self.random_runs
+        return asdict(robustness.examine(controller, given, rows, campaign, runs, self.report))
 
     def _campaign(self, campaign: Campaign) -> statistics.Rate:
         """Return the rate of success; finish the campaign first."""

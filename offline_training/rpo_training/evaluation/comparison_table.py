@@ -17,7 +17,9 @@ from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
 from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, ComparedController
+from rpo_training.evaluation.robustness import OPEN_N, OPENED_RUNS, RANDOM
 from rpo_training.outputs import write_text
+from rpo_training.search.conditions import LABELS
 
 BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
 """The lines of a document around the table."""
@@ -48,6 +50,40 @@ def overview(rows: Sequence[ComparedController]) -> Table:
     return [tuple(_OVERVIEW), *(tuple(cell(row) for cell in _OVERVIEW.values()) for row in rows)]
 
 
+def robustness(rows: Sequence[ComparedController]) -> Table:
+    """Return random starts, margins, thrusters, contact and proof."""
+    headings = (
+        'controller',
+        'random starts missed: at rest [%]',
+        'moving [%]',
+        'smallest margin [%]',
+        'of',
+        'thrust starts per axis',
+        'speed at 1 m, largest (median) [m/s]',
+        'proof',
+    )
+    lines: Table = [headings]
+    for row in rows:
+        more = row.more
+        missed = [more.random_missed.get(name) for name in RANDOM]
+        shares = ['–' if n is None else f'{100 * n / more.random_runs:.2f}' for n in missed]
+        speed = '–'
+        if more.contact_m_s is not None and more.contact_median_m_s is not None:
+            speed = f'{more.contact_m_s:.3f} ({more.contact_median_m_s:.3f})'
+        lines.append(
+            (
+                row.name,
+                *shares,
+                f'{100 * more.margin:.1f}' if more.margin >= 0.0 else 'missed',
+                LABELS.get(more.margin_of, more.margin_of).replace('_', ' '),
+                f'{more.openings:.1f}',
+                speed,
+                more.proof,
+            )
+        )
+    return lines
+
+
 def tests(rows: Sequence[ComparedController]) -> Table:
     """Return the paper's test in both readings."""
     metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
@@ -66,7 +102,7 @@ def tests(rows: Sequence[ComparedController]) -> Table:
 def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> list[str]:
     """Return what the columns mean, with the numbers behind them."""
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
-    window = f'{CLAIM_WINDOW_S:g}'
+    window, more = f'{CLAIM_WINDOW_S:g}', rows[0].more
     found = [
         f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
@@ -74,6 +110,12 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
         f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
         f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs; it defines '
         "success; Wilson's 95 % interval.",
+        f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
+        'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
+        "to any condition, over the training starts and the paper's tests. Thrust starts: how "
+        f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
+        'dispersed runs. Speed at 1 m: at the first state within 1 m of the target, over the '
+        'training starts. Proof: for which starts the conditions are proven.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:
@@ -90,7 +132,7 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
 
 def markdown(rows: Sequence[ComparedController], least: float, campaign: str) -> str:
     """Return the tables and their notes as Markdown."""
-    parts = [_as_markdown(overview(rows)), _as_markdown(tests(rows))]
+    parts = [_as_markdown(table(rows)) for table in (overview, robustness, tests)]
     parts.append([f'- {note}' for note in notes(rows, least, campaign)])
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rpo_core.controller import FuzzyController
+from rpo_core.controller import AnyController, FuzzyController, only_fuzzy
+from rpo_core.family import Family
 from rpo_core.validation import choice
-from rpo_training.export import c, fcl, fis, fll, json, python
+from rpo_training.export import c, family, fcl, fis, fll, json, python
 
 FORMATS: dict[str, Callable[[FuzzyController], str]] = {
     'fis': fis.text,
@@ -27,6 +28,8 @@ SUFFIXES = {'python': '.py', **{name: f'.{name}' for name in FORMATS if name != 
 """File name suffix of each format."""
 
 
-def text_of(controller: FuzzyController, name: str) -> str:
-    """Return a controller in one of `FORMATS`; raises InputError."""
-    return FORMATS[choice('--to', name, FORMATS)](controller)
+def text_of(controller: AnyController, name: str) -> str:
+    """Return a controller in one of `FORMATS`, of a family in some of them; raises InputError."""
+    if isinstance(controller, Family):
+        return family.text(controller, name)
+    return FORMATS[choice('--to', name, FORMATS)](only_fuzzy(controller))

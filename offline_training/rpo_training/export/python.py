@@ -71,11 +71,11 @@ def text(controller: FuzzyController) -> str:
             f'    {name}=(\n{parts.listed(values, 8, 88)},\n    ),'
             for name, values in tables._asdict().items()
         ),
-        functions='\n\n\n'.join(map(_source, _KERNELS)),
+        functions='\n\n\n'.join(map(source, _KERNELS)),
     )
 
 
-def _source(kernel: Callable[..., Any]) -> str:
+def source(kernel: Callable[..., Any]) -> str:
     """Return the source of a kernel without its decorator and its annotations."""
     function: Any = getattr(kernel, 'py_func', kernel)  # numba keeps it there
     node = ast.parse(inspect.getsource(function)).body[0]

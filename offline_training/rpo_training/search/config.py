@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -27,6 +27,9 @@ SCHEMA = 'rpo/training/1'
 ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
 """Genetic algorithm; CMA-ES; the first, then the second; CMA-ES for each of the best rule tables;
 NSGA-II, energy against arrival time."""
+
+
+Config = TypeVar('Config')
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ def parse(document: Any) -> TrainingConfig:
     data = dict(mapping('', document, ['schema'], names))
     if data.pop('schema') != SCHEMA:
         raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
-    return _updated(PRESETS['paper'], data, '')
+    return updated(PRESETS['paper'], data, '')
 
 
 def load(path: str | Path) -> TrainingConfig:
@@ -147,7 +150,7 @@ def load(path: str | Path) -> TrainingConfig:
     return files.load(Path(path), parse)
 
 
-def override(config: TrainingConfig, settings: Sequence[str]) -> TrainingConfig:
+def override(config: Config, settings: Sequence[str]) -> Config:
     """Return the configuration with settings like `ga.population=30` applied."""
     for setting in settings:
         key, equals, value = setting.partition('=')
@@ -156,18 +159,19 @@ def override(config: TrainingConfig, settings: Sequence[str]) -> TrainingConfig:
         nested: Any = files.parse_yaml(value)
         for name in reversed(key.strip().split('.')):
             nested = {name: nested}
-        config = _updated(config, nested, '')
+        config = updated(config, nested, '')
     return config
 
 
-def _updated(base: Any, data: Any, name: str) -> Any:
+def updated(base: Any, data: Any, name: str) -> Any:
+    """Return a configuration with the fields of a mapping changed; `name` is its place."""
     known = mapping(name, data, [], [f.name for f in fields(base)])
     changes = {}
     for key, value in known.items():
         current = getattr(base, key)
         place = f'{name}.{key}' if name else key
         if is_dataclass(current):
-            changes[key] = _updated(current, value, place)
+            changes[key] = updated(current, value, place)
         elif isinstance(current, tuple):
             if not isinstance(value, list):
                 raise InputError(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rpo_core import controller as controllers
 from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
+from rpo_core.family import Family
 from rpo_core.validation import InputError
 from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search, Stage
@@ -33,7 +34,7 @@ Floats = NDArray[np.float64]
 CHECKPOINT = 'checkpoint.npz'
 
 Config = TypeVar('Config')
-Found = TypeVar('Found', FuzzyController, Baseline)
+Found = TypeVar('Found', FuzzyController, Baseline, Family)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Baseline control laws as scalar kernels: gain tables, a potential field with sliding mode.
+"""Control laws as scalar kernels: gain tables, a potential field with sliding mode, a force table.
 
 Plain functions of floats like `rpo_core.kernels`: the same bits interpreted and compiled. Every law
 is odd bit for bit: the force of the mirrored state is the mirrored force.
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import kernel
+from rpo_core.jit import as_table, kernel
 from rpo_core.kernels import State, Vector, saturate
 
 GAINS = 18
@@ -22,16 +22,35 @@ GAINS = 18
 
 
 class BaselineLaw(NamedTuple):
-    """A baseline as the kernels read it; tables by `rpo_core.jit.as_table`.
+    """A law as the kernels read it; tables by `rpo_core.jit.as_table`, empty if not used.
 
     gains : (rows, 18) f = -K x [N/m, N s/m]; row k is that of tick k, the last one stays
-    field : () where the gains rule, else the 6 numbers of `sliding_force`
+    field : the 6 numbers of `sliding_force`
     limit : largest |f| of an axis [N]
+    distances, paces, forces : of `pace_force`, with its `lead_s`
     """
 
     gains: Any
     field: Any
     limit: float
+    distances: Any
+    paces: Any
+    forces: Any
+    lead_s: float
+
+
+def law_of(
+    limit: float,
+    *,
+    gains: Any = (),
+    field: Any = (),
+    pace: tuple[Any, Any, Any, float] = ((), (), (), 0.0),
+) -> BaselineLaw:
+    """Return a law of one kind: gains, or a field, or the table of `pace_force`."""
+    rows = np.asarray(gains, dtype=np.float64).reshape(-1, GAINS)
+    *tables, lead_s = pace
+    distances, paces, forces = (as_table(np.ravel(table)) for table in tables)
+    return BaselineLaw(as_table(rows), as_table(field), limit, distances, paces, forces, lead_s)
 
 
 @kernel
@@ -82,14 +101,85 @@ def sliding_force(state: State, field: Any) -> Vector:
 
 
 @kernel
+def interval(x: float, knots: Any) -> tuple[int, float]:
+    """Return the interval of ascending knots that x lies in, and its share of it, in [0, 1].
+
+    Beyond the first or the last knot, x counts as the knot.
+    """
+    last = len(knots) - 1
+    if x <= knots[0]:
+        return 0, 0.0
+    if x >= knots[last]:
+        return last - 1, 1.0
+    i = 0
+    while x >= knots[i + 1]:
+        i += 1
+    return i, (x - knots[i]) / (knots[i + 1] - knots[i])
+
+
+@kernel
+def pace_inputs(r: float, v: float, lead_s: float) -> tuple[float, float]:
+    """Distance [m] and pace of an axis at position r [m] and velocity v [m/s].
+
+    With the lead h = lead_s * closing speed, the distance is |r| + |h|, and the pace h / (|r| +
+    |h|): 1 passes the target, 0 rests, -1 only moves away. The pace grows with the angle between
+    (|r|, h) and (1, 0), and needs no arc tangent, whose last bits differ between machines.
+    """
+    lead = lead_s * (-v if r >= 0.0 else v)
+    distance = abs(r) + abs(lead)
+    return distance, lead / distance if distance > 0.0 else 0.0
+
+
+@kernel
+def pace_force(r: float, v: float, distances: Any, paces: Any, forces: Any, lead_s: float) -> float:
+    """Force [N] of an axis by a zero-order Takagi-Sugeno system of its distance and pace.
+
+    Triangles with peaks at `distances` [m] and `paces` partition both inputs; AND is the product,
+    the consequents are forces towards the target. So the force is bilinear between the peaks. The
+    table begins with a distance of 0 and zeros.
+
+    forces : (distances * paces,) [N], row by row; the last of a row is minus its first, which makes
+        the force of the mirrored state the mirrored force, also where r = 0
+    """
+    distance, pace = pace_inputs(r, v, lead_s)
+    i, far = interval(distance, distances)
+    j, fast = interval(pace, paces)
+    n = len(paces)
+    near = (1.0 - fast) * forces[n * i + j] + fast * forces[n * i + j + 1]
+    beyond = (1.0 - fast) * forces[n * (i + 1) + j] + fast * forces[n * (i + 1) + j + 1]
+    pull = (1.0 - far) * near + far * beyond
+    return -pull if r >= 0.0 else pull
+
+
+@kernel
 def baseline_force(state: State, tick: int, law: BaselineLaw) -> Vector:
-    """Force [N] of a baseline at a tick, saturated."""
+    """Force [N] of a law at a tick, saturated."""
     if len(law.field) > 0:
         fx, fy, fz = sliding_force(state, law.field)
+    elif len(law.forces) > 0:
+        d, p, f, h = law.distances, law.paces, law.forces, law.lead_s
+        fx = pace_force(state[0], state[3], d, p, f, h)
+        fy = pace_force(state[1], state[4], d, p, f, h)
+        fz = pace_force(state[2], state[5], d, p, f, h)
     else:
         last = len(law.gains) - 1
         fx, fy, fz = gain_force(state, law.gains[tick if tick < last else last])
     return saturate(fx, law.limit), saturate(fy, law.limit), saturate(fz, law.limit)
+
+
+@kernel
+def axis_force(r: float, v: float, tick: int, law: BaselineLaw) -> float:
+    """Force [N] of one axis at position r [m] and velocity v [m/s], of a law that treats all alike.
+
+    Such a law has a pace table, or gains whose rows are (k, 0, 0, d, 0, 0) and so on.
+    """
+    if len(law.forces) > 0:
+        force = pace_force(r, v, law.distances, law.paces, law.forces, law.lead_s)
+    else:
+        last = len(law.gains) - 1
+        row = law.gains[tick if tick < last else last]
+        force = -(row[0] * r + row[3] * v)
+    return saturate(force, law.limit)
 
 
 @kernel

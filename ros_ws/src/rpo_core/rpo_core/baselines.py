@@ -21,9 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import codec, cw
-from rpo_core.baseline_kernels import GAINS, BaselineLaw, baseline_force, least_energy_gains
+from rpo_core.baseline_kernels import (
+    GAINS,
+    BaselineLaw,
+    baseline_force,
+    law_of,
+    least_energy_gains,
+)
 from rpo_core.controller_file import ControllerFile, ControllerStage, register
-from rpo_core.jit import as_table
 from rpo_core.stage import Signal, Stage
 from rpo_core.validation import InputError, check_fields, real, shown, store
 
@@ -76,7 +81,12 @@ class BaselineStage(ControllerStage):
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline(ControllerFile):
-    """A controller that is not fuzzy and has no memory."""
+    """A controller without memory: its force is `baseline_force` of the state and the tick.
+
+    alike : whether each axis has the same law, of its own position and velocity, odd in these
+    """
+
+    alike: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -100,11 +110,6 @@ class Baseline(ControllerFile):
         state = (float(x), float(y), float(z), float(vx), float(vy), float(vz))
         fx, fy, fz = baseline_force(state, tick, self.law)
         return float(fx), float(fy), float(fz)
-
-
-def _table_law(gains: Any, limit: float) -> BaselineLaw:
-    rows = np.asarray(gains, dtype=np.float64).reshape(-1, GAINS)
-    return BaselineLaw(as_table(rows), as_table(np.empty(0)), limit)
 
 
 def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
@@ -135,7 +140,7 @@ class Drift(Baseline):
     @cached_property
     def law(self) -> BaselineLaw:
         """What the kernels read."""
-        return _table_law(np.zeros(GAINS), self.max_force_n)
+        return law_of(self.max_force_n, gains=np.zeros(GAINS))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,7 +156,7 @@ class Pd(Baseline):
     def law(self) -> BaselineLaw:
         """What the kernels read."""
         k = np.hstack([self.position_gain_n_m * np.eye(3), self.velocity_gain_n_s_m * np.eye(3)])
-        return _table_law(k, self.max_force_n)
+        return law_of(self.max_force_n, gains=k)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +180,7 @@ class Lqr(Baseline):
     @cached_property
     def law(self) -> BaselineLaw:
         """What the kernels read."""
-        return _table_law(self.gains, self.max_force_n)
+        return law_of(self.max_force_n, gains=self.gains)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,7 +225,7 @@ class Mpc(Baseline):
         rows = round(self.horizon_s / self.model.dt_s) - least + 1
         gains = np.empty((rows, 3, 6))
         least_energy_gains(a, b, _SCALE, least, gains)
-        return _table_law(gains, self.max_force_n)
+        return law_of(self.max_force_n, gains=gains)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,7 +263,7 @@ class PotentialField(Baseline):
             self.model.mass_kg,
             self.model.mean_motion_rad_s,
         ]
-        return BaselineLaw(as_table(np.zeros((1, GAINS))), as_table(numbers), self.max_force_n)
+        return law_of(self.max_force_n, field=numbers)
 
 
 KINDS: Mapping[str, type[Baseline]] = {

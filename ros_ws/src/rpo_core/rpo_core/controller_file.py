@@ -8,7 +8,7 @@ To add a kind, write a frozen dataclass and one line (`register`) in a module of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from operator import add, sub
@@ -32,6 +32,9 @@ from rpo_core.validation import (
 )
 
 SCHEMA = 'rpo/controller/1'
+
+Reason = tuple[str, Sequence[tuple[str, float]]]
+"""Why an axis gets its force: a sentence, and numbers with names."""
 
 
 class ControllerStage(Stage):
@@ -168,7 +171,7 @@ class ControllerFile:
         """Raise InputError if it counts ticks of another length than `dt_s`."""
         if self.clock_s is not None and self.clock_s != dt_s:
             raise InputError(
-                f'controller {self.name} counts ticks of {self.clock_s:g} s (`model.dt_s`); '
+                f'controller {self.name} counts ticks of {self.clock_s:g} s; '
                 f'the scenario has {dt_s:g} s'
             )
 

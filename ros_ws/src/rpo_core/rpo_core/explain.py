@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 from rpo_core import kernels
 from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.controller_file import Reason
+from rpo_core.family import Family
 from rpo_core.fuzzy import WORDS, FuzzySystem
 from rpo_core.scenario import MAX_VELOCITY_M_S
 from rpo_core.starts import MAX_POSITION_M
@@ -184,20 +186,20 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
     return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
 
 
-Reason = tuple[str, Sequence[tuple[str, float]]]
-"""Of one axis: a sentence, and numbers with names."""
-
 INACTIVE: Sequence[Reason] = [('inactive: commands zero', [('force_n', 0.0)])] * 3
 """The reasons of x, y, z of a controller that is switched off."""
 
 
 def reasons(
-    controller: AnyController, state: Sequence[float], force_n: Sequence[float]
+    controller: AnyController, state: Sequence[float], force_n: Sequence[float], tick: int = 0
 ) -> Sequence[Reason]:
     """Return the reasons of x, y, z as the topic `decision` publishes them.
 
     state : (6,) m, m/s, that the controller read, from the goal; force_n : (3,) N, its answer
     """
+    if isinstance(controller, Family):
+        x, y, z, vx, vy, vz = state
+        return controller.reasons((x, y, z, vx, vy, vz), tick)
     if isinstance(controller, FuzzyController):
         found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
         return [(decision.sentence, decision.pairs()) for decision in found]

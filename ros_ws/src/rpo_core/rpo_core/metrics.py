@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 
 from rpo_core.flight import Flight
 from rpo_core.jit import as_table, kernel
+from rpo_core.limits import ARRIVAL_WINDOW_S as ARRIVAL_WINDOW_S
+from rpo_core.limits import MAX_ARRIVAL_DISTANCE_M as MAX_ARRIVAL_DISTANCE_M
+from rpo_core.limits import MAX_ARRIVAL_SPEED_M_S as MAX_ARRIVAL_SPEED_M_S
+from rpo_core.limits import MAX_SLEW_N_S as MAX_SLEW_N_S
 from rpo_core.scenario import Scenario
 
 PENALTY = 100.0
 """Added to J [N^2 s] for each condition not met."""
-
-ARRIVAL_WINDOW_S = 30.0
-MAX_ARRIVAL_SPEED_M_S = 0.05
-MAX_SLEW_N_S = 0.1
-MAX_ARRIVAL_DISTANCE_M = 0.5
-"""Ours: without it doing nothing is nearly optimal (the paper says 'to reach the target')."""
 
 CLAIM_WINDOW_S = 200.0
 CLAIM_POSITION_M, CLAIM_VELOCITY_M_S = 0.5, 0.01

@@ -108,9 +108,12 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish the decision when it is due; the force is sent already."""
-        self._decision.offer(stamp_ns, self.scenario, self._label, lambda: self._explain(signals))
+        tick = None if self.scenario is None else self.scenario.tick_of(stamp_ns)
+        self._decision.offer(
+            stamp_ns, self.scenario, self._label, lambda: self._explain(tick or 0, signals)
+        )
 
-    def _explain(self, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
+    def _explain(self, tick: int, signals: Signals) -> tuple[bytes, Sequence[explain.Reason]]:
         if not self.active or self.controller is None:
             return health.WARN, explain.INACTIVE
         state, force_n = signals[self._reads[0]], signals[interfaces.CONTROL_FORCE]
@@ -119,7 +122,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
             state, force_n = tuple(seen.tolist()), tuple(law.tolist())
         elif self.scenario is not None:
             state = self.scenario.from_goal(state)
-        return health.OK, explain.reasons(self.controller, state, force_n)
+        return health.OK, explain.reasons(self.controller, state, force_n, tick)
 
     @property
     def _full(self) -> str:

@@ -1,0 +1,228 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Families of controllers: laws against SciPy, the Gramian and flights; words, files."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import RegularGridInterpolator
+
+from rpo_core import controller, cw, metrics
+from rpo_core.baseline_kernels import axis_force, baseline_force
+from rpo_core.baselines import Model, Mpc
+from rpo_core.explain import reasons
+from rpo_core.family import Gene, Mission, family_of
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario
+from rpo_core.time_to_go import WORDS, Rule, TimeToGo
+from rpo_core.validation import InputError
+
+PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
+FAMILIES = ('pace', 'time_to_go')
+APPROACH = load_scenario('approach')
+
+states = st.tuples(*[st.floats(-300, 300)] * 3, *[st.floats(-5, 5)] * 3)
+
+
+def start_of(name, mission=PAPER):
+    """Return the controller where a search of the family begins."""
+    family = family_of(name)
+    genes = (gene.fitted(mission.units) for gene in family.genes())
+    return family.of_values(
+        name, {gene.name: gene.value(gene.share(gene.start)) for gene in genes}, mission
+    )
+
+
+PACE, TO_GO = start_of('pace'), start_of('time_to_go')
+
+
+@pytest.mark.parametrize('law', [PACE, TO_GO], ids=FAMILIES)
+@settings(max_examples=60)
+@given(state=states, tick=st.integers(0, 4000))
+def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(law, state, tick):
+    force = law.force_n(state[:3], state[3:], tick)
+    mirrored = tuple(-x for x in state)
+    assert law.force_n(mirrored[:3], mirrored[3:], tick) == tuple(-f for f in force)
+    assert max(map(abs, force)) <= law.max_force_n
+    assert all(type(f) is float and math.isfinite(f) for f in force)
+    alone = [axis_force(state[i], state[3 + i], tick, law.law) for i in range(3)]
+    assert tuple(alone) == force == baseline_force(state, tick, law.law)
+
+
+def test_pace_is_the_bilinear_interpolation_of_its_table():
+    rows = np.vstack([np.zeros(len(PACE.pace_peaks)), PACE.forces_n])
+    grid = ([0.0, *PACE.distance_peaks_m], PACE.pace_peaks)
+    table = RegularGridInterpolator(grid, rows)
+    rng = np.random.default_rng(4)
+    for r, v in rng.uniform(-1, 1, (300, 2)) * np.array([150.0, 2.0]):
+        h = -np.sign(r) * v * PACE.lead_s
+        distance, pace = abs(r) + abs(h), h / (abs(r) + abs(h))
+        pull = float(table((min(distance, PACE.distance_peaks_m[-1]), pace)))
+        expected = np.clip(-np.sign(r) * pull, -0.5, 0.5)
+        assert PACE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize('v', [-1.0, -0.01, 0.01, 1.0])
+def test_pace_has_no_jump_at_the_target(v):
+    before, at, after = (PACE.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))
+    assert before == pytest.approx(at, abs=1e-9) and after == pytest.approx(at, abs=1e-9)
+    assert PACE.force_n((0.0, 0, 0), (0.0, 0, 0))[0] == 0.0
+    assert at * v < 0.0  # it brakes
+
+
+def test_pace_grows_with_the_angle_of_position_and_lead():
+    """Flights from rest at 1 and at 100 m, of a free mass, see the same paces at the same times."""
+    t, s = 170.0, np.linspace(0.0, 0.95, 20)
+    paces = []
+    for start in (1.0, 100.0):
+        r, closing = start * (1 - s) ** 2 * (1 + 2 * s), 6 * start / t * s * (1 - s)
+        h = PACE.lead_s * closing
+        paces.append(h / (r + h))
+        angles = np.arctan2(h, r)
+        assert (np.argsort(angles) == np.argsort(paces[-1])).all()
+    np.testing.assert_allclose(*paces, rtol=1e-12)
+
+
+def test_time_to_go_with_gains_6m_t2_and_4m_t_is_the_least_energy_law_of_a_free_mass():
+    """The Gramian of the predictive controller, far from any planet, has the same first force."""
+    mass, peaks = 10.0, (160.0, 100.0, 60.0, 30.0, 10.0)
+    rules = [Rule(w, t, 6 * mass / t**2, 4 * mass / t) for w, t in zip(WORDS, peaks, strict=True)]
+    law = TimeToGo(name='free', max_force_n=1e3, arrival_s=180.0, tick_s=0.1, rules=tuple(rules))
+    model = Model(orbit_radius_m=1e9, mass_kg=mass, dt_s=0.1)
+    mpc = Mpc(name='free', max_force_n=1e3, horizon_s=180.0, least_time_to_go_s=5.0, model=model)
+    for t in peaks:
+        tick = round((180.0 - t) / 0.1)
+        state = (40.0, -70.0, 5.0), (-0.3, 0.1, 0.05)
+        np.testing.assert_allclose(law.force_n(*state, tick), mpc.force_n(*state, tick), rtol=0.02)
+
+
+def test_grades_of_the_time_to_go_add_up_to_1_and_hold_after_arrival():
+    for tick in range(0, 3000, 7):
+        assert sum(TO_GO.grades(tick)) == pytest.approx(1.0, abs=1e-15)
+    assert TO_GO.grades(3000) == (0, 0, 0, 0, 1)
+    due = TO_GO.rules[-1]
+    assert TO_GO.gains(10**6) == (due.position_gain_n_m, due.velocity_gain_n_s_m)
+    last = TO_GO.force_n((1, 0, 0), (0, 0, 0), 10**6)[0]
+    assert last == -due.position_gain_n_m
+
+
+def test_claims_bound_all_flights_and_a_corner_comes_near():
+    worst = TO_GO._worst_of_box(metrics.ARRIVAL_WINDOW_S)
+    largest = np.zeros(4)
+    rng = np.random.default_rng(3)
+    signs = rng.choice([-1.0, 1.0], (20, 6))
+    for sign in [*signs, (1, 1, 1, 1, 1, 1), (1, -1, 1, 1, -1, 1)]:
+        position, velocity = 100.0 * np.array(sign[:3]), 0.05 * np.array(sign[3:])
+        start = replace(
+            APPROACH,
+            duration_s=200.0,
+            initial_position_m=tuple(position.tolist()),
+            initial_velocity_m_s=tuple(velocity.tolist()),
+        )
+        flight = fly(start, TO_GO)
+        found, force = metrics.of_flight(flight), np.abs(flight.forces_n).max()
+        row = (force, found.slew_per_axis_n_s, found.mean_error_norm_m, found.mean_speed_norm_m_s)
+        assert (np.array(row) <= np.array(worst) * (1 + 1e-9)).all()
+        largest = np.maximum(largest, row)
+    assert (largest > 0.7 * np.array(worst)).all()
+
+
+def test_a_time_to_go_law_that_cannot_hold_is_not_proven():
+    weak = [replace(rule, velocity_gain_n_s_m=0.0) for rule in TO_GO.rules]
+    claims = {c.name: c.holds for c in replace(TO_GO, rules=tuple(weak)).claims()}
+    assert not claims['arrival'] and not claims['speed']
+    assert {c.name for c in TO_GO.claims() if c.holds} >= {'force', 'slew', 'hold'}
+
+
+def test_pace_holds_the_disturbance_that_it_claims():
+    statement = next(c.statement for c in PACE.claims() if c.name == 'held disturbance')
+    held = float(statement.split()[-2])
+    a_d, b_d = cw.matrices(cw.discretise(0.0, 10.0, 0.1))
+    state = np.zeros(6)
+    for tick in range(6000):
+        force = np.array(PACE.force_n(state[:3], state[3:], tick))
+        state = a_d @ state + b_d @ (force + np.array([0.99 * held, 0.0, 0.0]))
+    assert abs(state[0]) <= 0.5 and abs(state[3]) < 1e-6
+    assert not [c for c in PACE.claims() if c.needed and not c.holds]
+
+
+@pytest.mark.parametrize('law', [PACE, TO_GO], ids=FAMILIES)
+def test_a_file_holds_all_of_it_and_its_values_make_it_again(law):
+    again = controller.parse(yaml.safe_load(controller.dumps(law)))
+    assert again == law and controller.dumps(again) == controller.dumps(law)
+    assert type(law).of_values(law.name, law.values(), PAPER) == law
+    assert set(law.values()) == {gene.name for gene in type(law).genes()}
+
+
+@pytest.mark.parametrize('name', FAMILIES)
+def test_a_controller_of_another_mission_flies_the_same_flight_in_its_units(name):
+    """Twice as far, in half the time, five times the mass: similar flights."""
+    units = (2.0, 0.5, 5.0 * 2.0 / 0.25)
+    own, far = start_of(name), start_of(name, Mission(units, 0.5 * units[2], 0.05))
+    state = np.array([50.0, -20.0, 3.0, -0.4, 0.1, 0.02])
+    scaled = state * np.repeat([2.0, 4.0], 3)
+    for tick in (0, 900, 1700):
+        force = np.array(own.force_n(state[:3], state[3:], tick))
+        np.testing.assert_allclose(
+            far.force_n(scaled[:3], scaled[3:], tick), units[2] * force, rtol=2e-3
+        )
+
+
+def test_reasons_say_the_words_and_the_force_of_the_flight():
+    state = (12.0, -40.0, 0.0, -0.3, 0.0, 0.0)
+    for law, tick in ((PACE, 0), (TO_GO, 1200)):
+        found = reasons(law, state, (0.0, 0.0, 0.0), tick)
+        forces = [dict(pairs)['force_n'] for _, pairs in found]
+        assert tuple(forces) == law.force_n(state[:3], state[3:], tick)
+        assert all(type(x) is float for _, pairs in found for _, x in pairs)
+    strengths = [x for name, x in reasons(PACE, state, state[:3])[0][1] if name.startswith('rule.')]
+    assert sum(strengths) == pytest.approx(1.0)
+    assert 'the pace is resting' in reasons(PACE, state, state[:3])[1][0]
+    assert 'time to go is short' in reasons(TO_GO, state, state[:3], 1250)[0][0]
+
+
+def changed(law, **changes):
+    return controller.parse({**yaml.safe_load(controller.dumps(law)), **changes})
+
+
+@pytest.mark.parametrize(
+    ('law', 'changes', 'sentence'),
+    [
+        (PACE, {'pace_peaks': [0.0] * 9}, '`pace_peaks` must be 9 ascending numbers'),
+        (PACE, {'pace_peaks': [-0.9, *PACE.pace_peaks[1:]]}, '`pace_peaks` must be from -1 to 1'),
+        (PACE, {'distance_peaks_m': [1.0]}, '`distance_peaks_m` must be 7 ascending numbers'),
+        (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
+        (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
+        (PACE, {'lead_s': -1}, '`lead_s` must be'),
+        (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
+        (TO_GO, {'arrival_s': 0}, '`arrival_s` must be'),
+    ],
+)
+def test_a_bad_file_is_one_sentence(law, changes, sentence):
+    with pytest.raises(InputError, match=sentence):
+        changed(law, **changes)
+
+
+def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
+    rules = [replace(rule, peak_s=50.0) for rule in TO_GO.rules]
+    with pytest.raises(InputError, match='`rules` must have descending `peak_s`'):
+        replace(TO_GO, rules=tuple(rules))
+    with pytest.raises(InputError, match=r'counts ticks of 0\.1 s; the scenario has 0\.05 s'):
+        TO_GO.stage(0.05)
+    with pytest.raises(InputError, match='`family` must be one of pace, time_to_go'):
+        family_of('mpc')
+
+
+def test_genes_are_shares_of_their_range():
+    gene = Gene('k', 1.0, 100.0, 10.0, metres=-1, newtons=1, logarithmic=True)
+    assert [gene.value(share) for share in (0.0, 0.5, 1.0)] == [1.0, 10.0, 100.0]
+    assert gene.share(10.0) == pytest.approx(0.5)
+    assert (gene.share(0.1), gene.share(1e4)) == (0.0, 1.0)
+    assert gene.fitted((2.0, 1.0, 6.0)).start == 30.0

@@ -1,0 +1,277 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Training of families: bits of the engine, runs that go on, export, and explanations."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import fuzzylite as fl
+import numpy as np
+import pytest
+import yaml
+from campaign_documents import write_campaign
+from typer.testing import CliRunner
+
+from rpo_core import controller, metrics
+from rpo_core.baseline_kernels import pace_inputs
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario, load_set
+from rpo_training import export
+from rpo_training.campaign import config, run_batch, single
+from rpo_training.cli import app
+from rpo_training.engine.cases import case_of_set
+from rpo_training.engine.flights import flights_of
+from rpo_training.engine.simulator import Simulator
+from rpo_training.evaluation import robustness
+from rpo_training.report import pareto
+from rpo_training.search import family_training
+from rpo_training.search.config import override
+from rpo_training.search.family_training import FamilyTraining
+
+NAMES = ('pace', 'time_to_go')
+TRAINING = load_set('paper_training')
+
+SHORT = [
+    'cmaes.population=6',
+    'cmaes.evaluations=12',
+    'staged.stages=2',
+    'staged.evaluations=6',
+    'fitness.drawn.campaigns=[paper_test]',
+    'fitness.drawn.flights=40',
+    'fitness.drawn.pool=40',
+    'fitness.drawn.held_out=40',
+]
+
+
+def short(name, **changes):
+    return override(
+        family_training.config_of(name), [*SHORT, *(f'{k}={v}' for k, v in changes.items())]
+    )
+
+
+# Bits.
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_lanes_of_distinct_loops_have_the_bits_of_the_core(name):
+    law = load_controller(name)
+    base = replace(TRAINING.base, duration_s=50.0)
+    case = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
+    with Simulator([case], 1) as simulator:
+        (rows,) = simulator.fly([law])
+    for index in (0, 107, 215):
+        start = tuple(case.starts[index, :3].tolist())
+        scenario = replace(base, initial_position_m=start, duration_s=60.0)
+        expected = metrics.row_of(fly(scenario, law), case.windows)
+        np.testing.assert_array_equal(rows[0, index], expected)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_dispersed_run_has_the_bits_of_the_core(name, tmp_path):
+    campaign = config.load(write_campaign(tmp_path, controller=name))
+    found = run_batch.fly_runs(campaign, 0, 42)
+    for number in (0, 41):
+        final = [found[column][number] for column in run_batch.FINAL]
+        np.testing.assert_array_equal(final, single.fly_run(campaign, number).states[-1])
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_flights_of_a_set_have_the_bits_of_the_core(name):
+    law = load_controller(name)
+    some = replace(TRAINING, base=replace(TRAINING.base, duration_s=20.0))
+    for index, flight in enumerate(flights_of(law, some)):
+        if index in (3, 200):
+            own = fly(flight.scenario, law)
+            np.testing.assert_array_equal(flight.states, own.states)
+            np.testing.assert_array_equal(flight.forces_n, own.forces_n)
+
+
+# Training.
+
+
+def test_a_training_that_was_interrupted_goes_on_to_the_same_controller(tmp_path):
+    chosen = short('time_to_go')
+    whole = FamilyTraining.create(chosen, tmp_path / 'whole', 1).run()
+    assert whole.kind == 'time_to_go'
+    made = whole.provenance
+    assert made['evaluations'] - (1 + 12 + 1 + 6) in (1, 2)  # finalists
+    assert made['held_out_that_miss'] == {'paper_test': '0 of 40'}
+
+    class Stop(Exception):
+        pass
+
+    def stop(progress):
+        if progress.generation == 2:
+            raise Stop
+
+    again = FamilyTraining.create(chosen, tmp_path / 'again', 1)
+    with pytest.raises(Stop):
+        again.run(stop)
+    resumed = FamilyTraining.resume(tmp_path / 'again', 1).run()
+    assert controller.dumps(resumed) == controller.dumps(whole)
+
+
+def test_a_search_improves_and_is_written(tmp_path):
+    mine = tmp_path / 'mine'
+    arguments = ['train', '--family', 'pace', '--workers', '1', '-o', str(mine)]
+    for setting in (*SHORT, 'cmaes.sigma=0.01'):
+        arguments += ['--set', setting]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code in (0, 1), result.output
+    found = load_controller(mine / 'mine.yaml')
+    assert found.kind == 'pace' and found.provenance['command'].startswith('rpo train --config')
+    again = CliRunner().invoke(app, ['train', '--resume', str(mine)])
+    assert again.exit_code == result.exit_code
+
+
+def test_the_command_of_a_family_is_its_default_configuration():
+    chosen = replace(family_training.config_of('pace'), seed=3)
+    assert family_training.command(chosen) == 'rpo train --family pace --seed 3'
+    assert family_training.parse(yaml.safe_load(family_training.dumps(chosen))) == chosen
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['--family', 'neural'], '`family` must be one of'),
+        (['--family', 'pace', '--preset', 'best'], '`--family` takes no `--preset`'),
+        (['--family', 'pace', '--set', 'cmaes.sigma=0'], '`cmaes.sigma` must be'),
+        (['--family', 'pace', '--set', 'staged.stages=0'], '`staged.stages` must be'),
+        (['--family', 'pace', '--set', 'start=trained'], '`start` must be of the family pace'),
+    ],
+)
+def test_bad_arguments_are_a_sentence(arguments, message, tmp_path):
+    result = CliRunner().invoke(app, ['train', *arguments, '-o', str(tmp_path / 'x')])
+    assert result.exit_code == 2
+    assert message in ' '.join(result.output.replace('│', ' ').split())
+
+
+# Export and explanation.
+
+STATES = np.random.default_rng(2).uniform(-1, 1, (60, 2)) * np.array([150.0, 2.0])
+
+
+def test_fuzzylite_reads_the_pace_table_and_agrees():
+    law = load_controller('pace')
+    engine = fl.FllImporter().from_string(export.text_of(law, 'fll'))
+    for r, v in STATES.tolist():
+        distance, pace = pace_inputs(r, v, law.lead_s)
+        engine.input_variable('distance').value = distance
+        engine.input_variable('pace').value = pace
+        engine.process()
+        pull = np.ravel(engine.output_variable('pull').value)[0]
+        force = np.clip(-np.sign(r) * pull, -law.max_force_n, law.max_force_n)
+        assert law.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(force, abs=1e-12)
+
+
+def test_fuzzylite_reads_the_rules_of_the_time_to_go_and_agrees():
+    law = load_controller('time_to_go')
+    engine = fl.FllImporter().from_string(export.text_of(law, 'fll'))
+    for tick, (r, v) in zip(range(0, 2400, 40), (0.2 * STATES).tolist(), strict=True):
+        values = {'time_to_go': law.time_to_go_s(tick), 'position': r, 'velocity': v}
+        for name, value in values.items():
+            engine.input_variable(name).value = value
+        engine.process()
+        force = np.clip(np.ravel(engine.output_variable('force').value)[0], -0.5, 0.5)
+        assert law.force_n((r, 0, 0), (v, 0, 0), tick)[0] == pytest.approx(force, abs=1e-12)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_python_gives_the_bits_without_us(name):
+    law, module = load_controller(name), {}
+    exec(export.text_of(law, 'python'), module)
+    for tick, (r, v) in enumerate(STATES.tolist()):
+        state = (r, -r, 0.1 * r), (v, 0.3, -v)
+        assert module['force_n'](*state, 40 * tick) == law.force_n(*state, 40 * tick)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_json_holds_the_file_the_rules_and_the_claims(name):
+    law = load_controller(name)
+    document = json.loads(export.text_of(law, 'json'))
+    assert controller.parse(document['controller']) == law
+    assert len(document['rules'][0]['rows']) >= 5
+    assert all(claim['holds'] for claim in document['claims'] if claim['needed'])
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_explain_prints_the_rules_and_the_certificate(name):
+    result = CliRunner().invoke(app, ['explain', name, '--certify'])
+    assert result.exit_code == 0, result.output
+    claims = [line.split() for line in result.output.splitlines() if 'proven' in line]
+    needed = [words for words in claims if 'brakes' not in ' '.join(words)]
+    assert len(needed) >= 4 and all(words[0] == 'proven' for words in needed)
+    assert ('resting' if name == 'pace' else 'very short') in result.output
+
+
+def test_explain_says_why_at_a_time():
+    arguments = ['explain', 'time_to_go', '--state=10,0,0,0,0,0', '--at', '100']
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    assert 'tick 1000, 100 s since the start' in result.output
+    law = load_controller('time_to_go')
+    assert f'= {law.force_n((10, 0, 0), (0, 0, 0), 1000)[0]:.3g} N' in result.output
+    refused = CliRunner().invoke(app, ['explain', 'pace', '--state=1,0,0,0,0,0', '--at', '5'])
+    assert refused.exit_code == 2 and 'has no clock' in refused.output
+
+
+def test_shipped_families_are_as_good_as_they_say():
+    for name in NAMES:
+        law = load_controller(name)
+        with Simulator([case_of_set(TRAINING)], 1) as simulator:
+            (rows,) = simulator.fly([law])
+        made = law.provenance
+        assert float(rows[0, :, metrics.ENERGY].mean()) == pytest.approx(made['mean_energy_n2s'])
+        limits = np.array([0.05, 0.1, 0.5])
+        columns = [metrics.ARRIVAL_SPEED, metrics.SLEW, metrics.ARRIVAL_DISTANCE]
+        assert (rows[0][:, columns] <= 0.97 * limits).all()
+        test = metrics.window(fly(load_scenario('paper_test'), law), 200.0)
+        assert test.position_m <= 0.5 and test.velocity_m_s <= 0.01
+
+
+# The comparison's columns.
+
+
+def test_openings_count_starts_of_thrust_and_changes_of_side():
+    steps = np.array([0, 0, 1, 1, 0, 0.003, -1, 1, 1, 0, 1]) * 0.1
+    forces = np.column_stack([steps, np.zeros(11), np.full(11, 0.2)])
+    assert robustness.openings(forces) == pytest.approx((4 + 0 + 1) / 3)
+
+
+def test_the_contact_speed_is_that_of_the_first_state_within_a_metre():
+    flight = fly(
+        replace(TRAINING.base, initial_position_m=(50.0, 5.0, -5.0)), load_controller('mpc')
+    )
+    ranges = np.linalg.norm(flight.states[:, :3], axis=1)
+    first = next(k for k, r in enumerate(ranges) if r < 1.0)
+    speed = np.linalg.norm(flight.states[first, 3:])
+    assert robustness.contact_speed(flight) == pytest.approx(speed) and 0.01 < speed < 0.3
+    still = replace(TRAINING.base, initial_position_m=(9.0, 0.0, 0.0), duration_s=5.0)
+    drift = fly(still, load_controller('drift'))
+    assert robustness.contact_speed(drift) is None
+
+
+def test_only_what_is_proven_counts_as_proven():
+    assert robustness.proof_of(load_controller('time_to_go')) == robustness.PROVEN
+    for name in ('pace', 'mpc', 'trained'):
+        assert robustness.proof_of(load_controller(name)) == robustness.NOT_PROVEN
+
+
+def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
+    def row(name, energy, kept, met=216):
+        ends = {'low': kept / 1000 - 0.01, 'high': min(kept / 1000 + 0.01, 1.0)}
+        return SimpleNamespace(
+            name=name, kind='pd', mean_energy_n2s=energy, kept=kept, runs=1000, met=met, **ends
+        )
+
+    rows = [row('a', 3.0, 990), row('b', 2.5, 1000), row('c', 4.0, 1000), row('d', 2.0, 900)]
+    rows.append(row('drifting', 0.0, 0, met=0))
+    assert [r.name for r in pareto.best(rows)] == ['d', 'b']
+    pareto.draw(rows, tmp_path / 'p.svg')
+    text = (tmp_path / 'p.svg').read_text()
+    assert all(f'>{name}</text>' in text for name in 'abcd')
+    assert 'drifting' not in text
