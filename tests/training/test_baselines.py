@@ -241,7 +241,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
         assert baseline['plans']['starts']['within'] == baseline['plans']['starts']['plans'] > 216
     table = (tmp_path / 'doc.md').read_text()
     shown = f'{baseline["mean_energy_n2s"]:.3f} | {baseline["ratio"]:.3f} | 216 of 216'
-    assert f'| {name} | {shown} |' in table and table.count('| drift |') == 2
+    assert f'| {name} | {shown} |' in table and table.count('| drift |') == 3
     assert (tmp_path / 'out' / 'compare.csv').read_text().count('\n') == 3
 
     def fly_again(*_):
