@@ -282,10 +282,11 @@ def _corridor(
 ) -> dict[str, Any]:
     """Return the corridor's part of the numbers."""
     if way is None:
-        return dict(
-            axis=0, side=0.0, port_m=0.0, outer_m=0.0, width_m=0.0, slope=0.0, contact_m_s=0.0,
-            lateral_m_s=0.0, lateral_1_s=0.0, wall_m_s2=1.0, doubt_m_s2=0.0,
-        )  # fmt: skip
+        return {
+            'axis': 0, 'side': 0.0, 'port_m': 0.0, 'outer_m': 0.0, 'width_m': 0.0, 'slope': 0.0,
+            'contact_m_s': 0.0, 'lateral_m_s': 0.0, 'lateral_1_s': 0.0, 'wall_m_s2': 1.0,
+            'doubt_m_s2': 0.0,
+        }  # fmt: skip
     n, dt, mass = scenario.mean_motion_rad_s, scenario.dt_s, scenario.mass_kg
     speed = settings.speed
     top = speed.speed_m_s + speed.slope(n) * way.outer_m
@@ -304,16 +305,16 @@ def _corridor(
             '`assurance.corridor` and the errors exclude each other: at the port, to stop between '
             f'the walls takes {room:.6g} m to each side, and `width_m` leaves {width:.6g} m'
         )
-    return dict(
-        axis='xyz'.index(way.along[1]),
-        side=1.0 if way.along[0] == '+' else -1.0,
-        port_m=way.port_m,
-        outer_m=way.outer_m,
-        width_m=width,
-        slope=slope,
-        contact_m_s=way.closing_m_s,
-        lateral_m_s=way.lateral_m_s,
-        lateral_1_s=0.02,
-        wall_m_s2=wall,
-        doubt_m_s2=(1.0 + slope) * doubt,
-    )
+    return {
+        'axis': 'xyz'.index(way.along[1]),
+        'side': 1.0 if way.along[0] == '+' else -1.0,
+        'port_m': way.port_m,
+        'outer_m': way.outer_m,
+        'width_m': width,
+        'slope': slope,
+        'contact_m_s': way.closing_m_s,
+        'lateral_m_s': way.lateral_m_s,
+        'lateral_1_s': 0.02,
+        'wall_m_s2': wall,
+        'doubt_m_s2': (1.0 + slope) * doubt,
+    }
