@@ -1,38 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The plant in lockstep, without ROS."""
+"""A transfer around the target, without ROS."""
 
-from datetime import datetime, timezone
+import math
 
-from rpo_core import scenario
-from rpo_core.interfaces import CONTROL_FORCE
-from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.plant import ACCEPTED, EARLY, LATE, REPEATED
-
-SCENARIO = {
-    'schema': 'rpo/scenario/1',
-    'name': 'function',
-    'orbit_radius_m': 6678000.0,
-    'mass_kg': 10.0,
-    'max_force_n': 0.5,
-    'dt_s': 0.1,
-    'duration_s': 1.0,
-    'initial_position_m': [10.0, 60.0, -40.0],
-    'initial_velocity_m_s': [0.0, 0.0, 0.0],
-    'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
-    'disturbance': 'none',
-}
+from rpo_core import cw
+from rpo_guidance.transfers import SLACK_M, Zones, least_energy
 
 
-def test_the_plant_takes_the_answer_to_its_state_alone():
-    """A wrong answer is counted by its kind and changes nothing."""
-    plant = LockstepPlant(scenario.parse(SCENARIO), [CONTROL_FORCE])
-    first, second = (plant.scenario.stamp_ns(tick) for tick in (0, 1))
-    force = (0.1, 0.0, 0.0)
-    assert plant.answer(CONTROL_FORCE, second, force) == EARLY
-    assert plant.answer(CONTROL_FORCE, first, force) == ACCEPTED
-    assert plant.answer(CONTROL_FORCE, first, force) == REPEATED
-    plant.advance()
-    assert plant.answer(CONTROL_FORCE, first, force) == LATE
-    assert plant.tick == 1
-    assert plant.state[3] > 0.0
+def test_a_transfer_arrives_and_keeps_out_of_the_sphere():
+    """From behind the target to rest ahead of it."""
+    start, end = (0.0, -80.0, 0.0, 0.0, 0.0, 0.0), (0.0, 40.0, 0.0, 0.0, 0.0, 0.0)
+    step = cw.discretise(cw.mean_motion(6_678_000.0), 10.0, 10.0)
+    found = least_energy(start, end, step, 40, Zones(13.0))
+    arrived = found.states[-1].tolist()
+    assert all(math.isclose(a, b, abs_tol=1e-6) for a, b in zip(arrived, end, strict=True))
+    assert min(math.hypot(*row[:3]) for row in found.states.tolist()) >= 13.0 - SLACK_M
