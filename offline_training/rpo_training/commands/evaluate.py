@@ -75,7 +75,7 @@ def evaluate(
     if bool(estimator) == bool(controllers):
         raise InputError('`controllers` or `--estimator` must be given, and not both')
     if seed is not None and not everywhere:
-        raise InputError('`--seed` goes with `--everywhere`')
+        raise InputError('`--seed` needs `--everywhere`')
     missed = _judge_estimator(estimator, runs) if estimator else False
     for name in controllers or ():
         loaded = load_controller(name)
@@ -83,8 +83,8 @@ def evaluate(
         if of and (scenario or of != PAPER):
             if starts or csv or everywhere or sensitivity:
                 raise InputError(
-                    '`--starts`, `--csv`, `--everywhere`, `--sensitivity` go with the targets, '
-                    f'not with {of}'
+                    '`--starts`, `--csv`, `--everywhere`, `--sensitivity` need a controller that '
+                    f'is judged by the targets; {name} is judged by {of}'
                 )
             missed |= _judge(loaded, name, of)
             continue

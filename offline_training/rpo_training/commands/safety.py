@@ -38,6 +38,10 @@ LEGEND = (
 )
 
 Name = Annotated[str, typer.Argument(help='shipped scenario, or file', metavar='SCENARIO')]
+_Flights = Annotated[
+    str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
+]
+_Controllers = Annotated[list[str] | None, typer.Option(help='shipped name or file; repeatable')]
 
 
 @safety.command(epilog=SHOW_EXAMPLES)
@@ -123,12 +127,8 @@ def attack(
 
 @safety.command(epilog=QUIET_EXAMPLES)
 def quiet(
-    scenario: Annotated[
-        str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
-    ] = 'paper_training',
-    controller: Annotated[
-        list[str] | None, typer.Option(help='shipped name or file; repeatable')
-    ] = None,
+    scenario: _Flights = 'paper_training',
+    controller: _Controllers = None,
     speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
@@ -149,12 +149,8 @@ def quiet(
 
 @safety.command(epilog=DRIFT_EXAMPLES)
 def drift(
-    scenario: Annotated[
-        str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
-    ] = 'paper_training',
-    controller: Annotated[
-        list[str] | None, typer.Option(help='shipped name or file; repeatable')
-    ] = None,
+    scenario: _Flights = 'paper_training',
+    controller: _Controllers = None,
     radius: Annotated[float, typer.Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
     beyond: Annotated[float, typer.Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
     orbits: Annotated[float, typer.Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,

@@ -16,8 +16,7 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_training.engine import lanes
-from rpo_training.engine.counters import COLUMNS
-from rpo_training.engine.judged import VALUES, Judged, judged_by
+from rpo_training.engine.judged import JudgedTogether
 from rpo_training.engine.parts import RUNS, Goal, Plant, Runs
 
 Floats = NDArray[np.float64]
@@ -39,7 +38,7 @@ class Crossed(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Case:
+class Case(JudgedTogether):
     """Flights that run together.
 
     starts : (n, 6) states
@@ -58,16 +57,6 @@ class Case:
     late_s: float
     arrival_m: float = MAX_ARRIVAL_DISTANCE_M
     together: bool = False
-
-    @property
-    def judged(self) -> Judged | None:
-        """What is judged of the axes together."""
-        return judged_by(self.base) if self.together else None
-
-    @property
-    def columns(self) -> int:
-        """Columns of a row."""
-        return COLUMNS + (len(VALUES) if self.together else 0)
 
     @cached_property
     def longer(self) -> Scenario:

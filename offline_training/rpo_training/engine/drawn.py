@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from rpo_core.metrics import Windows
 from rpo_core.scenario import Scenario
-from rpo_training.engine.counters import COLUMNS
-from rpo_training.engine.judged import VALUES, Judged, judged_by
+from rpo_training.engine.judged import JudgedTogether
 from rpo_training.engine.parts import Plant, Runs
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class DrawnCase:
+class DrawnCase(JudgedTogether):
     """Flights that run 40 at a time.
 
     base : the scenario of which they are variations
@@ -36,16 +35,6 @@ class DrawnCase:
     batches: tuple[Runs, ...]
     windows: Windows
     together: bool = False
-
-    @property
-    def judged(self) -> Judged | None:
-        """What is judged of the axes together."""
-        return judged_by(self.base) if self.together else None
-
-    @property
-    def columns(self) -> int:
-        """Columns of a row."""
-        return COLUMNS + (len(VALUES) if self.together else 0)
 
     @property
     def plant(self) -> Plant:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core.metrics import contact_speeds, hold_tick, larger, norm
 from rpo_core.scenario import NANOSECONDS, Scenario
+from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.lanes import compiled
 from rpo_training.engine.parts import PUSH, RUNS
 from rpo_training.engine.tick import push_by_waves
@@ -45,6 +46,26 @@ class Judged(NamedTuple):
     hold: int
     arrival_m: float
     contact_m: float
+
+
+class JudgedTogether:
+    """The part of a case that says what is judged of the axes together.
+
+    base : its scenario; together : whether its rows have the columns of `VALUES` too
+    """
+
+    base: Scenario
+    together: bool
+
+    @property
+    def judged(self) -> Judged | None:
+        """What is judged of the axes together."""
+        return judged_by(self.base) if self.together else None
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return COLUMNS + (len(VALUES) if self.together else 0)
 
 
 def judged_by(scenario: Scenario) -> Judged | None:

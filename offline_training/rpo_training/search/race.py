@@ -14,7 +14,7 @@ are judged by the draws that are held out; the least fitness wins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -22,12 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import InputError, real, whole
-from rpo_training.search.algorithms import Best, CmaSearch, CmaSettings, Stage
+from rpo_training.search.algorithms import (
+    Best,
+    CmaSearch,
+    CmaSettings,
+    Script,
+    ScriptedSearch,
+    Stage,
+)
 from rpo_training.search.drawn import HELD_OUT
 from rpo_training.search.genes import GeneSpace
 
 Floats = NDArray[np.float64]
-Script = Generator[Floats, Floats, None]
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class Finalist:
     genes: Floats
 
 
-class TableRace:
+class TableRace(ScriptedSearch):
     """The race as a search by ask and tell; the generator `_run` holds its course.
 
     finalists : of the last two stages; the last generation asks for these
@@ -90,13 +96,9 @@ class TableRace:
         start: Floats,
     ) -> None:
         self.settings, self.descent, self.seed, self.space = settings, descent, seed, space
-        self.stopped, self.phase, self.evaluations = '', '', 0
-        self._reason = f'{settings.rounds} rounds'
-        self.best, self.stage = Best(start), Stage(0, start)
         self._tables, self._streams = space.rule_tables(), 0
         self.finalists: list[Finalist] = []
-        self._course = self._run()
-        self._asked = next(self._course)
+        self._begin(start, f'{settings.rounds} rounds')
 
     @property
     def left(self) -> int:
@@ -105,19 +107,6 @@ class TableRace:
         each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
         most = (own.last or self.descent.evaluations) + own.rounds * each + own.scan**2
         return -(-max(most - self.evaluations, 0) // len(self._asked))
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        return self._asked
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self.evaluations += len(values)
-        self.best.take(self._asked, values)
-        try:
-            self._asked = self._course.send(values)
-        except StopIteration:
-            self.stopped = self._reason
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""

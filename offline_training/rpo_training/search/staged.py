@@ -9,18 +9,23 @@ them anew. At the end, draws that are held out decide among the best of all stag
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.validation import real, whole
-from rpo_training.search.algorithms import Best, CmaSearch, CmaSettings, Stage
+from rpo_training.search.algorithms import (
+    Best,
+    CmaSearch,
+    CmaSettings,
+    Script,
+    ScriptedSearch,
+    Stage,
+)
 from rpo_training.search.drawn import HELD_OUT
 
 Floats = NDArray[np.float64]
-Script = Generator[Floats, Floats, None]
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class StagedSettings:
         whole('staged.evaluations', self.evaluations, least=1)
 
 
-class StagedSearch:
+class StagedSearch(ScriptedSearch):
     """CMA-ES in stages.
 
     best : of the present stage; stage : what is drawn
@@ -51,11 +56,8 @@ class StagedSearch:
         self, settings: StagedSettings, descent: CmaSettings, seed: int, start: Floats
     ) -> None:
         self.settings, self.descent, self.seed = settings, descent, seed
-        self.stopped, self.phase, self.evaluations = '', '', 0
-        self.best, self.stage = Best(start), Stage(0, start)
         self._finalists: list[Floats] = []
-        self._course = self._run()
-        self._asked = next(self._course)
+        self._begin(start, f'{settings.stages} stages')
 
     @property
     def left(self) -> int:
@@ -63,19 +65,6 @@ class StagedSearch:
         own, size = self.settings, self.descent.population
         most = self.descent.evaluations + (own.stages - 1) * own.evaluations
         return max(0, -(-(most - self.evaluations) // size))
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        return np.array(self._asked)
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self.evaluations += len(values)
-        self.best.take(self._asked, values)
-        try:
-            self._asked = self._course.send(values)
-        except StopIteration:
-            self.stopped = f'{self.settings.stages} stages'
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""

@@ -13,6 +13,7 @@ from typing import NamedTuple, Protocol
 
 from rpo_core import cw, kernels
 from rpo_core.kernels import CwStep, State, Vector, sin_cos
+from rpo_core.metrics import norm
 from rpo_guidance import transfers
 from rpo_guidance.transfers import Transfer, Zones
 
@@ -195,7 +196,7 @@ class Straight:
         self._vehicle, self._to = vehicle, to_m
         x, y, z, vx, vy, vz = start
         line = (to_m[0] - x, to_m[1] - y, to_m[2] - z)
-        length = sqrt(line[0] * line[0] + line[1] * line[1] + line[2] * line[2])
+        length = norm(*line)
         self._from: Vector = (x, y, z)
         self.ticks = 0
         if length < 1e-6:
@@ -268,7 +269,7 @@ class FlyingAround:
 def _polar(position_m: tuple[float, ...]) -> tuple[float, Vector]:
     """Return the range [m] and direction of a point; R-bar outward for the target itself."""
     x, y, z = position_m
-    size = sqrt(x * x + y * y + z * z)
+    size = norm(x, y, z)
     return (size, (x / size, y / size, z / size)) if size > 0.0 else (0.0, (1.0, 0.0, 0.0))
 
 
@@ -279,7 +280,7 @@ def _arc(a: Vector, end: Vector) -> tuple[float, Vector]:
     for towards in (end, (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):  # opposite: by below, or H-bar
         along = towards[0] * a[0] + towards[1] * a[1] + towards[2] * a[2]
         across = [t - along * u for t, u in zip(towards, a, strict=True)]
-        size = sqrt(across[0] * across[0] + across[1] * across[1] + across[2] * across[2])
+        size = norm(*across)
         if size > 1e-6:
             b = (across[0] / size, across[1] / size, across[2] / size)
             break

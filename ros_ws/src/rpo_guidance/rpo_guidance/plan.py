@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from math import sqrt
 from typing import Annotated, Any
 
 from rpo_core.kernels import Vector, sin_cos
+from rpo_core.metrics import norm
 from rpo_core.scenario import MAX_VELOCITY_M_S
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, Name, check_fields, choice, real, shown, vector3
+from rpo_guidance.transfers import along_and_across
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
 KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)
@@ -78,17 +79,15 @@ class Leg:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for kind, names in _OF_KIND.items():
-            for name in names:
-                if getattr(self, name) != _DEFAULTS[name] and self.kind not in _KINDS_OF[name]:
-                    raise InputError(
-                        f'`{name}` goes with a leg of kind {" or ".join(_KINDS_OF[name])}; '
-                        f'{self.name} is of kind {self.kind}'
-                    )
-            if self.kind == kind:
-                for name in _NEEDED[kind]:
-                    if getattr(self, name) is None:
-                        raise InputError(f'`{name}` is missing; a leg of kind {kind} needs it')
+        for name, kinds in _KINDS_OF.items():
+            if getattr(self, name) != _DEFAULTS[name] and self.kind not in kinds:
+                raise InputError(
+                    f'`{name}` needs a leg of kind {" or ".join(kinds)}; '
+                    f'{self.name} is of kind {self.kind}'
+                )
+        for name in _NEEDED[self.kind]:
+            if getattr(self, name) is None:
+                raise InputError(f'`{name}` is missing; a leg of kind {self.kind} needs it')
         if self.kind == STRAIGHT and self.speed_m_s and self.end_speed_m_s > self.speed_m_s:
             raise InputError(
                 f'`end_speed_m_s` must be at most `speed_m_s` = {self.speed_m_s!r}; '
@@ -142,7 +141,7 @@ class Corridor:
     def ahead(self) -> Vector:
         """Unit vector (3,) from the port outward."""
         x, y, z = self.axis
-        size = sqrt(x * x + y * y + z * z)
+        size = norm(x, y, z)
         return x / size, y / size, z / size
 
     @property
@@ -153,10 +152,8 @@ class Corridor:
 
     def outside_m(self, position_m: Vector, port_m: Vector) -> float:
         """Return how far [m] a point lies outside the cone, across its axis; < 0 inside."""
-        from_port = [r - p for r, p in zip(position_m, port_m, strict=True)]
-        along = sum(r * a for r, a in zip(from_port, self.ahead, strict=True))
-        across = [r - along * a for r, a in zip(from_port, self.ahead, strict=True)]
-        return sqrt(sum(r * r for r in across)) - along * self.slope
+        along, across = along_and_across(position_m, port_m, self.ahead)
+        return norm(*across) - along * self.slope
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import replace
-from math import sqrt
 from typing import Any, NamedTuple
 
 from rpo_core import interfaces
 from rpo_core.kernels import State, Vector
+from rpo_core.metrics import norm
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Section, Signal, Stage, register
 from rpo_core.validation import InputError
@@ -166,7 +166,7 @@ class GuidanceStage(Stage):
         if self._seen is None or self._reference is None:
             return 'no state has come'
         miss = [s - r for s, r in zip(self._seen, self._reference, strict=True)]
-        error, speed = _norm(miss[:3]), _norm(miss[3:])
+        error, speed = norm(*miss[:3]), norm(*miss[3:])
         if error > leg.within_m:
             return f'the error is {error:.3g} m, more than `within_m` = {leg.within_m:g} m'
         if speed > leg.within_m_s:
@@ -230,14 +230,14 @@ class GuidanceStage(Stage):
         settings, corridor = self.settings, self.settings.corridor
         radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
         # what begins or ends in the sphere passes through it, but by the corridor
-        free = corridor_s is None and min(_norm(start[:3]), _norm(end[:3])) <= radius
+        free = corridor_s is None and min(norm(*start[:3]), norm(*end[:3])) <= radius
         zones = Zones(
             0.0 if free else radius,
             None,
             settings.port_m,
             corridor.ahead,
             corridor.slope * CONE_SHARE,
-            corridor.from_m - _norm(settings.port_m),
+            corridor.from_m - norm(*settings.port_m),
         )
         return Transferring(start, end, self._vehicle, duration_s, zones, corridor_s, burn_s)
 
@@ -270,7 +270,7 @@ class GuidanceStage(Stage):
 
     def _braking(self, now: State) -> Flown:
         x, y, z, vx, vy, vz = now
-        speed = sqrt(vx * vx + vy * vy + vz * vz)
+        speed = norm(vx, vy, vz)
         if speed == 0.0:
             return Resting((x, y, z), self._vehicle)
         way = speed / (2.0 * self._vehicle.acceleration_m_s2)  # along v, so that v^2 / (2 a)
@@ -291,10 +291,6 @@ class GuidanceStage(Stage):
     def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:
         self.changes.append(Change(tick, phase, reason))
         self._leg, self._flown, self._since, self._go = None, flown, tick, False
-
-
-def _norm(values: Any) -> float:
-    return sqrt(sum(v * v for v in values))
 
 
 class Checked(NamedTuple):
@@ -339,7 +335,7 @@ def check(settings: Guidance, scenario: Scenario) -> None:
                 f'`guidance` must need at most {settings.force_share:g} of `max_force_n` = '
                 f'{scenario.max_force_n:g} N; {at}: {largest:.4g} N'
             )
-        distance = _norm(reference[:3])
+        distance = norm(*reference[:3])
         if distance >= settings.keep_out_m:
             continue
         if not corridor.from_m:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rpo_core.jit import kernel
 from rpo_core.kernels import CwStep, State, Vector, cw_step
+from rpo_core.metrics import norm
 
 Floats = NDArray[np.float64]
 
@@ -191,15 +192,23 @@ def _side(states: Floats, distances: list[float]) -> Vector:
     """
     nearest = distances.index(min(distances))
     x, y, z, vx, vy, vz = states[nearest].tolist()
-    speed = sqrt(vx * vx + vy * vy + vz * vz) or 1.0
+    speed = norm(vx, vy, vz) or 1.0
     ahead = (vx / speed, vy / speed, vz / speed)
     for candidate in ((x, y, z), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)):
         along = sum(c * a for c, a in zip(candidate, ahead, strict=True))
         across = [c - along * a for c, a in zip(candidate, ahead, strict=True)]
-        size = _size((across[0], across[1], across[2]))
+        size = norm(*across)
         if size > 0.1:
             return across[0] / size, across[1] / size, across[2] / size
     return 0.0, 0.0, 1.0
+
+
+def along_and_across(position: Vector, port_m: Vector, axis: Vector) -> tuple[float, Vector]:
+    """Return how far [m] a point lies along an axis from a port, and its vector (3,) [m] across."""
+    offset = [r - p for r, p in zip(position, port_m, strict=True)]
+    along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
+    x, y, z = (o - along * a for o, a in zip(offset, axis, strict=True))
+    return along, (x, y, z)
 
 
 class Zones(NamedTuple):
@@ -223,13 +232,6 @@ class Zones(NamedTuple):
         """Return whether the end of a segment must lie inside the cone."""
         return self.corridor is not None and segment >= self.corridor
 
-    def along_and_across(self, position: Vector) -> tuple[float, Vector]:
-        """Return how far [m] a point lies along the axis, and its vector (3,) [m] across it."""
-        offset = [r - p for r, p in zip(position, self.port_m, strict=True)]
-        along = offset[0] * self.axis[0] + offset[1] * self.axis[1] + offset[2] * self.axis[2]
-        x, y, z = (o - along * a for o, a in zip(offset, self.axis, strict=True))
-        return along, (x, y, z)
-
     def violated_m(self, states: Floats, distances: list[float]) -> float:
         """Return the largest distance [m] by which a path lies outside its zones, within SLACK."""
         worst = 0.0
@@ -237,8 +239,8 @@ class Zones(NamedTuple):
             if not self.in_cone(j):
                 worst = max(worst, self.radius_m - distances[j])
                 continue
-            along, across = self.along_and_across(tuple(states[j, :3].tolist()))
-            worst = max(worst, _size(across) - self.slope * along)
+            along, across = along_and_across(tuple(states[j, :3].tolist()), self.port_m, self.axis)
+            worst = max(worst, norm(*across) - self.slope * along)
             if j == self.corridor:
                 worst = max(worst, self.gate_m - along)
         return worst
@@ -297,16 +299,13 @@ def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Zones) -> None:
             continue
         if j == zones.corridor and not planes.when:
             planes.add(j, zones.axis, ax * px + ay * py + az * pz + zones.gate_m)
-        along, (cx, cy, cz) = zones.along_and_across(tuple(states[j, :3].tolist()))
-        size, t = _size((cx, cy, cz)), zones.slope
+        along, (cx, cy, cz) = along_and_across(
+            tuple(states[j, :3].tolist()), zones.port_m, zones.axis
+        )
+        size, t = norm(cx, cy, cz), zones.slope
         if size > t * along:
             normal = (t * ax - cx / size, t * ay - cy / size, t * az - cz / size)
             planes.add(j, normal, normal[0] * px + normal[1] * py + normal[2] * pz)
-
-
-def _size(vector: Vector) -> float:
-    x, y, z = vector
-    return sqrt(x * x + y * y + z * z)
 
 
 def least_energy(
@@ -342,7 +341,7 @@ def least_energy(
         ]
         optimum(rows, np.array([*missing, *room]), forces)
         path_of(start, forces, step, states)
-        distances = [_size((x, y, z)) for x, y, z in states[:, :3].tolist()]
+        distances = [norm(x, y, z) for x, y, z in states[:, :3].tolist()]
         violated = zones.violated_m(states, distances)
         if best is None or violated < best.violated_m:
             best = Transfer(states.copy(), forces.copy(), violated)

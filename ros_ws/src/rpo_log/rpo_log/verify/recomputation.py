@@ -36,7 +36,7 @@ class StageStates:
                 state = event.values.get('state')
                 if state == events.WITHOUT_COMMAND:
                     self._missing.setdefault(event.values.get('stage', ''), set()).add(tick)
-                if state in (events.ACTIVE, events.INACTIVE):
+                elif state in (events.ACTIVE, events.INACTIVE):
                     changes = self._changes.setdefault(event.values.get('stage', ''), [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
