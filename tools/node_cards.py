@@ -19,7 +19,7 @@ Outcomes = tuple[tuple[str, str], ...]
 
 MEANINGS = {
     **{row.topic: row.meaning for row in interfaces.rows()},
-    names.MARKERS: 'target, chaser, thrust, trail, corridor',
+    names.MARKERS: 'target, chaser, thrust, trail, zones, estimate, reference',
     names.TF: 'from target LVLH to the chaser, where `tf2_msgs` is installed'
     f' (namespaces: remap it to `{names.TF[1:]}`)',
     names.CHASER_POSE: 'pose of the chaser in target LVLH',

@@ -98,6 +98,7 @@ class Section:
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
+    zones : what views draw about the target (`rpo_core.zones`), of settings and scenario
     """
 
     name: str
@@ -106,6 +107,7 @@ class Section:
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
     rehearse: Callable[[Any, Any], None] | None = None
+    zones: Callable[[Any, Any], Any] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
+from rpo_core import zones
 from rpo_core.kernels import Vector, sin_cos
 from rpo_core.metrics import norm
 from rpo_core.scenario import MAX_VELOCITY_M_S
@@ -191,3 +192,19 @@ class Guidance:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f'`legs` must have names of their own; {name} is there twice')
+
+    def zones(self, _scenario: Any) -> zones.Zones:
+        """Return what views draw: sphere, corridor, holds, retreat."""
+        corridor, points, end_m = None, {}, None
+        if self.corridor.from_m:
+            length_m = self.corridor.from_m - norm(*self.port_m)
+            corridor = zones.Corridor(
+                self.port_m, self.corridor.ahead, self.corridor.slope, length_m
+            )
+        for leg in self.legs:
+            end_m = leg.to_m or end_m
+            if leg.kind == HOLD and end_m is not None:
+                points[leg.name] = end_m
+        if self.retreat_m is not None:
+            points['retreat'] = self.retreat_m
+        return zones.Zones(self.keep_out_m, corridor, points)

@@ -370,4 +370,4 @@ def _make(settings: Guidance, scenario: Any) -> Stage:
     return GuidanceStage(settings, scenario)
 
 
-register(Section('guidance', Guidance, Place.GUIDANCE, _make, rehearse=check))
+register(Section('guidance', Guidance, Place.GUIDANCE, _make, rehearse=check, zones=Guidance.zones))

@@ -8,6 +8,9 @@ It reads the state that the controller reads, and `control_force`; the plant the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from rpo_core import interfaces
@@ -27,8 +30,9 @@ class AssuranceNode(PlaceNode):
     places = (Place.ASSURANCE,)
     what = ('assuring', 'runtime assurance')
 
-    def __init__(self, overrides=None):
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         self._acting = ''
+        self._decision: Decision | None = None
         self.interventions = 0
         super().__init__(overrides)
 
@@ -41,7 +45,8 @@ class AssuranceNode(PlaceNode):
 
     def new_run(self) -> None:
         """Forget the run before."""
-        self._acting = ''
+        self._acting, self._decision = '', None
+        self.interventions = 0
         super().new_run()
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
@@ -52,6 +57,7 @@ class AssuranceNode(PlaceNode):
                 self._publish(stage.decision)
 
     def _publish(self, decision: Decision) -> None:
+        self._decision = decision
         if decision.constraint == self._acting:
             return
         self._acting = decision.constraint
@@ -64,7 +70,8 @@ class AssuranceNode(PlaceNode):
     def health(self) -> health.Health:
         """Return the health of this node for /diagnostics."""
         level, doing, values = super().health()
-        return level, doing, {**values, 'interventions': self.interventions}
+        newest = {} if self._decision is None else dict(self._decision.values(self.last_tick))
+        return level, doing, {**values, **newest, 'interventions': self.interventions}
 
 
 def main() -> int:

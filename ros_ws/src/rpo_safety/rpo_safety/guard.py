@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
-from rpo_core.kernels import sin_cos
 from rpo_core.navigation import Navigation
 from rpo_core.stage import Place, section_of
 from rpo_core.thrusters import Thrusters
@@ -292,8 +291,7 @@ def _corridor(
     top = speed.speed_m_s + speed.slope(n) * way.outer_m
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * way.outer_m)
     doubt = _unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
-    sine, cosine = sin_cos(math.pi / 180.0 * way.half_angle_deg)
-    slope = sine / cosine / math.sqrt(2.0)
+    slope = way.slope
     per_axis = float(scenario.max_force_n) / mass
     wall = per_axis - (1.0 + slope) * doubt
     dip = (1.0 + slope) * (per_axis + doubt) * dt * dt / 8.0

@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core import codec
+from rpo_core import codec, zones
 from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.disturbance import MAX_FORCE_N
+from rpo_core.kernels import sin_cos
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
 
@@ -91,6 +93,12 @@ class Corridor:
     def __post_init__(self) -> None:
         check_fields(self)
 
+    @property
+    def slope(self) -> float:
+        """What the half-width gains per metre: the pyramid lies in the cone."""
+        sine, cosine = sin_cos(math.pi / 180.0 * self.half_angle_deg)
+        return sine / cosine / math.sqrt(2.0)
+
 
 def _corridor_of(name: str, value: Any) -> Corridor | None:
     if value is None or isinstance(value, Corridor):
@@ -149,3 +157,13 @@ class Assurance:
             )
         if zone >= self.domain_m:
             raise InputError(f'`keep_out_m` must be < domain_m = {self.domain_m!r} m; got {zone!r}')
+
+    def zones(self, _scenario: Any) -> zones.Zones:
+        """Return what views draw: sphere and corridor."""
+        way, corridor = self.corridor, None
+        if way is not None:
+            sign, axis = (1.0 if way.along[0] == '+' else -1.0), 'xyz'.index(way.along[1])
+            ahead = tuple(sign if i == axis else 0.0 for i in range(3))
+            tip = tuple(way.port_m * a for a in ahead)
+            corridor = zones.Corridor(tip, ahead, way.slope, way.outer_m - way.port_m, way.width_m)
+        return zones.Zones(self.keep_out_m, corridor)
