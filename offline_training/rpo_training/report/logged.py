@@ -10,7 +10,7 @@ import numpy as np
 
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
-from rpo_log.read.run_log import RunLog, flight_of, scenario_of
+from rpo_log.read.run_log import RunLog, flight_of, other_signals, scenario_of
 
 LEAST_TICKS = 10
 """A log that shows less from the start is not drawn."""
@@ -48,6 +48,7 @@ def logged_flight(log: RunLog) -> LoggedFlight:
         log.states[shown],
         log.forces_n[shown],
         np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
+        {name: values[shown] for name, values in other_signals(log).items()},
     )
     return LoggedFlight(flight, planned, log.gaps)
 
