@@ -11,12 +11,12 @@ from typing import Annotated, Any
 from rpo_core import codec
 from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.disturbance import MAX_FORCE_N
+from rpo_core.requirements import DIRECTIONS
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'
 FILTERS = (LEAST_CHANGE, SIMPLEX)
-DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 
 _metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_M)
 _speed = partial(real, unit='m/s', least=0.0, most=1e3)
