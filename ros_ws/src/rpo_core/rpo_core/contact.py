@@ -70,7 +70,7 @@ def across(x: float, y: float, z: float, axis: int) -> float:
 
 @kernel
 def touches(x: float, y: float, z: float, port: Port) -> bool:
-    """Whether an error of position [m] is contact: near the goal and, with an axis, at its plane."""
+    """Whether an error of position [m] is contact: near the goal; with an axis, at its plane."""
     if norm(x, y, z) > port.range_m:
         return False
     return port.axis < 0 or outward(x, y, z, port.axis, port.side) <= 0.0
