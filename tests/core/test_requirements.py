@@ -191,8 +191,8 @@ def test_a_contact_that_is_too_slow_for_the_latches_is_none():
 @pytest.mark.parametrize(
     ('angle_deg', 'depth_m'),
     [
-        (36.0, 3.0 - 4.0 * math.tan(math.radians(36.0))),  # beside the cone, where the range is 5 m
-        (37.0, 0.0),  # 3 / 4 is the tangent of 36.87 deg: inside
+        (30.0, 2.5 - 4.0 * math.tan(math.radians(30.0))),  # beside the cone, where the range is 5 m
+        (32.1, 0.0),  # 2.5 / 4 is the tangent of 32.01 deg: inside
         (1.0, 0.5),  # nearer to the edge of the sphere than to the cone
     ],
 )

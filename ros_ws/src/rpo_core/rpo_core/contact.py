@@ -27,7 +27,8 @@ class Port(NamedTuple):
     axis, side : x, y, z = 0, 1, 2 and +1.0 or -1.0, from the port outward; or LINE_OF_SIGHT
     least_m_s : slower, the latches do not catch
     goal : (3,) of the port [m]
-    zone_m, slope : sphere about the target, 0: none; tangent of the cone that leads to the port
+    zone_m, slope : sphere about the target, 0: none; tangent of the cone that leads to the port,
+        where it is `range_m` wide to each side
     """
 
     range_m: float
@@ -106,7 +107,7 @@ def depth_m(x: float, y: float, z: float, port: Port) -> float:
     """Return how deep [m] an error of position is in the zone and off the cone; 0.0 outside."""
     depth = port.zone_m - norm(x + port.goal[0], y + port.goal[1], z + port.goal[2])
     if port.axis >= 0 and port.slope > 0.0:
-        beside = across(x, y, z, port.axis)
+        beside = across(x, y, z, port.axis) - port.range_m
         beside -= port.slope * outward(x, y, z, port.axis, port.side)
         depth = beside if beside < depth else depth
     return depth if depth > 0.0 else 0.0

@@ -59,7 +59,8 @@ class Requirements:
         state that has come to the port's plane, along the axis and across it. Slower than
         `contact_least_closing_speed_m_s` nothing catches, and there is no contact
     keep_out_depth : how far, before the contact, inside the sphere of `keep_out_m` about the target
-        and beside the cone of `corridor_half_angle_deg` about `contact_axis`, its tip at the goal
+        and beside the cone of `corridor_half_angle_deg` about `contact_axis`, which at the goal
+        is as wide as `contact_range_m` to each side
     delta_v_axis_sum : integral of |f_x| + |f_y| + |f_z| over the mass
     """
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
-from rpo_core import interfaces
-from rpo_core.kernels import State, Vector, cw_step
+from rpo_core import cw, interfaces
+from rpo_core.kernels import CwStep, State, Vector, cw_step
 from rpo_core.stage import Signal, Stage
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
@@ -72,6 +72,14 @@ class Decision(NamedTuple):
         ]
 
 
+def step_of(settings: Assurance, scenario: Any) -> CwStep:
+    """Return the step by which the filter predicts."""
+    if settings.mass_kg is None:
+        step: CwStep = scenario.step
+        return step
+    return cw.discretise(scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s)
+
+
 class AssuranceStage(Stage):
     """From the state as it is known and a command to a force that keeps the assured sets.
 
@@ -89,7 +97,7 @@ class AssuranceStage(Stage):
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         self.guard = guard_of(settings, scenario)
-        self._step = scenario.step
+        self._step = step_of(settings, scenario)
         self._assure = Filter(self._step, self.guard)
         self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
         remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0

@@ -115,6 +115,7 @@ class Assurance:
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
+    mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
 
@@ -138,6 +139,9 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
+    mass_kg: Annotated[float | None, partial(_optional, unit='kg', most=1e6)] = field(
+        default=None, metadata=UNLESS_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
