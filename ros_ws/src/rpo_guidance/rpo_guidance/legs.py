@@ -166,7 +166,6 @@ class Transferring:
         self._last = (tick, state)
         return state, force
 
-
     def fill(self, rows: Floats) -> None:
         """Fill rows (n, 9) with its first references and forces."""
         transfer = self.transfer

@@ -86,7 +86,7 @@ class AssuranceStage(Stage):
     It remembers the forces that are on their way to delayed thrusters, the last force (slew limit)
     and its mode (corridor); without these it has no memory.
 
-    guard : numbers of the filter
+    guard : numbers of the filter; numbers : (56,) step and guard; delay_ticks : of the thrusters
     decision : of the last tick
     """
 
@@ -99,15 +99,16 @@ class AssuranceStage(Stage):
         self.guard = guard_of(settings, scenario)
         self._step = step_of(settings, scenario)
         self._assure = Filter(self._step, self.guard)
-        self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0
+        self.numbers = self._assure.table
+        self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+        remembers = self.delay_ticks or self.guard.slew_n > 0.0 or self.guard.side != 0.0
         self.memory_ticks = None if remembers else 0
         self.decision: Decision | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget the forces on their way: a flight begins."""
-        self._line: deque[Vector] = deque([ZERO] * self._delay)
+        self._line: deque[Vector] = deque([ZERO] * self.delay_ticks)
         self._last: Vector = ZERO
         self._mode = UNKNOWN
 
@@ -139,7 +140,7 @@ class AssuranceStage(Stage):
         force = (fx, fy, fz)
         if self.memory_ticks is None:
             self._mode, self._last = mode, force
-            if self._delay:
+            if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
         self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)

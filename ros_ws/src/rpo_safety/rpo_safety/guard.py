@@ -82,7 +82,7 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
                 f'got {given!r}'
             )
         own[name] = bound if given is None else given
-    return Errors(*own.values(), mass_kg)
+    return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
 
 
 def _why_unknown(name: str, scenario: Any) -> str:
