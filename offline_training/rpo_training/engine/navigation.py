@@ -24,7 +24,8 @@ def place_estimators(estimators):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _step(c):  # type: ignore[no-untyped-def]
+def step_of_row(c):  # type: ignore[no-untyped-def]
+    """CW step of the first numbers of a row."""
     # fmt: off
     return CwStep(
         c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11], c[12], c[13],
@@ -45,8 +46,8 @@ def navigate(w, tick, estimators):  # type: ignore[no-untyped-def]
         key, command = e.keys[s], e.command[s]
         sense(tick, state, e.rows[s], e.outages, key[0], key[1], e.walk[s], e.queue[s], e.out)
         told = Filter(
-            e.n, _step(e.steps[s]), e.noise[s], e.start[s], e.spread[s], e.again[s], e.told[s],
-            e.gates, e.limit, e.delays[s], e.patience, e.newest, 0,
+            e.n, step_of_row(e.steps[s]), e.noise[s], e.start[s], e.spread[s], e.again[s],
+            e.told[s], e.gates, e.limit, e.delays[s], e.patience, e.newest, 0,
         )  # fmt: skip
         memory = Memory(
             e.x[s], e.p[s], e.y[s], e.s[s], e.work, e.commands[s], e.pending[s], e.counts[s],

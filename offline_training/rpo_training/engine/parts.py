@@ -49,7 +49,8 @@ MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
 STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
 GOAL, HOLDING = ((FIRST_FREE + 29 + len(CwStep._fields) + row) * STRIDE for row in range(2))
 MASS = (FIRST_FREE + 31 + len(CwStep._fields)) * STRIDE
-ROWS = FIRST_FREE + 32 + len(CwStep._fields)
+KNOWN_R, KNOWN_V = ((FIRST_FREE + 32 + len(CwStep._fields) + row) * STRIDE for row in range(2))
+ROWS = FIRST_FREE + 34 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):
@@ -222,6 +223,34 @@ class Estimators(NamedTuple):
     command: Any
 
 
+class Guiding(NamedTuple):
+    """References of plans without holds (`rpo_guidance`).
+
+    table : (ticks + 1, 9, 40) state [m, m/s] and force [N] of each tick
+    last : (40,) tick from which on the last leg is flown; port : (7,) numbers of `at_port` after
+        the position; docked : (40,) memory
+    """
+
+    table: Any
+    last: Any
+    port: Any
+    docked: Any
+
+
+class Assured(NamedTuple):
+    """Runtime assurance (`rpo_safety`).
+
+    tables : (40, 56) step and guard; modes : (40,) at the start; delays : (40,) ticks
+    line, numbers : (40, longest delay, 3), (40, 13) memory
+    """
+
+    tables: Any
+    modes: Any
+    delays: Any
+    line: Any
+    numbers: Any
+
+
 class Runs(NamedTuple):
     """Runs that fly side by side; all parts from `navigation` on may be None.
 
@@ -232,6 +261,7 @@ class Runs(NamedTuple):
     valves : in place of the matrix of the thrusters; paired runs only
     orbits : in place of `steps`; paired runs only
     estimators : in place of `navigation`, which must be there too; paired runs only
+    guiding : in place of the goal; assured; both of paired runs that have `navigation`
     """
 
     planar: Any
@@ -246,6 +276,8 @@ class Runs(NamedTuple):
     valves: Any = None
     orbits: Any = None
     estimators: Any = None
+    guiding: Any = None
+    assured: Any = None
 
 
 class Control(NamedTuple):

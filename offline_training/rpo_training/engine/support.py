@@ -12,6 +12,7 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import Controller, FuzzyController
 from rpo_core.scenario import Scenario
 from rpo_core.stage import section_of
+from rpo_guidance.plan import HOLD, Guidance
 
 MOST_ORBIT_TICKS = 20_000
 """The target's orbit is held in memory for a flight, for 40 runs at a time where orbits differ."""
@@ -20,7 +21,7 @@ _announced: set[str] = set()
 _lock = threading.Lock()
 
 
-IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator')
+IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator', 'guidance', 'assurance')
 """Sections that the engine knows where every run has its own lanes, in campaigns."""
 
 
@@ -36,6 +37,9 @@ def why_not(scenario: Scenario, controller: Controller, known: Collection[str] =
     for name in (section_of(settings).name for settings in scenario.sections):
         if name not in known:
             return f'scenario {scenario.name} has a section `{name}`'
+    plan = scenario.section(Guidance)
+    if plan is not None and any(leg.kind == HOLD for leg in plan.legs):
+        return f'scenario {scenario.name} has a plan with holds'
     thrusters = scenario.thrusters
     if thrusters is not None and thrusters.propellant and not thrusters.pulses:
         return f'scenario {scenario.name} has `propellant` without `pulses`'

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rpo_guidance.plan import Guidance
-from rpo_guidance.stages import Checked
+from rpo_guidance.rehearsal import Checked
 from rpo_log.show import style
 from rpo_training.evaluation.plan_bound import Bound
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple
 
-from rpo_core import interfaces
-from rpo_core.kernels import State, Vector, cw_step
+from rpo_core import cw, interfaces
+from rpo_core.kernels import CwStep, State, Vector, cw_step
 from rpo_core.stage import Signal, Stage
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
@@ -72,13 +72,21 @@ class Decision(NamedTuple):
         ]
 
 
+def step_of(settings: Assurance, scenario: Any) -> CwStep:
+    """Return the step by which the filter predicts."""
+    if settings.mass_kg is None:
+        step: CwStep = scenario.step
+        return step
+    return cw.discretise(scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s)
+
+
 class AssuranceStage(Stage):
     """From the state as it is known and a command to a force that keeps the assured sets.
 
     It remembers the forces that are on their way to delayed thrusters, the last force (slew limit)
     and its mode (corridor); without these it has no memory.
 
-    guard : numbers of the filter
+    guard : numbers of the filter; numbers : (56,) step and guard; delay_ticks : of the thrusters
     decision : of the last tick
     """
 
@@ -89,17 +97,18 @@ class AssuranceStage(Stage):
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         self.guard = guard_of(settings, scenario)
-        self._step = scenario.step
+        self._step = step_of(settings, scenario)
         self._assure = Filter(self._step, self.guard)
-        self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0
+        self.numbers = self._assure.table
+        self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+        remembers = self.delay_ticks or self.guard.slew_n > 0.0 or self.guard.side != 0.0
         self.memory_ticks = None if remembers else 0
         self.decision: Decision | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget the forces on their way: a flight begins."""
-        self._line: deque[Vector] = deque([ZERO] * self._delay)
+        self._line: deque[Vector] = deque([ZERO] * self.delay_ticks)
         self._last: Vector = ZERO
         self._mode = UNKNOWN
 
@@ -131,7 +140,7 @@ class AssuranceStage(Stage):
         force = (fx, fy, fz)
         if self.memory_ticks is None:
             self._mode, self._last = mode, force
-            if self._delay:
+            if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
         self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)

@@ -13,12 +13,12 @@ from rpo_core import codec, zones
 from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.disturbance import MAX_FORCE_N
 from rpo_core.kernels import sin_cos
+from rpo_core.requirements import DIRECTIONS
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'
 FILTERS = (LEAST_CHANGE, SIMPLEX)
-DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 
 _metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_M)
 _speed = partial(real, unit='m/s', least=0.0, most=1e3)
@@ -123,6 +123,7 @@ class Assurance:
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
+    mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
 
@@ -146,6 +147,9 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
+    mass_kg: Annotated[float | None, partial(_optional, unit='kg', most=1e6)] = field(
+        default=None, metadata=UNLESS_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
