@@ -21,11 +21,12 @@ from rpo_core.dynamics import (
 )
 from rpo_core.kernels import State
 from rpo_core.orbit_kernels import World
-from rpo_core.pulse_kernels import DELTA_V, MEMORY, OPENINGS, SPENT
+from rpo_core.pulse_kernels import MEMORY
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import tank_of, valves_of
 from rpo_training.campaign.sampling import DrawnRuns
 from rpo_training.engine.parts import RUNS, Firing, Orbits
+from rpo_training.engine.worlds import THRUST
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def firing_of(scenarios: Sequence[Scenario]) -> Firing | None:
 
 def spent_of(firing: Firing | None) -> list[Floats]:
     """Return `config.THRUSTER_METRICS`, (40,) each, of runs that have flown."""
-    return [] if firing is None else [firing.memory[:, i] for i in (DELTA_V, SPENT, OPENINGS)]
+    return [] if firing is None else [firing.memory[:, i] for i in THRUST]
 
 
 def uneven_steps(scenario: Scenario, drawn: DrawnRuns) -> str:

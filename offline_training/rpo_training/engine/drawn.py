@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from rpo_core.metrics import Windows
 from rpo_core.scenario import Scenario
 from rpo_training.engine.judged import JudgedTogether
 from rpo_training.engine.parts import Plant, Runs
+from rpo_training.engine.worlds import THRUST
 
 Floats = NDArray[np.float64]
 
@@ -23,16 +25,18 @@ class DrawnCase(JudgedTogether):
 
     base : the scenario of which they are variations
     starts : (n, 6) states; masses_kg : (n,)
-    batches : their parts, 40 runs each; lanes beyond the last run rest at the target
+    batches : their parts, 40 runs each, as often as asked; lanes beyond the last run rest at the
+        target
     windows : in ticks
-    together : whether rows have the columns of `judged.VALUES` too
+    together : whether rows have the columns of `judged.VALUES` too; those of `worlds.THRUST` are
+        the last ones where thrusters fire in pulses
     """
 
     name: str
     base: Scenario
     starts: Floats
     masses_kg: Floats
-    batches: tuple[Runs, ...]
+    batches: Iterable[Runs]
     windows: Windows
     together: bool = False
 
@@ -41,9 +45,26 @@ class DrawnCase(JudgedTogether):
         """What all flights share; each has a step of its own."""
         return Plant(self.base.max_force_n, self.base.dt_s)
 
+    @property
+    def fires(self) -> bool:
+        """Whether thrusters fire in pulses."""
+        return self.base.thrusters is not None and self.base.thrusters.pulses is not None
 
-def with_own_queue(runs: Runs) -> Runs:
-    """Return runs whose queue, which a flight writes, belongs to the caller."""
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return super().columns + (len(THRUST) if self.fires else 0)
+
+
+_ESTIMATORS = (
+    'walk', 'queue', 'out', 'x', 'p', 'y', 's', 'work', 'commands', 'pending', 'counts', 'tested',
+    'command',
+)  # fmt: skip
+"""Fields of `parts.Estimators` that a flight writes."""
+
+
+def with_own_memory(runs: Runs) -> Runs:
+    """Return runs whose memory, which a flight writes, belongs to the caller."""
     if runs.thrusters is not None:
         queue = np.empty_like(runs.thrusters.queue)
         runs = runs._replace(thrusters=runs.thrusters._replace(queue=queue))
@@ -52,4 +73,12 @@ def with_own_queue(runs: Runs) -> Runs:
         names = ('past', 'lateness', 'latest', 'held')
         fresh = {name: np.empty_like(getattr(link, name)) for name in names}
         runs = runs._replace(link=link._replace(**fresh))
+    if runs.valves is not None:
+        valves = runs.valves
+        own = {name: np.zeros_like(getattr(valves, name)) for name in ('memory', 'on')}
+        runs = runs._replace(valves=valves._replace(**own))
+    if runs.estimators is not None:
+        known = runs.estimators
+        own = {name: np.zeros_like(getattr(known, name)) for name in _ESTIMATORS}
+        runs = runs._replace(estimators=known._replace(**own))
     return runs

@@ -26,10 +26,11 @@ from rpo_core.validation import InputError
 from rpo_core.verdicts import verdicts
 from rpo_training.engine import counters, lanes, parts, tick
 from rpo_training.engine.cases import Case, Crossed
-from rpo_training.engine.drawn import DrawnCase, with_own_queue
+from rpo_training.engine.drawn import DrawnCase, with_own_memory
 from rpo_training.engine.judged import VALUES, judge, make_trace
 from rpo_training.engine.population import Population, population_of
 from rpo_training.engine.support import announce, why_not
+from rpo_training.engine.worlds import THRUST
 
 Floats = NDArray[np.float64]
 Candidates = Population | Sequence[Controller]
@@ -143,7 +144,7 @@ class Simulator:
         masses_kg = np.full(len(rows), case.base.mass_kg)
         batches: Iterable[parts.Runs]
         if isinstance(case, DrawnCase):
-            masses_kg, batches = case.masses_kg, map(with_own_queue, case.batches)
+            masses_kg, batches = case.masses_kg, map(with_own_memory, case.batches)
         else:
             batches = case.paired()
         for first, runs in zip(range(0, len(rows), parts.RUNS), batches, strict=True):
@@ -155,7 +156,12 @@ class Simulator:
             )
             rows[some, :columns] = counted[:n]
             if judged is not None:
-                rows[some, columns:] = judge(trace[0], parts.paired_lanes(n), case.base, judged)
+                judged_to = columns + len(VALUES)
+                rows[some, columns:judged_to] = judge(
+                    trace[0], parts.paired_lanes(n), case.base, judged
+                )
+            if runs.valves is not None:
+                rows[some, -len(THRUST) :] = runs.valves.memory[:n, THRUST]
 
     def _control(self, candidates: Candidates, index: int) -> parts.Control:
         if isinstance(candidates, Population):

@@ -8,9 +8,12 @@ The kernels are those of the core, run by run; only inference and what is around
 from __future__ import annotations
 
 from rpo_core.orbit_kernels import World, relative_step
-from rpo_core.pulse_kernels import Tank, Valves, fire
+from rpo_core.pulse_kernels import DELTA_V, OPENINGS, SPENT, Tank, Valves, fire
 from rpo_training.engine.lanes import compiled
 from rpo_training.engine.parts import FORCE, MASS, PUSH, RUNS, R, V
+
+THRUST = (DELTA_V, SPENT, OPENINGS)
+"""Places in the memory of valves of what their run has spent: delta-v, propellant, openings."""
 
 
 @compiled

@@ -6,11 +6,14 @@ Corner flights deceive: a controller that keeps its limits in all of them may mi
 dispersed runs. So a search flies runs of campaigns. A stage of the search has its own draws: of a
 pool, the runs that are hardest for the best controller so far (largest value beside its limit), and
 as many that are simply the first. At the end, draws of another seed decide among finalists.
+
+A campaign may be of a world, with sensors, an estimator and thrusters that fire in pulses. Each run
+then has its own noise, the same for all candidates; what its thrusters spend can cost fitness.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,13 +21,15 @@ from numpy.typing import NDArray
 
 from rpo_core import metrics
 from rpo_core.validation import MOST_PATH, InputError, real, text, whole
-from rpo_training.campaign.config import Campaign, find, load
+from rpo_training.campaign.config import THRUSTER_METRICS, Campaign, find, load
 from rpo_training.campaign.run_batch import is_together, make_batch, windows_within
 from rpo_training.campaign.sampling import DrawnRuns, draw
+from rpo_training.campaign.worlds import uneven_steps
 from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.judged import VALUES
-from rpo_training.engine.parts import RUNS
+from rpo_training.engine.parts import RUNS, Runs
+from rpo_training.engine.support import IN_PAIRS, why_not
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +37,8 @@ HELD_OUT = -1
 """The stage of the draws that no search has seen."""
 
 _SEEDS = 1000  # between the seeds of stages and those held out
+
+_MOST_KEPT = 4  # batches of true orbits, of some 30 MB each; more are made when they are flown
 
 
 @dataclass(frozen=True)
@@ -45,6 +52,8 @@ class DrawnSettings:
     pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
     held_out : runs of each campaign that decide among the finalists
     seed : of the draws
+    openings, propellant : cost of a valve opening [N^2 s], of propellant [N^2 s/kg], mean over the
+        runs of a campaign whose thrusters fire in pulses; 0 = free
     """
 
     weight: float = 0.0
@@ -54,9 +63,13 @@ class DrawnSettings:
     pool: int = 2000
     held_out: int = 2000
     seed: int = 1
+    openings: float = 0.0
+    propellant: float = 0.0
 
     def __post_init__(self) -> None:
         real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
+        real('fitness.drawn.openings', self.openings, 'N^2 s', least=0.0)
+        real('fitness.drawn.propellant', self.propellant, 'N^2 s/kg', least=0.0)
         for i, name in enumerate(self.campaigns):
             text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
         if real('fitness.drawn.margin', self.margin, least=0.0, most=1.0) == 1.0:
@@ -73,12 +86,19 @@ class DrawnFlights:
     label : the name of the campaign
     count : in a stage
     columns, limits : of the metrics by which a run succeeds
+    fires : whether thrusters fire in pulses, and what they spend has a column
+
+    Raises InputError if a search cannot judge by the campaign, or the engine cannot fly it.
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
         # The file may name the controller that is to be trained, which is not there yet.
         self._campaign, self._settings = load(find(name), controller='handmade'), settings
         self.label, self.count = self._campaign.config.name, settings.flights
+        reason = why_not(self._campaign.scenario, self._campaign.controller, IN_PAIRS)
+        if reason:
+            raise InputError(f'a search cannot fly campaign {self.label}: {reason}')
+        self.fires = bool(self._campaign.metrics_of_thrusters)
         success = self._campaign.config.success
         self.columns = [_column(metric, self._campaign) for metric in success]
         self.limits = np.array(list(success.values()))
@@ -101,17 +121,22 @@ class DrawnFlights:
     def case(self, stage: int, chosen: Sequence[int] | None = None) -> DrawnCase:
         """Return runs of a stage, by number; all of them if not given."""
         campaign, drawn = self.pool(stage)
+        uneven = uneven_steps(campaign.scenario, drawn)
+        if uneven:
+            raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
         if chosen is not None:
             some = list(chosen)
             own = {name: values[some] for name, values in drawn.own.items()}
             drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
-        batches = range(0, len(drawn.numbers), RUNS)
+        batches: Iterable[Runs] = _Batches(campaign, drawn)
+        if campaign.scenario.dynamics is None or len(drawn.numbers) <= _MOST_KEPT * RUNS:
+            batches = tuple(batches)
         return DrawnCase(
             f'{self.label}, stage {stage}',
             campaign.scenario,
             drawn.starts,
             drawn.masses_kg,
-            tuple(make_batch(campaign, drawn, first) for first in batches),
+            batches,
             windows_within(campaign.scenario),
             is_together(campaign),
         )
@@ -133,6 +158,26 @@ class DrawnFlights:
         """Return what is judged (..., k) of metrics (..., columns)."""
         return rows[..., self.columns]
 
+    def cost(self, rows: Floats) -> Floats:
+        """Return the cost (..., runs) [N^2 s] of thrust, of metrics (..., columns)."""
+        if not self.fires:
+            return np.zeros(rows.shape[:-1])
+        own, names = self._settings, ('propellant_kg', 'valve_openings')
+        spent, opened = (rows[..., _column(name, self._campaign)] for name in names)
+        return own.propellant * spent + own.openings * opened
+
+
+@dataclass(frozen=True)
+class _Batches:
+    """The parts of drawn runs, 40 at a time, made when they are asked for."""
+
+    campaign: Campaign
+    drawn: DrawnRuns
+
+    def __iter__(self) -> Iterator[Runs]:
+        for first in range(0, len(self.drawn.numbers), RUNS):
+            yield make_batch(self.campaign, self.drawn, first)
+
 
 def _column(name: str, campaign: Campaign) -> int:
     """Return the column of a row that has what success is judged by; raises InputError."""
@@ -140,6 +185,8 @@ def _column(name: str, campaign: Campaign) -> int:
     by_norm = required is not None and required.arrival_error_norm_m is not None
     if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
         return list(metrics.UNITS).index(name)
+    if name in THRUSTER_METRICS:
+        return list(THRUSTER_METRICS).index(name) - len(THRUSTER_METRICS)
     if name not in VALUES:
         raise InputError(
             f'a search cannot judge by `{name}`, whose limit differs from run to run; '

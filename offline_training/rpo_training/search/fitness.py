@@ -197,8 +197,18 @@ class Fitness:
         self._fixed, self.stage = self._cases(scenarios), -2
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
+        self._refuse_free_thrust()
         self._drawn: list[Any] = []
         self.simulator = make_simulator(self._fixed, workers)
+
+    def _refuse_free_thrust(self) -> None:
+        own = self.settings.drawn
+        for name in ('openings', 'propellant'):
+            if getattr(own, name) and not any(flights.fires for flights in self.drawn):
+                raise InputError(
+                    f'`fitness.drawn.{name}` needs drawn flights of a campaign whose thrusters '
+                    f'fire in pulses; got {", ".join(own.campaigns) or "none"}'
+                )
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -287,29 +297,35 @@ class Fitness:
 
         A search that looks at ranks needs the better half. So the half that is best without the
         term flies first; then those that this term, never negative, can still let into the better
-        half. The rest get the term and the misses of flights that all miss by far.
+        half. The rest get the term and the misses of flights that all miss by far, and the
+        largest cost of thrust that another has.
         """
         order, half = np.argsort(fitness, kind='stable'), -(-len(fitness) // 2)
         if self.stage == HELD_OUT:
             half = len(fitness)
-        total = fitness + self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
+        worst = self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
+        total, waiting, dearest = fitness + worst, np.ones(len(fitness), np.bool_), 0.0
         missed = np.array([[d.count for d in self.drawn]] * len(fitness))
         for first in (0, *range(half, len(fitness), _SOME)):
             some = order[first : first + _SOME if first else half]
             if first:
                 some = some[fitness[some] < np.sort(total)[half - 1]]
             if len(some):
-                total[some], missed[some] = self._fly_drawn(population, some, fitness[some])
+                flown, missed[some], cost = self._fly_drawn(population, some, fitness[some])
+                total[some], waiting[some] = flown + cost, False
+                dearest = max(dearest, float(cost.max()))
+                total[waiting] = (fitness + worst + dearest)[waiting]
         return total, missed
 
     def _fly_drawn(
         self, population: Population | Sequence[Baseline], some: NDArray[np.int64], fitness: Floats
-    ) -> tuple[Floats, NDArray[np.int64]]:
+    ) -> tuple[Floats, NDArray[np.int64], Floats]:
+        """Return the fitness with the penalties, how many miss, and the cost of thrust."""
         if isinstance(population, Population):
             members: Any = population.members(some)
         else:
             members = [population[i] for i in some]
-        missed = []
+        missed, cost = [], np.zeros(len(some))
         for drawn, rows in zip(
             self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
         ):
@@ -318,7 +334,8 @@ class Fitness:
             share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
             fitness = fitness + self.settings.drawn.weight * share * mean(over)
             missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
-        return fitness, np.column_stack(missed)
+            cost = cost + mean(drawn.cost(rows))
+        return fitness, np.column_stack(missed), cost
 
     def _penalties(self, values: Floats) -> Floats:
         """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
