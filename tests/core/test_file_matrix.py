@@ -17,9 +17,10 @@ from core_documents import MISSING, PARSERS, changed, document, keys, name, with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import files, limit_checker
+from rpo_core import files
 from rpo_core.requirements import Requirements
 from rpo_core.validation import InputError
+from rpo_safety import limit_checker
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}
 FREE = ('provenance', 'description')
