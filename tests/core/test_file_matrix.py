@@ -48,7 +48,8 @@ def with_hardware():
 def with_requirements():
     """Return a scenario that requires all that can be required."""
     data = document('scenario', 'quick')
-    data['requirements'] = {f.name: 1.0 for f in dataclasses.fields(Requirements)}
+    required = {f.name: 1.0 for f in dataclasses.fields(Requirements)}
+    data['requirements'] = {**required, 'contact_axis': '+y'}
     del data['requirements']['arrival_error_norm_m']  # per axis or norm, not both
     return data
 
