@@ -19,6 +19,8 @@ Vector = tuple[float, ...]
 _MOST_DIGITS = 15
 _LARGEST = 1e100
 """A larger number of a foreign message is not shown: its square is beyond all floats."""
+_NO_LIMIT = 1e12
+"""A larger margin is none: after contact nothing limits."""
 _KEPT_STATES = 64
 
 
@@ -73,7 +75,8 @@ class Acting:
         constraint, mode = (
             printable(values.get(key, ''), MOST_NAME) for key in ('constraint', 'mode')
         )
-        margins = (number(values.get(key, '')) for key in ('margin_m', 'margin_m_s'))
+        found = (number(values.get(key, '')) for key in ('margin_m', 'margin_m_s'))
+        margins = (None if m is None or m > _NO_LIMIT else m for m in found)
         return cls(tick, constraint, mode, *margins)
 
 
