@@ -339,7 +339,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         command_baseline(w, tick, baseline, navigation, goal)
         command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal)
-        remember(w, estimators)
+        remember(w, tick, estimators)
         keep_trace(w, n, tick, trace)
         if tick == windows.horizon:
             break
