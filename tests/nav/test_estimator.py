@@ -16,7 +16,8 @@ from rpo_core.chain import Chain
 from rpo_core.flight import fly
 from rpo_core.validation import InputError
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
-from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS, step_covariance, step_state, update
+from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS
+from rpo_nav.kalman import step_covariance, step_state, update
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 

@@ -8,13 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 from rpo_nav.estimator import Estimator
+from rpo_nav.sensors import Sensor, Sensors
 from rpo_training.cli import app
-from rpo_training.evaluation.consistency import consistency, told
+from rpo_training.evaluation.consistency import consistency, sigmas_at_goal, told
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 
@@ -37,6 +39,22 @@ def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
     assert found.nees.mean() > 8.0
 
 
+def test_the_sigmas_at_the_goal_are_those_of_the_riccati_equation():
+    """SciPy solves it for an axis: position, velocity, disturbance; its position is measured."""
+    flown = load_scenario('world_leo')
+    sensor = Sensor(kind='relative_position', noise_floor_m=0.02)
+    flown = flown.equipped(Sensors(units=(sensor,)))
+    own, dt, seen = flown.section(Estimator), flown.dt_s, np.eye(1, 3)
+    push = dt / flown.mass_kg
+    transition = np.array([[1.0, dt, 0.5 * dt * push], [0.0, 1.0, push], [0.0, 0.0, 1.0]])
+    white, noise = own.acceleration_noise_m_s1_5**2, np.zeros((3, 3))
+    noise[:2, :2] = white * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    noise[2, 2] = own.disturbance_walk_n_s0_5**2 * dt
+    before = solve_discrete_are(transition.T, seen.T, noise, [[0.02**2]])
+    after = before - before @ seen.T @ seen @ before / (before[0, 0] + 0.02**2)
+    np.testing.assert_allclose(sigmas_at_goal(flown), np.sqrt(after.diagonal()[:2]), rtol=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('changes', [{}, {'dropout_share': 0.1, 'latency_ticks': 3}])
@@ -54,6 +72,7 @@ def test_the_command_and_its_bad_input():
     assert done.exit_code == 0, done.output
     assert 'NEES of 6 states' in done.output
     assert '10 % lost' in done.output
+    assert 'the sigma of the filter is 9.96 mm and 0.56 mm/s' in done.output
     done = CliRunner().invoke(app, ['evaluate', 'trained', '--estimator', 'world_moon'])
     assert isinstance(done.exception, InputError) or done.exit_code == 2
     with pytest.raises(InputError, match='must have sections `sensors` and `estimator`'):

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.scenario import Scenario
-from rpo_nav.estimator import Estimator, filter_of, memory_of
+from rpo_nav.estimator import Estimator, filter_of
+from rpo_nav.sensor_kernels import MEASURED
 from rpo_nav.sensors import Sensing, Sensors
+from rpo_training.engine import navigation
 from rpo_training.engine.parts import RUNS
 from rpo_training.engine.parts import Estimators as Part
 
@@ -29,37 +31,44 @@ def estimators_of(scenarios: Sequence[Scenario]) -> Part | None:
         filters.append(filter_of(settings, sensors, s))
     first, one = sensing[0], filters[0]
     slots = max(f.newest + f.delay + 2 for f in filters)
-    memory = memory_of(one._replace(delay=slots - one.newest - 2))
 
     def each(values: Sequence[Any]) -> NDArray[Any]:
-        """Return a row for each of 40 lanes; lanes without a run are copies of the first."""
+        """Return tables with 40 lanes as their last axis; lanes without a run are the first's."""
         given = [np.array(value) for value in values]
-        return np.stack([*given, *([given[0]] * (RUNS - len(given)))])
+        return np.stack([*given, *([given[0]] * (RUNS - len(given)))], axis=-1)
 
-    def rooms(value: Any) -> NDArray[Any]:
-        return each([np.zeros_like(np.array(value))])
-
+    rows = np.zeros((navigation.ROWS, RUNS))
+    rows[: len(one.step)] = each([tuple(f.step) for f in filters])
+    rows[navigation.START : navigation.SPREAD] = each([_nine(f.start) for f in filters])
+    for at, name in (
+        (navigation.SPREAD, 'spread'),
+        (navigation.AGAIN, 'again'),
+        (navigation.NOISE, 'noise'),
+    ):
+        rows[at : at + navigation.SQUARE] = each([_nine(getattr(f, name)) for f in filters])
     return Part(
-        rows=each([x.rows for x in sensing]),
+        shared=np.array(first.rows),
+        true=each([x.rows for x in sensing]),
         told=each([f.sensors for f in filters]),
         outages=np.array(first.outages),
         keys=each([np.array(x.key, np.int64) for x in sensing]),
-        walk=rooms(first.walk), queue=rooms(first.queue), out=np.array(first.out),
+        walk=np.zeros((len(first.rows), 3, RUNS)),
+        queue=np.zeros((len(first.rows), one.newest + 1, MEASURED, RUNS)),
         n=one.n,
-        steps=each([tuple(f.step) for f in filters]),
-        noise=each([f.noise for f in filters]),
-        start=each([f.start for f in filters]),
-        spread=each([f.spread for f in filters]),
-        again=each([f.again for f in filters]),
         gates=np.array(one.gates),
         limit=one.limit_n,
-        delays=each([np.int64(f.delay) for f in filters]),
         patience=one.patience,
         newest=one.newest,
-        x=rooms(memory.x), p=rooms(memory.p), y=rooms(memory.y), s=rooms(memory.s),
-        work=np.array(memory.work),
-        commands=rooms(memory.commands), pending=rooms(memory.pending),
-        counts=rooms(memory.counts),
-        tested=np.array(memory.tested),
-        command=np.zeros((RUNS, 3)),
-    )  # fmt: skip
+        delay=each([np.int64(f.delay) for f in filters]),
+        rows=rows,
+        commands=np.zeros((slots, 3, RUNS)),
+        rejected=np.zeros(RUNS, np.int64),
+    )
+
+
+def _nine(values: Any) -> NDArray[np.float64]:
+    """Return a state (n,) or covariance (n * n,) with room for nine states, flat."""
+    given = np.array(values)
+    n = 6 if len(given) in (6, 36) else 9
+    table = given.reshape(-1, n)
+    return np.pad(table, [(0, 9 - n) if len(table) > 1 else (0, 0), (0, 9 - n)]).ravel()

@@ -127,7 +127,13 @@ def _judge_estimator(name: str, runs: int) -> bool:
     """
     from rpo_core.scenario import load_scenario
     from rpo_training.display import print_table, progress
-    from rpo_training.evaluation.consistency import HEADINGS, consistency, rows_of, told
+    from rpo_training.evaluation.consistency import (
+        HEADINGS,
+        consistency,
+        rows_of,
+        sigmas_at_goal,
+        told,
+    )
 
     scenario = load_scenario(name)
     late = round(0.3 / scenario.dt_s)
@@ -141,6 +147,11 @@ def _judge_estimator(name: str, runs: int) -> bool:
             found = consistency(flown, runs, show)
         print_table(HEADINGS, rows_of(found), f'{scenario.name}, {case}: {runs} flights')
         missed |= not found.holds
+    position_m, velocity_m_s = sigmas_at_goal(scenario)
+    typer.echo(
+        f'At rest at the goal, the sigma of the filter is {1e3 * position_m:.2f} mm and '
+        f'{1e3 * velocity_m_s:.2f} mm/s (worst axis).'
+    )
     return missed
 
 

@@ -11,7 +11,7 @@ from rpo_core.kernels import cw_step
 from rpo_guidance.transfers import at_port
 from rpo_safety.packed import assure_packed
 from rpo_training.engine.lanes import compiled
-from rpo_training.engine.navigation import step_of_row
+from rpo_training.engine.navigation import step_of
 from rpo_training.engine.parts import FORCE, KNOWN_R, KNOWN_V, RUNS, SEEN_R, SEEN_V
 
 AHEAD, COMMAND, LAST, MODE = 0, 3 + 3, 9, 12
@@ -91,7 +91,7 @@ def assure_all(w, tick, assured):  # type: ignore[no-untyped-def]
             w[KNOWN_V + s], w[KNOWN_V + y], w[KNOWN_V + z],
         )  # fmt: skip
         if delay > 0:
-            step = step_of_row(table)
+            step = step_of(a.tables.T, s)
             for i in range(delay):
                 due = line[(tick + i) % delay]
                 state = cw_step(state, (due[0], due[1], due[2]), step)

@@ -1,37 +1,308 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Paired runs with sensors and an estimator: the kernels of `rpo_nav`, run by run."""
+"""Filters of paired runs, lane by lane: the bits of `rpo_nav.filter_kernels.estimate`.
+
+All runs are at the same tick, and measure at the same ticks. So the base is the same tick in all;
+a run that began anew after that (`BORN`) rests at its start until then. A measurement that does not
+come, or is rejected, is taken like the others, and undone. Every inner loop runs over lanes.
+"""
 
 from __future__ import annotations
 
-from rpo_core.kernels import CwStep
-from rpo_nav.filter_kernels import Filter, Memory, estimate
-from rpo_nav.sensor_kernels import sense
+from math import sqrt
+
+from rpo_core.kernels import CwStep, cw_step, saturate
+from rpo_nav.kalman import joseph, shown, variance_of
+from rpo_nav.sensor_kernels import (
+    CROSS_SHARE,
+    HAS_RANGE,
+    HAS_VELOCITY,
+    LATENCY,
+    NOISE_FLOOR,
+    NOISE_SHARE,
+    VELOCITY_FLOOR,
+    VELOCITY_SHARE,
+    across,
+    is_due,
+    larger,
+    sight,
+)
 from rpo_training.engine.lanes import compiled
-from rpo_training.engine.parts import FORCE, RUNS, SEEN_R, SEEN_V, R, V
+from rpo_training.engine.parts import FORCE, RUNS, SEEN_R, SEEN_V
+from rpo_training.engine.sensing import SCRATCH, sense
+
+STATES = 9
+"""Rows of a state; those of a disturbance are zero where the filter has none."""
+
+SQUARE = STATES * STATES
+
+# Rows of the table of the filters.
+STEP = 0
+START, SPREAD = 26, 26 + STATES  # state and covariance at the start
+AGAIN = SPREAD + SQUARE  # covariance after a restart
+NOISE = AGAIN + SQUARE  # covariance that a tick adds
+BORN = NOISE + SQUARE  # tick at which a run began
+BEGIN = BORN + 1  # its covariance then
+X, P = BEGIN + SQUARE, BEGIN + SQUARE + STATES  # at the base
+Y, S = P + SQUARE, P + SQUARE + STATES  # at the newest tick
+KEPT = S + SQUARE  # state and covariance before a measurement
+WORK, GAIN, REST, SHARED = (KEPT + SQUARE + STATES * (i + 1) for i in range(4))  # of an update
+H = SHARED + STATES  # line of sight, and two directions across it
+(VALUE, VARIANCE, TOTAL, INNOVATION, RANGE, NIS, FX, FY, FZ) = (H + 9 + i for i in range(9))
+DRAWN = FZ + 1  # of the sensors
+ROWS = DRAWN + SCRATCH
 
 
 @compiled
-def place_estimators(estimators):  # type: ignore[no-untyped-def]
+def place_estimators(e):  # type: ignore[no-untyped-def]
     """Forget all ticks."""
-    if estimators is None:
+    if e is None:
         return
-    estimators.walk[:] = 0.0
-    estimators.walk[:, :, 3] = -1.0
-    estimators.queue[:] = -1.0
-    estimators.command[:] = 0.0
-    estimators.counts[:] = -1
+    e.walk[:] = 0.0
+    e.queue[:] = 0.0
+    e.commands[:] = 0.0
+    e.rejected[:] = 0
+    e.rows[BORN:] = 0.0
+    e.rows[BEGIN : BEGIN + SQUARE] = e.rows[SPREAD : SPREAD + SQUARE]
+    e.rows[X : X + STATES] = e.rows[START : START + STATES]
+    e.rows[P : P + SQUARE] = e.rows[SPREAD : SPREAD + SQUARE]
 
 
 @compiled
-def step_of_row(c):  # type: ignore[no-untyped-def]
-    """CW step of the first numbers of a row."""
+def step_of(rows, s):  # type: ignore[no-untyped-def]
+    """CW step of column s of numbers that begin with its coefficients."""
     # fmt: off
     return CwStep(
-        c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11], c[12], c[13],
-        c[14], c[15], c[16], c[17], c[18], c[19], c[20], c[21], c[22], c[23], c[24], c[25],
+        rows[0, s], rows[1, s], rows[2, s], rows[3, s], rows[4, s], rows[5, s], rows[6, s],
+        rows[7, s], rows[8, s], rows[9, s], rows[10, s], rows[11, s], rows[12, s], rows[13, s],
+        rows[14, s], rows[15, s], rows[16, s], rows[17, s], rows[18, s], rows[19, s], rows[20, s],
+        rows[21, s], rows[22, s], rows[23, s], rows[24, s], rows[25, s],
     )
     # fmt: on
+
+
+@compiled
+def _step_states(rows, x):  # type: ignore[no-untyped-def]
+    """Move states by a tick under rows FX, FY, FZ and the disturbance."""
+    a = rows[x:]
+    for s in range(RUNS):
+        state = (a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s])
+        force = (rows[FX, s] + a[6, s], rows[FY, s] + a[7, s], rows[FZ, s] + a[8, s])
+        moved = cw_step(state, force, step_of(rows, s))
+        a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s] = moved
+
+
+@compiled
+def _step_columns(rows, n, p):  # type: ignore[no-untyped-def]
+    for column in range(n):
+        a = rows[p + column :]
+        for s in range(RUNS):
+            line = (a[0, s], a[9, s], a[18, s], a[27, s], a[36, s], a[45, s])
+            moved = cw_step(line, (a[54, s], a[63, s], a[72, s]), step_of(rows, s))
+            a[0, s], a[9, s], a[18, s], a[27, s], a[36, s], a[45, s] = moved
+
+
+@compiled
+def _step_lines(rows, p):  # type: ignore[no-untyped-def]
+    for line in range(6):
+        a = rows[p + STATES * line :]
+        for s in range(RUNS):
+            before = (a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s])
+            moved = cw_step(before, (a[6, s], a[7, s], a[8, s]), step_of(rows, s))
+            a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s] = moved
+
+
+@compiled
+def _step_covariances(rows, n, p):  # type: ignore[no-untyped-def]
+    """Replace each P by F P F' + Q."""
+    _step_columns(rows, n, p)
+    _step_lines(rows, p)
+    for i in range(n):
+        for j in range(i, n):
+            a, more = rows[p + STATES * i + j], rows[NOISE + STATES * i + j]
+            for s in range(RUNS):
+                a[s] += more[s]
+            if j > i:
+                rows[p + STATES * j + i] = a
+
+
+@compiled
+def _gains(rows, n, p, first, h):  # type: ignore[no-untyped-def]
+    """Fill rows WORK, P h, and the variances, of a measured number."""
+    h0, h1, h2 = rows[h], rows[h + 1], rows[h + 2]
+    for i in range(n):
+        at = p + STATES * i + first
+        a, b, c, work = rows[at], rows[at + 1], rows[at + 2], rows[WORK + i]
+        for s in range(RUNS):
+            work[s] = shown((h0[s], h1[s], h2[s]), a[s], b[s], c[s])
+    at, noise, total = WORK + first, rows[VARIANCE], rows[TOTAL]
+    a, b, c = rows[at], rows[at + 1], rows[at + 2]
+    for s in range(RUNS):
+        total[s] = variance_of(noise[s], (h0[s], h1[s], h2[s]), a[s], b[s], c[s])
+
+
+@compiled
+def _innovate(rows, x, first, h):  # type: ignore[no-untyped-def]
+    """Fill row INNOVATION; add to row NIS."""
+    h0, h1, h2, at = rows[h], rows[h + 1], rows[h + 2], x + first
+    a, b, c = rows[at], rows[at + 1], rows[at + 2]
+    found, value, total, nis = rows[INNOVATION], rows[VALUE], rows[TOTAL], rows[NIS]
+    for s in range(RUNS):
+        found[s] = value[s] - shown((h0[s], h1[s], h2[s]), a[s], b[s], c[s])
+    for s in range(RUNS):
+        size = found[s] / sqrt(total[s])
+        nis[s] += size * size
+
+
+@compiled
+def _update(rows, n, x, p):  # type: ignore[no-untyped-def]
+    """Take a measured number, as `kalman.update` does, in all runs."""
+    total, innovation, noise = rows[TOTAL], rows[INNOVATION], rows[VARIANCE]
+    for i in range(n):
+        state, work, gain = rows[x + i], rows[WORK + i], rows[GAIN + i]
+        for s in range(RUNS):
+            gain[s] = work[s] / total[s]
+            state[s] += gain[s] * innovation[s]
+    for i in range(n):
+        work, gain, rest, shared = rows[WORK + i], rows[GAIN + i], rows[REST + i], rows[SHARED + i]
+        for s in range(RUNS):
+            rest[s] = work[s] - gain[s] * (total[s] - noise[s])
+            shared[s] = gain[s] * noise[s]
+    for i in range(n):
+        gain, rest, shared = rows[GAIN + i], rows[REST + i], rows[SHARED + i]
+        for j in range(i, n):
+            a, work, other = rows[p + STATES * i + j], rows[WORK + j], rows[GAIN + j]
+            for s in range(RUNS):
+                a[s] = joseph(a[s], gain[s], work[s], rest[s], other[s], shared[s])
+            if j > i:
+                rows[p + STATES * j + i] = a
+
+
+@compiled
+def _look(rows, x):  # type: ignore[no-untyped-def]
+    """Fill rows RANGE and H: the line of sight that is expected, two directions across it."""
+    a = rows[x:]
+    for s in range(RUNS):
+        rows[RANGE, s], ux, uy, uz = sight(a[0, s], a[1, s], a[2, s])
+        (bx, by, bz), (cx, cy, cz) = across(ux, uy, uz)
+        rows[H, s], rows[H + 1, s], rows[H + 2, s] = ux, uy, uz
+        rows[H + 3, s], rows[H + 4, s], rows[H + 5, s] = bx, by, bz
+        rows[H + 6, s], rows[H + 7, s], rows[H + 8, s] = cx, cy, cz
+
+
+@compiled
+def _expect(rows, h, found, noise, by_range):  # type: ignore[no-untyped-def]
+    """Fill rows VALUE and VARIANCE of a number: what was measured along h, and its noise.
+
+    by_range : whether a direction was measured: it is the point at the distance expected
+    """
+    for s in range(RUNS):
+        vx, vy, vz = found[0, s], found[1, s], found[2, s]
+        if by_range:
+            vx, vy, vz = rows[RANGE, s] * vx, rows[RANGE, s] * vy, rows[RANGE, s] * vz
+        rows[VALUE, s] = shown((rows[h, s], rows[h + 1, s], rows[h + 2, s]), vx, vy, vz)
+    floor, share = noise[0], noise[1]
+    for s in range(RUNS):
+        sigma = larger(floor[s], share[s] * rows[RANGE, s])
+        rows[VARIANCE, s] = sigma * sigma
+
+
+@compiled
+def _take(rows, n, x, p, found, sensor, told):  # type: ignore[no-untyped-def]
+    """Take a measurement (7, 40) in all runs; return of how many numbers it is."""
+    _look(rows, x)
+    rows[NIS] = 0.0
+    numbers, has_range = 0, sensor[HAS_RANGE] != 0.0
+    for number in range(6):
+        if (number == 0 and not has_range) or (number >= 3 and sensor[HAS_VELOCITY] == 0.0):
+            continue
+        h, floor, share = H + 3 * number, NOISE_FLOOR, CROSS_SHARE if number else NOISE_SHARE
+        first = 0
+        if number >= 3:  # an axis of its own
+            first, floor, share, h = 3, VELOCITY_FLOOR, VELOCITY_SHARE, H
+            rows[H : H + 3] = 0.0
+            rows[H + number - 3] = 1.0
+        values = found[4:] if number >= 3 else found[1:]
+        _expect(rows, h, values, (told[floor], told[share]), not has_range and number < 3)
+        _gains(rows, n, p, first, h)
+        _innovate(rows, x, first, h)
+        _update(rows, n, x, p)
+        numbers += 1
+    return numbers
+
+
+@compiled
+def _restart(rows, s, x, p, found, sensor):  # type: ignore[no-untyped-def]
+    """Let a run begin again with what was measured."""
+    for j in range(SQUARE):
+        rows[p + j, s] = rows[AGAIN + j, s]
+    for j in range(3):
+        rows[x + 6 + j, s] = 0.0
+        if sensor[HAS_RANGE] != 0.0:
+            rows[x + j, s] = found[1 + j, s]
+        if sensor[HAS_VELOCITY] != 0.0:
+            rows[x + 3 + j, s] = found[4 + j, s]
+
+
+@compiled
+def _accept(e, t, i, x, p, last):  # type: ignore[no-untyped-def]
+    """Take the measurement of a sensor at tick t, but undo it where none came, or it is too far."""
+    rows, found, sensor = e.rows, e.queue[i, t % len(e.queue[i])], e.shared[i]
+    rows[KEPT : KEPT + STATES + SQUARE] = rows[x : x + STATES + SQUARE]
+    gate = e.gates[_take(rows, e.n, x, p, found, sensor, e.told[i])]
+    for s in range(RUNS):
+        comes = found[0, s] != 0.0 and t >= rows[BORN, s]
+        taken = comes and (gate <= 0.0 or rows[NIS, s] <= gate)
+        if not taken:
+            for j in range(STATES + SQUARE):
+                rows[x + j, s] = rows[KEPT + j, s]
+        if last and comes:
+            e.rejected[s] = 0 if taken else e.rejected[s] + 1
+            if not taken and e.patience > 0 and e.rejected[s] >= e.patience:
+                _restart(rows, s, x, p, found, sensor)
+                e.rejected[s] = 0
+
+
+@compiled
+def _advance(e, t, tick, x, p, last, full):  # type: ignore[no-untyped-def]
+    """Move states to tick t, and take what was measured there and has come until `tick`."""
+    rows, slots = e.rows, len(e.commands)
+    if t > 0:
+        for s in range(RUNS):
+            command = e.commands[(t - 1 - e.delay[s]) % slots]
+            rows[FX, s], rows[FY, s], rows[FZ, s] = command[0, s], command[1, s], command[2, s]
+        _step_states(rows, x)
+        if full:
+            _step_covariances(rows, e.n, p)
+    for s in range(RUNS):
+        if t <= rows[BORN, s]:
+            for j in range(STATES):
+                rows[x + j, s] = rows[START + j, s]
+            for j in range(SQUARE):
+                rows[p + j, s] = rows[BEGIN + j, s]
+    for i in range(len(e.shared)):
+        if t + int(e.shared[i, LATENCY]) <= tick and is_due(t, e.shared[i], e.outages[i]):
+            _accept(e, t, i, x, p, last)
+
+
+@compiled
+def _check(e, tick):  # type: ignore[no-untyped-def]
+    """Let a run whose numbers ran out of range begin again at the next tick."""
+    rows = e.rows
+    for s in range(RUNS):
+        total = 0.0
+        for j in range(STATES):
+            total += rows[Y + j, s] - rows[Y + j, s]
+        for j in range(SQUARE):
+            total += rows[P + j, s] - rows[P + j, s]
+        if total == 0.0:
+            continue
+        e.rejected[s], rows[BORN, s] = 0, tick + 1.0
+        e.commands[:, :, s] = 0.0
+        for j in range(SQUARE):
+            rows[BEGIN + j, s] = rows[AGAIN + j, s]
+        for j in range(STATES):
+            rows[Y + j, s] = rows[START + j, s]
 
 
 @compiled
@@ -40,30 +311,31 @@ def navigate(w, tick, estimators):  # type: ignore[no-untyped-def]
     if estimators is None:
         return
     e = estimators
-    for s in range(RUNS):
-        y, z = s + RUNS, s + 2 * RUNS
-        state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
-        key, command = e.keys[s], e.command[s]
-        sense(tick, state, e.rows[s], e.outages, key[0], key[1], e.walk[s], e.queue[s], e.out)
-        told = Filter(
-            e.n, step_of_row(e.steps[s]), e.noise[s], e.start[s], e.spread[s], e.again[s],
-            e.told[s], e.gates, e.limit, e.delays[s], e.patience, e.newest, 0,
-        )  # fmt: skip
-        memory = Memory(
-            e.x[s], e.p[s], e.y[s], e.s[s], e.work, e.commands[s], e.pending[s], e.counts[s],
-            e.tested,
-        )  # fmt: skip
-        estimate(tick, (command[0], command[1], command[2]), e.out, told, memory)
-        found = e.y[s]
-        w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = found[0], found[1], found[2]
-        w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = found[3], found[4], found[5]
+    rows, base = e.rows, tick - e.newest
+    sense(w, tick, e, rows[DRAWN:])
+    if base >= 0:
+        _advance(e, base, tick, X, P, True, True)
+    full = False
+    for i in range(len(e.shared)):
+        full = full or int(e.shared[i, LATENCY]) < e.newest
+    rows[Y : Y + STATES] = rows[X : X + STATES]
+    if full:
+        rows[S : S + SQUARE] = rows[P : P + SQUARE]
+    for t in range(max(base, -1) + 1, tick + 1):
+        _advance(e, t, tick, Y, S, False, full)
+    _check(e, tick)
+    for axis in range(3):
+        for s in range(RUNS):
+            w[SEEN_R + axis * RUNS + s] = rows[Y + axis, s]
+            w[SEEN_V + axis * RUNS + s] = rows[Y + 3 + axis, s]
 
 
 @compiled
-def remember(w, estimators):  # type: ignore[no-untyped-def]
+def remember(w, tick, estimators):  # type: ignore[no-untyped-def]
     """Keep row FORCE, the commands of this tick, for the next one."""
     if estimators is None:
         return
-    for s in range(RUNS):
-        for axis in range(3):
-            estimators.command[s, axis] = w[FORCE + axis * RUNS + s]
+    command = estimators.commands[tick % len(estimators.commands)]
+    for axis in range(3):
+        for s in range(RUNS):
+            command[axis, s] = saturate(w[FORCE + axis * RUNS + s], estimators.limit)

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.jit import inlined
 from rpo_core.kernels import CwStep
-from rpo_core.noise import kernel, philox
+from rpo_core.noise import philox
 from rpo_training.engine.lanes import FIRST_FREE, STRIDE, compiled
 
 LOST = -1
@@ -75,7 +76,7 @@ class Fates(NamedTuple):
     stale_after: int
 
 
-@kernel
+@inlined
 def hits(tick: int, k0: int, k1: int, faults: Fates) -> tuple[bool, bool, bool, bool]:
     """Whether state `tick` is lost, late, and the force that answers it is lost, late.
 
@@ -90,7 +91,7 @@ def hits(tick: int, k0: int, k1: int, faults: Fates) -> tuple[bool, bool, bool, 
     )
 
 
-@kernel
+@inlined
 def lateness(tick: int, k0: int, k1: int, faults: Fates) -> int:
     """Ticks from state `tick` to the force that answers it; LOST if there is none."""
     lost, late, force_lost, force_late = hits(tick, k0, k1, faults)
@@ -184,43 +185,33 @@ class Orbits(NamedTuple):
 
 
 class Estimators(NamedTuple):
-    """Sensors and filters (`rpo_nav`), each array with a row for each of 40 runs where it differs.
+    """Sensors and filters (`rpo_nav`); the last axis of a table is that of 40 runs.
 
-    rows, told : (40, sensors, columns) sensors as they are, and as the filter takes them
-    outages : (sensors, 2 m); keys : (40, 2); walk, queue : memory of the sensors; out : scratch
-    n, steps, noise, start, spread, again, gates, limit, delays, patience, newest : of the filter
-    x, p, y, s, commands, pending, counts : (40, ...) memory of the filter; work, tested : scratch
-    command : (40, 3) [N] of the tick before
+    shared : (sensors, columns) the sensors of the first run, for what is the same in all runs
+    true, told : (sensors, columns, 40) sensors as they are, and as the filter takes them
+    outages : (sensors, 2 m); keys : (2, 40)
+    walk, queue : (sensors, 3, 40), (sensors, slots, 7, 40) memory of the sensors
+    n, gates, limit, patience, newest, delay : of the filter; delay : (40,)
+    rows : (rows, 40) of `navigation`: what the filters are told and remember, and scratch
+    commands : (slots, 3, 40) [N]; rejected : (40,) so many measurements in a row
     """
 
-    rows: Any
+    shared: Any
+    true: Any
     told: Any
     outages: Any
     keys: Any
     walk: Any
     queue: Any
-    out: Any
     n: int
-    steps: Any
-    noise: Any
-    start: Any
-    spread: Any
-    again: Any
     gates: Any
     limit: float
-    delays: Any
     patience: int
     newest: int
-    x: Any
-    p: Any
-    y: Any
-    s: Any
-    work: Any
+    delay: Any
+    rows: Any
     commands: Any
-    pending: Any
-    counts: Any
-    tested: Any
-    command: Any
+    rejected: Any
 
 
 class Guiding(NamedTuple):

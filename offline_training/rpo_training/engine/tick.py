@@ -352,7 +352,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         add_feed_forward(w, tick, guiding)
         keep_trace(w, n, tick, trace)
         assure_all(w, tick, assured)
-        remember(w, estimators)
+        remember(w, tick, estimators)
         if tick == windows.horizon:
             break
         hold(w, tick, link)

@@ -111,9 +111,7 @@ def consistency(
     show: Callable[[str, float, float], object] = lambda what, done, of: None,
 ) -> Consistency:
     """Fly a scenario so often with the noise that its filter is told; raises InputError."""
-    sensors, settings = scenario.section(Sensors), scenario.section(Estimator)
-    if sensors is None or settings is None:
-        raise InputError(f'scenario {scenario.name} must have sections `sensors` and `estimator`')
+    sensors, settings = _sections(scenario)
     ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
     nees, nis = np.empty((runs, TIMES)), np.empty((runs, TIMES))
     sums = np.zeros((6, 3))
@@ -138,14 +136,40 @@ def consistency(
     )  # fmt: skip
 
 
+SETTLING_S = 60.0
+"""After this time at rest at the goal, the filter's covariance is that of a hold."""
+
+
+def sigmas_at_goal(scenario: Scenario) -> tuple[float, float]:
+    """Return the filter's own sigma of a position [m] and velocity [m/s] at rest at the goal.
+
+    Of the worst axis, after `SETTLING_S`; raises InputError where the scenario has no filter.
+    """
+    sensors, settings = _sections(scenario)
+    f, s = filter_of(settings, sensors, scenario), Sensing(sensors, scenario)
+    m = memory_of(f)
+    x, y, z = scenario.goal_position_m
+    for tick in range(round(SETTLING_S / scenario.dt_s)):
+        state = (x, y, z, 0.0, 0.0, 0.0)
+        sense(tick, state, s.rows, s.outages, *s.key, s.walk, s.queue, s.out)
+        estimate(tick, (0.0, 0.0, 0.0), s.out, f, m)
+    variances = np.array(m.s).reshape(f.n, f.n).diagonal()
+    return sqrt(variances[:3].max()), sqrt(variances[3:6].max())
+
+
+def _sections(scenario: Scenario) -> tuple[Sensors, Estimator]:
+    sensors, settings = scenario.section(Sensors), scenario.section(Estimator)
+    if sensors is None or settings is None:
+        raise InputError(f'scenario {scenario.name} must have sections `sensors` and `estimator`')
+    return sensors, settings
+
+
 def told(scenario: Scenario, **changes: Any) -> Scenario:
     """Return a scenario as its filter takes it: no dynamics, thrusters, biases of their own.
 
     changes : of every sensor
     """
-    sensors, settings = scenario.section(Sensors), scenario.section(Estimator)
-    if sensors is None or settings is None:
-        raise InputError(f'scenario {scenario.name} must have sections `sensors` and `estimator`')
+    sensors, settings = _sections(scenario)
     true: dict[str, Any] = {
         'bias_m': (0.0, 0.0, 0.0),
         'bias_walk_m_s0_5': 0.0,

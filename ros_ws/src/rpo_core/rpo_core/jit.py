@@ -49,6 +49,17 @@ def kernel(function: Kernel) -> Kernel:
     return cast(Kernel, compiled)
 
 
+def inlined(function: Kernel) -> Kernel:
+    """Compile as `kernel` does, and inline: only then do loops over lanes become SIMD."""
+    if not COMPILED:
+        return function
+    import numba
+
+    options = {'cache': True, 'error_model': 'numpy', 'fastmath': False, 'forceinline': True}
+    compiled: Any = numba.njit(**options)(function)
+    return cast(Kernel, compiled)
+
+
 def as_table(values: Any, dtype: Any = np.float64) -> Any:
     """Return a table in the container kernels read fastest.
 

@@ -9,13 +9,10 @@ below 2^63, so that it runs interpreted, compiled and in SIMD lanes with the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import sqrt
-from typing import Any, TypeVar
 
-from rpo_core.jit import COMPILED
+from rpo_core.jit import inlined
 
-Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 Words = tuple[int, int, int, int]
 
 _MASK = 0xFFFFFFFF
@@ -25,18 +22,7 @@ _LN_2 = 0.6931471805599453
 _HALF_PI = 1.5707963267948966
 
 
-def kernel(function: Kernel) -> Kernel:
-    """Compile as the core does, and inline: only then do loops over lanes become SIMD."""
-    if not COMPILED:
-        return function
-    import numba
-
-    options = {'cache': True, 'error_model': 'numpy', 'fastmath': False, 'forceinline': True}
-    compiled: Kernel = numba.njit(**options)(function)
-    return compiled
-
-
-@kernel
+@inlined
 def philox(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> Words:
     """Return 4 random words of 32 bits, of a counter (4 words) and a key (2 words)."""
     for _ in range(10):
@@ -51,7 +37,7 @@ def philox(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> Words:
     return c0, c1, c2, c3
 
 
-@kernel
+@inlined
 def log_unit(word: int) -> float:
     """Natural logarithm of (word + 1/2) / 2^32, of a word of 32 bits; right to 1e-15."""
     x = (word + 0.5) * 2.3283064365386963e-10
@@ -75,7 +61,7 @@ def log_unit(word: int) -> float:
     return 2.0 * s * series + e * _LN_2
 
 
-@kernel
+@inlined
 def normal_pair(a: int, b: int) -> tuple[float, float]:
     """Return two independent standard normals of two words of 32 bits, by Box and Muller.
 
@@ -98,7 +84,7 @@ def normal_pair(a: int, b: int) -> tuple[float, float]:
     return radius * first, radius * second
 
 
-@kernel
+@inlined
 def six_normals(tick: int, k0: int, k1: int) -> tuple[float, float, float, float, float, float]:
     """Return six independent standard normals of a tick of the run with key (k0, k1)."""
     a0, a1, a2, a3 = philox(tick, 0, 0, 0, k0, k1)

@@ -6,18 +6,16 @@ The state has six numbers, position [m] and velocity [m/s] in target LVLH, or ni
 disturbance force [N]. A covariance is an n x n table, row after row, always symmetric.
 
 A measurement is taken number by number (they are independent in the frame of the line of sight), in
-Joseph's form: P - K h' P, then the same from the other side, plus K r K'. Source: Bar-Shalom, Li
-and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.2 and 10.4.
+Joseph's form (`rpo_nav.kalman`).
 """
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_core.jit import kernel
-from rpo_core.kernels import CwStep, Vector, cw_step, saturate
-from rpo_core.noise import kernel as inlined
+from rpo_core.jit import inlined, kernel
+from rpo_core.kernels import CwStep, Vector, saturate
+from rpo_nav.kalman import step_covariance, step_state, update
 from rpo_nav.sensor_kernels import (
     CROSS_SHARE,
     HAS_RANGE,
@@ -95,82 +93,6 @@ class Memory(NamedTuple):
     pending: Any
     counts: Any
     tested: Any
-
-
-@kernel
-def step_state(x: Any, n: int, force: Vector, step: CwStep) -> None:
-    """Move the state by one tick under a force (3,) [N]."""
-    fx, fy, fz = force
-    if n == 9:
-        fx, fy, fz = fx + x[6], fy + x[7], fz + x[8]
-    moved = cw_step((x[0], x[1], x[2], x[3], x[4], x[5]), (fx, fy, fz), step)
-    for i in range(6):
-        x[i] = moved[i]
-
-
-@kernel
-def _step_line(p: Any, first: int, stride: int, n: int, step: CwStep) -> None:
-    """Move a row (stride 1) or a column (stride n) of a table as `step_state` moves a state."""
-    force = (0.0, 0.0, 0.0)
-    if n == 9:
-        force = (p[first + 6 * stride], p[first + 7 * stride], p[first + 8 * stride])
-    line = (
-        p[first],
-        p[first + stride],
-        p[first + 2 * stride],
-        p[first + 3 * stride],
-        p[first + 4 * stride],
-        p[first + 5 * stride],
-    )
-    moved = cw_step(line, force, step)
-    for i in range(6):
-        p[first + i * stride] = moved[i]
-
-
-@kernel
-def step_covariance(p: Any, n: int, step: CwStep, noise: Any) -> None:
-    """Replace P by F P F' + Q."""
-    for column in range(n):
-        _step_line(p, column, n, n, step)
-    for row in range(n):
-        _step_line(p, n * row, 1, n, step)
-    for row in range(n):
-        for column in range(row, n):
-            value = p[n * row + column] + noise[n * row + column]
-            p[n * row + column] = value
-            p[n * column + row] = value
-
-
-@kernel
-def update(
-    x: Any, p: Any, n: int, first: int, h: Vector, measured: float, variance: float, work: Any
-) -> float:
-    """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma.
-
-    work : (2 n) scratch
-    """
-    variance_of_it, expected = variance, 0.0
-    for i in range(n):
-        work[i] = (
-            h[0] * p[n * i + first] + h[1] * p[n * i + first + 1] + h[2] * p[n * i + first + 2]
-        )
-    for j in range(3):
-        variance_of_it += h[j] * work[first + j]
-        expected += h[j] * x[first + j]
-    innovation = measured - expected
-    for i in range(n):
-        work[n + i] = work[i] / variance_of_it
-        x[i] += work[n + i] * innovation
-    share = variance_of_it - variance  # h' P h
-    for a in range(n):
-        gain = work[n + a]
-        rest = work[a] - gain * share  # of (I - K h') P h
-        for b in range(a, n):
-            other = work[n + b]
-            value = (p[n * a + b] - gain * work[b]) - rest * other + gain * variance * other
-            p[n * a + b] = value
-            p[n * b + a] = value
-    return innovation / sqrt(variance_of_it)
 
 
 @inlined

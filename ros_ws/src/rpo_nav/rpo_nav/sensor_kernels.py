@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.jit import kernel
+from rpo_core.jit import inlined, kernel
 from rpo_core.kernels import State, Vector
 from rpo_core.noise import normal_pair, philox
 
@@ -33,16 +33,16 @@ MEASURED = 7
 NO_DIRECTION_M = 1e-9
 """Closer to the target than this, the line of sight is taken to be along V-bar."""
 
-_FIRST, _SECOND, _OUTLIER, _WALK = range(4)  # blocks of random words of a tick
+FIRST, SECOND, OUTLYING, WALKING = range(4)  # blocks of random words of a tick
 
 
-@kernel
+@inlined
 def larger(floor: float, value: float) -> float:
     """Return the larger one of two numbers."""
     return value if value > floor else floor
 
 
-@kernel
+@inlined
 def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the distance [m] of a point, and its direction (3,)."""
     distance = sqrt(x * x + y * y + z * z)
@@ -51,7 +51,7 @@ def sight(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     return distance, x / distance, y / distance, z / distance
 
 
-@kernel
+@inlined
 def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
     """Return two unit vectors that form a right-handed frame with a unit vector.
 
@@ -69,13 +69,13 @@ def across(ux: float, uy: float, uz: float) -> tuple[Vector, Vector]:
     return (ax, ay, az), (uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
 
 
-@kernel
+@inlined
 def four_words(tick: int, block: int, stream: int, k0: int, k1: int) -> tuple[int, int, int, int]:
     """Return four random words of a block of a tick of a stream."""
     return philox(tick, block, stream, 0, k0, k1)
 
 
-@kernel
+@inlined
 def three_normals(tick: int, block: int, stream: int, k0: int, k1: int) -> Vector:
     """Return three independent standard normals of a block of a tick of a stream."""
     a, b, c, d = four_words(tick, block, stream, k0, k1)
@@ -93,11 +93,29 @@ def is_due(tick: int, sensor: Any, outages: Any) -> bool:
     return due
 
 
-@kernel
-def sees(ux: float, uy: float, uz: float, sensor: Any) -> bool:
+@inlined
+def looks(ux: float, uy: float, uz: float, axis: Vector, cosine: float) -> bool:
     """Return whether the target is in the field of view; u points from the target to the chaser."""
-    away = ux * sensor[AXIS_X] + uy * sensor[AXIS_Y] + uz * sensor[AXIS_Z]
-    return bool(-away >= sensor[COSINE])
+    away = ux * axis[0] + uy * axis[1] + uz * axis[2]
+    return bool(-away >= cosine)
+
+
+@inlined
+def scattered(
+    point: Vector, normals: Vector, floor: float, share: float, cross_share: float, scale: float
+) -> Vector:
+    """Return a point (3,) [m] as it is measured: scaled, with noise along and across the sight."""
+    x, y, z = point
+    distance, ux, uy, uz = sight(x, y, z)
+    along = larger(floor, share * distance) * normals[0]
+    cross = larger(floor, cross_share * distance)
+    (ax, ay, az), (bx, by, bz) = across(ux, uy, uz)
+    first, second = cross * normals[1], cross * normals[2]
+    return (
+        x * scale + (ux * along + ax * first + bx * second),
+        y * scale + (uy * along + ay * first + by * second),
+        z * scale + (uz * along + az * first + bz * second),
+    )
 
 
 @kernel
@@ -115,23 +133,19 @@ def sample(
     y = state[1] + sensor[BIAS_Y] + walked[1]
     z = state[2] + sensor[BIAS_Z] + walked[2]
     distance, ux, uy, uz = sight(x, y, z)
-    if not sees(ux, uy, uz, sensor):
+    axis = (sensor[AXIS_X], sensor[AXIS_Y], sensor[AXIS_Z])
+    if not looks(ux, uy, uz, axis, sensor[COSINE]):
         return
-    a, b, c, d = four_words(tick, _FIRST, stream, k0, k1)
-    e, f, dropped, outlying = four_words(tick, _SECOND, stream, k0, k1)
+    a, b, c, d = four_words(tick, FIRST, stream, k0, k1)
+    e, f, dropped, outlying = four_words(tick, SECOND, stream, k0, k1)
     if dropped < sensor[DROPOUT]:
         return
     n0, n1 = normal_pair(a, b)
     n2, n3 = normal_pair(c, d)
-    along = larger(sensor[NOISE_FLOOR], sensor[NOISE_SHARE] * distance) * n0
-    cross = larger(sensor[NOISE_FLOOR], sensor[CROSS_SHARE] * distance)
-    (ax, ay, az), (bx, by, bz) = across(ux, uy, uz)
-    first, second = cross * n1, cross * n2
-    x = x * sensor[SCALE] + (ux * along + ax * first + bx * second)
-    y = y * sensor[SCALE] + (uy * along + ay * first + by * second)
-    z = z * sensor[SCALE] + (uz * along + az * first + bz * second)
+    floor, share, cross = sensor[NOISE_FLOOR], sensor[NOISE_SHARE], sensor[CROSS_SHARE]
+    x, y, z = scattered((x, y, z), (n0, n1, n2), floor, share, cross, sensor[SCALE])
     if outlying < sensor[OUTLIER]:
-        ox, oy, oz = three_normals(tick, _OUTLIER, stream, k0, k1)
+        ox, oy, oz = three_normals(tick, OUTLYING, stream, k0, k1)
         size = sensor[OUTLIER_SIZE]
         x, y, z = x + size * ox, y + size * oy, z + size * oz
     if sensor[HAS_RANGE] == 0.0:
@@ -161,7 +175,7 @@ def sense(
         sensor, slots = sensors[i], len(queue[i])
         while sensor[WALK] > 0.0 and walk[i][3] < tick:
             walk[i][3] += 1.0
-            n0, n1, n2 = three_normals(int(walk[i][3]), _WALK, i + 1, k0, k1)
+            n0, n1, n2 = three_normals(int(walk[i][3]), WALKING, i + 1, k0, k1)
             walk[i][0] += sensor[WALK] * n0
             walk[i][1] += sensor[WALK] * n1
             walk[i][2] += sensor[WALK] * n2
