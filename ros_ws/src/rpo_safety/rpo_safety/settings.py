@@ -13,6 +13,7 @@ from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.disturbance import MAX_FORCE_N
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
+from rpo_safety.abort_table import AbortTable
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'
 FILTERS = (LEAST_CHANGE, SIMPLEX)
@@ -115,6 +116,8 @@ class Assurance:
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
+    sigmas : with an estimator, an error of the state counts as at least so many of its sigmas
+    abort : table of faults that interrupt the flight; None: there is none
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
 
@@ -138,6 +141,10 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
+    sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
+        default=4.0, metadata=UNLESS_DEFAULT
+    )
+    abort: AbortTable | None = field(default=None, metadata=UNLESS_DEFAULT)
 
     def __post_init__(self) -> None:
         check_fields(self)
