@@ -44,7 +44,9 @@ def main() -> None:
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())
     guarded = load_scenario('guarded')
-    if machine := AssuranceStage(guarded.section(Assurance), guarded).abort:
+    settings = guarded.section(Assurance)
+    machine = AssuranceStage(settings, guarded).abort if settings else None
+    if machine:
         machine.ready()
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
