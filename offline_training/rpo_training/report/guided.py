@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rpo_core.flight import Flight
 from rpo_core.interfaces import REFERENCE_STATE
 from rpo_core.zones import zones_of
-from rpo_guidance.stages import GuidanceStage
+from rpo_guidance.guidance import GuidanceStage
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_training.report.blocks import Picture, Section, Table

@@ -30,6 +30,11 @@ SLACK = 0.9
 SQRT_3 = math.sqrt(3.0)
 _TRIALS = 20
 
+GROWTH = 1.25
+"""Steps in which the assumed errors grow with the covariance of an estimator."""
+
+_MOST_GROWN = 40
+
 LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
 """No three normals of `rpo_core.noise` have a larger norm: their words are at least 1/2^33."""
 
@@ -154,13 +159,15 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
-def proof_of(settings: Assurance, scenario: Any) -> Proof:
+def proof_of(settings: Assurance, scenario: Any, errors: Errors | None = None) -> Proof:
     """Return the constants of the proof; raises InputError if constraints exclude each other.
+
+    errors : None: those of the section and the scenario
 
     The largest speed near the zone is that of the limit, or the one that is kept for certain, which
     depends on it: the first that is large enough.
     """
-    errors = errors_of(settings, scenario)
+    errors = errors or errors_of(settings, scenario)
     speed, zone = settings.speed, settings.keep_out_m
     top = speed.speed_m_s + speed.slope(scenario.mean_motion_rad_s) * zone
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * zone)
@@ -174,6 +181,24 @@ def proof_of(settings: Assurance, scenario: Any) -> Proof:
         '`assurance.velocity_error_m_s` and `max_force_n` exclude each other: with errors of '
         f'{errors.position_m:.6g} m and {errors.velocity_m_s:.6g} m/s no speed is kept for certain'
     )
+
+
+def grown(settings: Assurance, scenario: Any) -> list[Proof]:
+    """Return the constants for larger and larger errors of the state, as far as there are any.
+
+    Each of GROWTH times the errors before. The first are those of `proof_of`.
+    """
+    proofs = [proof_of(settings, scenario)]
+    for _ in range(_MOST_GROWN):
+        errors = proofs[-1].errors
+        wider = errors._replace(
+            position_m=GROWTH * errors.position_m, velocity_m_s=GROWTH * errors.velocity_m_s
+        )
+        try:
+            proofs.append(proof_of(settings, scenario, wider))
+        except InputError:  # no speed is safe with such errors
+            break
+    return proofs
 
 
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:

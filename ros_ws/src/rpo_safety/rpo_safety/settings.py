@@ -16,6 +16,7 @@ from rpo_core.kernels import sin_cos
 from rpo_core.requirements import DIRECTIONS
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
+from rpo_safety.abort_table import AbortTable
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'
 FILTERS = (LEAST_CHANGE, SIMPLEX)
@@ -124,6 +125,8 @@ class Assurance:
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
     mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
+    sigmas : with an estimator, an error of the state counts as at least so many of its sigmas
+    abort : table of faults that interrupt the flight; None: there is none
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
 
@@ -150,6 +153,10 @@ class Assurance:
     mass_kg: Annotated[float | None, partial(_optional, unit='kg', most=1e6)] = field(
         default=None, metadata=UNLESS_DEFAULT
     )
+    sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
+        default=4.0, metadata=UNLESS_DEFAULT
+    )
+    abort: AbortTable | None = field(default=None, metadata=UNLESS_DEFAULT)
 
     def __post_init__(self) -> None:
         check_fields(self)

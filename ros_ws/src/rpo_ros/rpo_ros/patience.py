@@ -1,0 +1,61 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""For how long a node waits for an input of a tick, and when it goes on without it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rpo_core.chain import Chain
+from rpo_core.interfaces import current
+from rpo_core.stage import Stage
+
+MOST_REPEATS = 3
+"""Without a command, of this tick or before, a state that was repeated so often is answered; in
+free running, one that is so many ticks newer than the last answer."""
+
+
+class Patience:
+    """Counts how often a state comes again while something is missing.
+
+    may_miss : signal -> the stage that goes on without it
+    """
+
+    def __init__(self) -> None:
+        self.may_miss: dict[str, Stage] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a run."""
+        self._stamp_ns, self._repeats = -1, 0
+
+    def hear(self, chain: Chain) -> None:
+        """Take the stages whose inputs are waited for."""
+        self.may_miss = {
+            read: link.stage
+            for link in chain.links
+            for name, read in zip(link.stage.inputs, link.reads, strict=True)
+            if name in link.stage.may_miss and read in chain.inputs
+        }
+
+    def repeated(self, stamp_ns: int) -> None:
+        """Count an input that came again."""
+        self._repeats = self._repeats + 1 if self._stamp_ns == stamp_ns else 1
+        self._stamp_ns = stamp_ns
+
+    def is_over(
+        self, missing: Sequence[str], tick: int, last_tick: int, stamp_ns: int, late: bool
+    ) -> bool:
+        """Return whether to go on with zero for what is missing.
+
+        last_tick : that was answered; -1: none yet, and commands of this tick may still begin
+        late : in free running, whether the state is too new to wait
+        """
+        now = [name for name in missing if current(name) == name]
+        stages = [self.may_miss.get(name) for name in missing]
+        if all(stage is not None and stage.goes_without(tick) for stage in stages):
+            return True
+        if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
+            return False
+        repeats = self._repeats if self._stamp_ns == stamp_ns else 0
+        return last_tick < 0 or repeats >= MOST_REPEATS or late
