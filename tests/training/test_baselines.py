@@ -234,6 +234,10 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert baseline['ratio'] == baseline['mean_energy_n2s'] / 2.5
     assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
     columns = run_batch.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
+    assert drift['valve_openings'] == drift['propellant_kg'] == 0.0
+    world = config.load(config.find('world_leo'), controller=name, runs=40)
+    opened = run_batch.fly_runs(world, 0, 40)['valve_openings']
+    assert baseline['valve_openings'] == pytest.approx(opened.mean(), rel=1e-12) > 1000.0
     assert drift['kept'] == (columns['hold_error_per_axis_m'] <= 60.0).sum()
     late = metrics.window(fly(load_scenario('paper_test'), load_controller(name)), 200.0)
     assert baseline['tests']['paper_test']['position_m'] == late.position_m
@@ -249,6 +253,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
 
     monkeypatch.setattr(comparison, 'metrics_of', fly_again)
     monkeypatch.setattr(comparison.execution, 'fly_unit', fly_again)
+    monkeypatch.setattr(comparison.run_batch, 'fly_runs', fly_again)
     again = compare('drift', name)
     assert again.exit_code == 0, again.output
     rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']

@@ -30,7 +30,8 @@ def train(
     preset: Annotated[
         str | None,
         typer.Option(
-            help='paper, best, robust, allround, front, mission  [paper; with --scenario, mission]'
+            help='paper, best, robust, allround, world, front, mission  '
+            '[paper; with --scenario, mission]'
         ),
     ] = None,
     family: Annotated[

@@ -56,10 +56,7 @@ class DrawnCase(JudgedTogether):
         return super().columns + (len(THRUST) if self.fires else 0)
 
 
-_ESTIMATORS = (
-    'walk', 'queue', 'out', 'x', 'p', 'y', 's', 'work', 'commands', 'pending', 'counts', 'tested',
-    'command',
-)  # fmt: skip
+_ESTIMATORS = ('walk', 'queue', 'rows', 'commands', 'rejected')
 """Fields of `parts.Estimators` that a flight writes."""
 
 
@@ -79,6 +76,6 @@ def with_own_memory(runs: Runs) -> Runs:
         runs = runs._replace(valves=valves._replace(**own))
     if runs.estimators is not None:
         known = runs.estimators
-        own = {name: np.zeros_like(getattr(known, name)) for name in _ESTIMATORS}
+        own = {name: getattr(known, name).copy() for name in _ESTIMATORS}
         runs = runs._replace(estimators=known._replace(**own))
     return runs

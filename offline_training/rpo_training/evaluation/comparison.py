@@ -31,7 +31,7 @@ from rpo_core.interfaces import NAVIGATION_STATE
 from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.campaign import config, execution, statistics
+from rpo_training.campaign import config, execution, run_batch, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
@@ -55,6 +55,7 @@ TESTS = tuple(fitness.TESTS)
 
 PLANS_EVERY = 10  # ticks between the plans that are computed
 PLANS_RUNS = 100  # of the campaign
+WORLD, WORLD_RUNS = 'world_leo', 40  # the campaign that counts valve openings, and its runs
 RANDOM_RUNS = 2000  # random starts, at rest and as many moving
 _CALLS, _REPETITIONS = 2000, 5
 
@@ -80,6 +81,7 @@ class ComparedController:
     tests : by scenario
     kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
     command_us : processor time of one command on this machine [us]
+    valve_openings, propellant_kg : means of runs of the campaign `WORLD`
     more : random starts, margins, thrusters, contact, proof
     plans : of a predictive controller: peaks from the starts and from some runs of the campaign
     """
@@ -100,6 +102,8 @@ class ComparedController:
     low: float
     high: float
     command_us: float
+    valve_openings: float
+    propellant_kg: float
     more: Robustness
     plans: dict[str, dict[str, float]] | None = None
 
@@ -198,6 +202,8 @@ class Comparison:
             [text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)],
             lambda: self._more(controller, given, campaign),
         )
+        world = config.load(config.find(WORLD), controller=given, runs=WORLD_RUNS)
+        spent = self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
         plans = None
         if isinstance(controller, Mpc):
             plans = self._kept(
@@ -215,6 +221,7 @@ class Comparison:
             low=rate.low,
             high=rate.high,
             command_us=command_us(controller, load_scenario(TESTS[0])),
+            **spent,
             more=Robustness(**more),
             plans=plans,
             **{key: value for key, value in found.items() if key != 'tests'},
@@ -268,6 +275,14 @@ class Comparison:
             'starts': plans.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
             'campaign': plans.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
         }
+
+
+def _spent(world: Campaign) -> dict[str, Any]:
+    """Return the mean valve openings, and the mean propellant [kg], of a campaign."""
+    columns = run_batch.fly_runs(world, 0, world.config.runs)
+    return {
+        name: float(fitness.mean(columns[name])) for name in ('valve_openings', 'propellant_kg')
+    }
 
 
 def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:

@@ -16,7 +16,14 @@ from rpo_core import files
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
-from rpo_training.evaluation.comparison import PLANS_EVERY, PLANS_RUNS, TESTS, ComparedController
+from rpo_training.evaluation.comparison import (
+    PLANS_EVERY,
+    PLANS_RUNS,
+    TESTS,
+    WORLD,
+    WORLD_RUNS,
+    ComparedController,
+)
 from rpo_training.evaluation.robustness import OPEN_N, OPENED_RUNS, RANDOM
 from rpo_training.outputs import write_text
 from rpo_training.search.conditions import LABELS
@@ -59,6 +66,8 @@ def robustness(rows: Sequence[ComparedController]) -> Table:
         'smallest margin [%]',
         'of',
         'thrust starts per axis',
+        'valve openings',
+        'propellant [g]',
         'speed at 1 m, largest (median) [m/s]',
         'proof',
     )
@@ -77,6 +86,8 @@ def robustness(rows: Sequence[ComparedController]) -> Table:
                 f'{100 * more.margin:.1f}' if more.margin >= 0.0 else 'missed',
                 LABELS.get(more.margin_of, more.margin_of).replace('_', ' '),
                 f'{more.openings:.1f}',
+                f'{row.valve_openings:.0f}',
+                f'{1e3 * row.propellant_kg:.1f}',
                 speed,
                 more.proof,
             )
@@ -114,8 +125,10 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
         'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
         "to any condition, over the training starts and the paper's tests. Thrust starts: how "
         f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
-        'dispersed runs. Speed at 1 m: at the first state within 1 m of the target, over the '
-        'training starts. Proof: for which starts the conditions are proven.',
+        'dispersed runs. Valve openings, propellant: of a flight of 400 s with sensors, filter and '
+        f'pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first '
+        'state within 1 m of the target, over the training starts. Proof: for which starts the '
+        'conditions are proven.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:

@@ -107,6 +107,23 @@ PRESETS = {
         ),
         race=RaceSettings(rounds=1, entrants=3, evaluations=700, last=980, sigma=0.02, stages=True),
     ),
+    'world': TrainingConfig(
+        name='world',
+        algorithm='cmaes',
+        start=('trained',),
+        genes=_READABLE,
+        fitness=FitnessSettings(
+            penalty='graded',
+            margin=0.005,
+            damping=20.0,
+            drawn=DrawnSettings(
+                100.0, ('world_leo_stuck',), 0.1, pool=0, openings=0.003, propellant=200.0
+            ),
+        ),
+        cmaes=CmaSettings(
+            population=14, sigma=0.02, evaluations=1400, descents=9, tolerance=0.02, patience=420
+        ),
+    ),
     'mission': TrainingConfig(
         name='mission',
         algorithm='race',
@@ -126,8 +143,9 @@ PRESETS = {
 }
 """`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
 with the limits of the paper under dispersions. `allround`: from `robust`, judged by drawn flights,
-with a margin to every condition. `mission`: in minutes, for a scenario of one's own
-(`search.fitting`). `front`: a Pareto front."""
+with a margin to every condition. `world`: from `trained`, judged by flights with sensors, a filter
+and pulses, where valve openings and propellant cost. `mission`: in minutes, for a scenario of one's
+own (`search.fitting`). `front`: a Pareto front."""
 
 
 def dumps(config: TrainingConfig) -> str:
