@@ -28,6 +28,7 @@ class Patience:
     def forget(self) -> None:
         """Begin a run."""
         self._stamp_ns, self._repeats = -1, 0
+        self._gone_on = -1  # newest tick that was answered without something
 
     def hear(self, chain: Chain) -> None:
         """Take the stages whose inputs are waited for."""
@@ -48,14 +49,19 @@ class Patience:
     ) -> bool:
         """Return whether to go on with zero for what is missing.
 
+        Where nobody would read it, the node waits at the first tick only: a peer that lives stays
+        in step, and one that is lost costs no time.
+
         last_tick : that was answered; -1: none yet, and commands of this tick may still begin
         late : in free running, whether the state is too new to wait
         """
         now = [name for name in missing if current(name) == name]
-        stages = [self.may_miss.get(name) for name in missing]
-        if all(stage is not None and stage.goes_without(tick) for stage in stages):
-            return True
         if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
             return False
+        unread = all(self.may_miss[name].goes_without(tick) for name in now)
         repeats = self._repeats if self._stamp_ns == stamp_ns else 0
-        return last_tick < 0 or repeats >= MOST_REPEATS or late
+        over = last_tick < 0 or repeats >= MOST_REPEATS or late
+        if over or (now and unread and self._gone_on == tick - 1):
+            self._gone_on = tick
+            return True
+        return False
