@@ -42,8 +42,8 @@ def start(ros, folder, scenario, **plant):
     """Start all nodes of the scenario; return them by name."""
     found = {name: ros.node(*where) for name, where in NODES.items()}
     found['recorder'] = ros.node('rpo_log', 'recorder', output=str(folder))
-    options = {'wait_for_recorder': 'true', 'resend_after_s': 0.05, **plant}
-    found['plant'] = ros.node('rpo_sim', 'plant', scenario=scenario, **options)
+    options = {'scenario': scenario, 'wait_for_recorder': 'true', **plant}
+    found['plant'] = ros.node('rpo_sim', 'plant', **options)
     return found
 
 
@@ -129,7 +129,7 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tm
 def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
     """Killed in flight: with it goes the controller's command; assurance flies on alone."""
     scenario, folder = guarded(tmp_path, 25.0, hold_s=3.0, stuck_s=5.0), tmp_path / 'run'
-    nodes = start(ros, folder, scenario, real_time_factor=10.0)
+    nodes = start(ros, folder, scenario, real_time_factor=10.0, resend_after_s=0.1)
     nodes['plant'].says('flying guarded')
     nodes['guidance'].discard()
     assert nodes['plant'].wait() == 0, nodes['plant'].output
