@@ -14,6 +14,9 @@ MOST_REPEATS = 3
 """Without a command, of this tick or before, a state that was repeated so often is answered; in
 free running, one that is so many ticks newer than the last answer."""
 
+LOST_TICKS = 5
+"""A peer whose commands are missing at so many ticks in a row is lost."""
+
 
 class Patience:
     """Counts how often a state comes again while something is missing.
@@ -28,6 +31,7 @@ class Patience:
     def forget(self) -> None:
         """Begin a run."""
         self._stamp_ns, self._repeats = -1, 0
+        self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
 
     def hear(self, chain: Chain) -> None:
         """Take the stages whose inputs are waited for."""
@@ -48,14 +52,21 @@ class Patience:
     ) -> bool:
         """Return whether to go on with zero for what is missing.
 
+        Where nobody would read it, the node waits at LOST_TICKS ticks and not at those that follow:
+        a peer that lives stays in step, and one that is lost costs no time.
+
         last_tick : that was answered; -1: none yet, and commands of this tick may still begin
         late : in free running, whether the state is too new to wait
         """
         now = [name for name in missing if current(name) == name]
-        stages = [self.may_miss.get(name) for name in missing]
-        if all(stage is not None and stage.goes_without(tick) for stage in stages):
-            return True
         if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
             return False
+        unread = all(self.may_miss[name].goes_without(tick) for name in now)
         repeats = self._repeats if self._stamp_ns == stamp_ns else 0
-        return last_tick < 0 or repeats >= MOST_REPEATS or late
+        over = last_tick < 0 or repeats >= MOST_REPEATS or late
+        follows = self._gone_on == tick - 1
+        if over or (now and unread and follows and self._in_a_row >= LOST_TICKS):
+            self._in_a_row = self._in_a_row + 1 if follows else 1
+            self._gone_on = tick
+            return True
+        return False
