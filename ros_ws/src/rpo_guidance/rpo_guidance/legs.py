@@ -198,14 +198,14 @@ class Profile:
         cruise = max(min(cruise, reached), first, last)
         up = (cruise * cruise - first * first) / (2.0 * a)
         down = (cruise * cruise - last * last) / (2.0 * a)
-        if up + down > length:  # too short to change the speed: it changes faster
+        if abs(last * last - first * first) > 2.0 * a * length:  # too short: it changes faster
             a = abs(last * last - first * first) / (2.0 * length)
             up, down = (length, 0.0) if last > first else (0.0, length)
         self._a, self._first, self._cruise, self._last = a, first, cruise, last
         self._length, self._up, self._down = length, up, down
         self._up_s = (cruise - first) / a if a > 0.0 else 0.0
         self._down_s = (cruise - last) / a if a > 0.0 else 0.0
-        self._even_s = (length - up - down) / cruise
+        self._even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding
         self.duration_s = self._up_s + self._even_s + self._down_s
 
     def at(self, time_s: float) -> tuple[float, float, float]:
