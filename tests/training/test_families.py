@@ -140,6 +140,19 @@ def test_a_search_improves_and_is_written(tmp_path):
     assert again.exit_code == result.exit_code
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('name', NAMES)
+def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
+    shipped = load_controller(name)
+    seed = int(shipped.provenance['command'].split()[-1])
+    chosen = replace(family_training.config_of(name), seed=seed)
+    assert family_training.command(chosen) == shipped.provenance['command']
+    found = FamilyTraining.create(chosen, tmp_path / 'run').run()
+    assert found.values() == shipped.values()
+    assert found.provenance['fitness_n2s'] == shipped.provenance['fitness_n2s']
+
+
 def test_the_command_of_a_family_is_its_default_configuration():
     chosen = replace(family_training.config_of('pace'), seed=3)
     assert family_training.command(chosen) == 'rpo train --family pace --seed 3'
