@@ -56,7 +56,7 @@ class DrawnCase(JudgedTogether):
         return super().columns + (len(THRUST) if self.fires else 0)
 
 
-_ESTIMATORS = ('walk', 'queue', 'rows', 'commands', 'rejected')
+_ESTIMATORS = ('walk', 'queue', 'force', 'rows', 'commands', 'rejected')
 """Fields of `parts.Estimators` that a flight writes."""
 
 
@@ -74,6 +74,8 @@ def with_own_memory(runs: Runs) -> Runs:
         valves = runs.valves
         own = {name: np.zeros_like(getattr(valves, name)) for name in ('memory', 'on')}
         runs = runs._replace(valves=valves._replace(**own))
+    if runs.orbits is not None:
+        runs = runs._replace(orbits=runs.orbits._replace(table=runs.orbits.table.copy()))
     if runs.estimators is not None:
         known = runs.estimators
         own = {name: getattr(known, name).copy() for name in _ESTIMATORS}
