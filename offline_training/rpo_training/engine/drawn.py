@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +24,7 @@ class DrawnCase(JudgedTogether):
 
     base : the scenario of which they are variations
     starts : (n, 6) states; masses_kg : (n,)
-    batches : their parts, 40 runs each, as often as asked; lanes beyond the last run rest at the
-        target
+    batches : their parts, 40 runs each; lanes beyond the last run rest at the target
     windows : in ticks
     together : whether rows have the columns of `judged.VALUES` too; those of `worlds.THRUST` are
         the last ones where thrusters fire in pulses
@@ -36,7 +34,7 @@ class DrawnCase(JudgedTogether):
     base: Scenario
     starts: Floats
     masses_kg: Floats
-    batches: Iterable[Runs]
+    batches: tuple[Runs, ...]
     windows: Windows
     together: bool = False
 
