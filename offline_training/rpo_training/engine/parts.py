@@ -194,6 +194,7 @@ class Estimators(NamedTuple):
     n, gates, limit, patience, newest, delay : of the filter; delay : (40,)
     steps, force : fields of CwStep, the force of a tick [N]; rows of 40, flat
     rows : (rows, 40) of `navigation`: what the filters are told and remember, and scratch
+    compensate : whether the command opposes the disturbance that is estimated
     commands : (slots, 3, 40) [N]; rejected : (40,) so many measurements in a row
     """
 
@@ -215,6 +216,7 @@ class Estimators(NamedTuple):
     rows: Any
     commands: Any
     rejected: Any
+    compensate: bool
 
 
 class Guiding(NamedTuple):

@@ -19,7 +19,7 @@ from rpo_training.engine.approach import (
 )
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
-from rpo_training.engine.navigation import navigate, place_estimators, remember
+from rpo_training.engine.navigation import navigate, oppose, place_estimators, remember
 from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
@@ -351,6 +351,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal, guiding)
         add_feed_forward(w, tick, guiding)
+        oppose(w, estimators)
         keep_trace(w, n, tick, trace)
         assure_all(w, tick, assured)
         remember(w, tick, estimators)
