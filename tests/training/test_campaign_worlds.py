@@ -12,6 +12,7 @@ from campaign_documents import EVERYTHING, write_campaign
 from rpo_core import scenario
 from rpo_core.thrusters import Propellant, Pulses, Thrusters
 from rpo_core.validation import InputError
+from rpo_nav.estimator import Estimator
 from rpo_training.campaign import config, run_batch, sampling, single
 from rpo_training.engine import support
 
@@ -39,8 +40,10 @@ FIRING = Thrusters(
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
+COMPENSATED = LEO.equipped(replace(LEO.section(Estimator), compensate=True))
 CASES = {
     'leo': (LEO, WORLD),
+    'leo, compensated': (COMPENSATED, SOME),
     'elliptic': (ELLIPTIC, SOME),
     'linear': (replace(PLAIN, sections=(replace(ELLIPTIC.dynamics, kind='linear_elliptic', j2=False,
                                                 eccentricity=0.01),)), SOME),

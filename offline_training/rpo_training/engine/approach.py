@@ -7,11 +7,10 @@ A plan without holds and commands does not depend on the flight: its references 
 
 from __future__ import annotations
 
-from rpo_core.kernels import cw_step
+from rpo_core.kernels import CwStep, cw_step
 from rpo_guidance.transfers import at_port
 from rpo_safety.packed import assure_packed
 from rpo_training.engine.lanes import compiled
-from rpo_training.engine.navigation import step_of
 from rpo_training.engine.parts import FORCE, KNOWN_R, KNOWN_V, RUNS, SEEN_R, SEEN_V
 
 AHEAD, COMMAND, LAST, MODE = 0, 3 + 3, 9, 12
@@ -78,6 +77,16 @@ def know(w, guiding, assured):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _step(c):  # type: ignore[no-untyped-def]
+    # fmt: off
+    return CwStep(
+        c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9], c[10], c[11], c[12], c[13],
+        c[14], c[15], c[16], c[17], c[18], c[19], c[20], c[21], c[22], c[23], c[24], c[25],
+    )
+    # fmt: on
+
+
+@compiled
 def assure_all(w, tick, assured):  # type: ignore[no-untyped-def]
     """Replace row FORCE by what runtime assurance lets pass."""
     if assured is None:
@@ -91,7 +100,7 @@ def assure_all(w, tick, assured):  # type: ignore[no-untyped-def]
             w[KNOWN_V + s], w[KNOWN_V + y], w[KNOWN_V + z],
         )  # fmt: skip
         if delay > 0:
-            step = step_of(a.tables.T, s)
+            step = _step(table)
             for i in range(delay):
                 due = line[(tick + i) % delay]
                 state = cw_step(state, (due[0], due[1], due[2]), step)

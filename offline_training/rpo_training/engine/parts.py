@@ -171,15 +171,15 @@ class Firing(NamedTuple):
 class Orbits(NamedTuple):
     """True dynamics (`rpo_core.orbit_kernels`).
 
-    rows : (orbits, 2 x steps x ticks + 1, COLUMNS); of : (40,) which of them is that of a run
-    worlds : (40, 9) fields of `World`; masses : (40,) at the start [kg]
+    shared : `World`, what is the same in all runs
+    table : flat rows of 40 lanes, see `worlds`: targets, what differs from run to run, orbits
+    starts : (6, 40) inertial states of the targets [m, m/s]
     steps : of a tick, each `step` [s] long
     """
 
-    rows: Any
-    of: Any
-    worlds: Any
-    masses: Any
+    shared: Any
+    table: Any
+    starts: Any
     steps: int
     step: float
 
@@ -192,7 +192,9 @@ class Estimators(NamedTuple):
     outages : (sensors, 2 m); keys : (2, 40)
     walk, queue : (sensors, 3, 40), (sensors, slots, 7, 40) memory of the sensors
     n, gates, limit, patience, newest, delay : of the filter; delay : (40,)
+    steps, force : fields of CwStep, the force of a tick [N]; rows of 40, flat
     rows : (rows, 40) of `navigation`: what the filters are told and remember, and scratch
+    compensate : whether the command opposes the disturbance that is estimated
     commands : (slots, 3, 40) [N]; rejected : (40,) so many measurements in a row
     """
 
@@ -209,9 +211,12 @@ class Estimators(NamedTuple):
     patience: int
     newest: int
     delay: Any
+    steps: Any
+    force: Any
     rows: Any
     commands: Any
     rejected: Any
+    compensate: bool
 
 
 class Guiding(NamedTuple):

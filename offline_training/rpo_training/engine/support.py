@@ -15,9 +15,6 @@ from rpo_core.stage import section_of
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_safety.settings import Assurance
 
-MOST_ORBIT_TICKS = 20_000
-"""The target's orbit is held in memory for a flight, for 40 runs at a time where orbits differ."""
-
 _announced: set[str] = set()
 _lock = threading.Lock()
 
@@ -50,8 +47,6 @@ def why_not(scenario: Scenario, controller: Controller, known: Collection[str] =
     thrusters = scenario.thrusters
     if thrusters is not None and thrusters.propellant and not thrusters.pulses:
         return f'scenario {scenario.name} has `propellant` without `pulses`'
-    if scenario.dynamics is not None and scenario.ticks > MOST_ORBIT_TICKS:
-        return f'scenario {scenario.name} has section `dynamics` and {scenario.ticks} ticks'
     return ''
 
 

@@ -19,7 +19,7 @@ from rpo_training.engine.approach import (
 )
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
-from rpo_training.engine.navigation import navigate, place_estimators, remember
+from rpo_training.engine.navigation import navigate, oppose, place_estimators, remember
 from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
@@ -41,7 +41,7 @@ from rpo_training.engine.parts import (
     lateness,
     place,
 )
-from rpo_training.engine.worlds import fire_valves, place_valves, step_orbits
+from rpo_training.engine.worlds import fire_valves, place_orbits, place_valves, step_orbits
 
 
 @compiled
@@ -331,6 +331,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     place_valves(w, runs.valves)
     place_estimators(runs.estimators)
     place_approach(runs.guiding, runs.assured)
+    place_orbits(runs.orbits)
     # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
     # fmt: off
     (planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits,
@@ -350,6 +351,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal, guiding)
         add_feed_forward(w, tick, guiding)
+        oppose(w, estimators)
         keep_trace(w, n, tick, trace)
         assure_all(w, tick, assured)
         remember(w, tick, estimators)
@@ -366,6 +368,6 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         push_by_waves(w, tick, waves)
         step_alike(w, p, q, plant.step)
         step_each(w, steps, valves)
-        step_orbits(w, tick, orbits, valves)
+        step_orbits(w, orbits, valves)
         count_state(w, n, tick, windows, goal)
         keep_norms(w, p, q, tick, windows, norms, goal)

@@ -198,6 +198,11 @@ class Scenario:
         return Goal(position_m, cw.holding_force_n(position_m, n, self.mass_kg))
 
     @property
+    def compensated(self) -> bool:
+        """Whether the controller opposes the disturbance that its estimator finds."""
+        return any(getattr(settings, 'compensate', False) for settings in self.sections)
+
+    @property
     def goal_state(self) -> State:
         """State (6,) [m, m/s] at rest at the goal."""
         return (*self.goal_position_m, 0.0, 0.0, 0.0)
