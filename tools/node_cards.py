@@ -19,7 +19,7 @@ Outcomes = tuple[tuple[str, str], ...]
 
 MEANINGS = {
     **{row.topic: row.meaning for row in interfaces.rows()},
-    names.MARKERS: 'target, chaser, thrust, trail, corridor',
+    names.MARKERS: 'target, chaser, thrust, trail, zones, estimate, reference',
     names.TF: 'from target LVLH to the chaser, where `tf2_msgs` is installed'
     f' (namespaces: remap it to `{names.TF[1:]}`)',
     names.CHASER_POSE: 'pose of the chaser in target LVLH',
@@ -33,7 +33,11 @@ MEANINGS = {
     '~/pause': 'data true: no tick passes; false: continue',
     '~/step': 'while paused, pass some ticks',
     '~/reset': 'end this run and wait at tick 0 of the next',
-    '~/abort': 'plant: end the run as aborted; guidance: leave, and drift away',
+    '~/abort': 'plant: end the run as aborted; guidance and assurance: leave, and drift away',
+    '~/arm': 'let the abort table react again',
+    '~/inhibit': 'let the abort table warn only',
+    '~/resume': 'end a hold or a retreat of the abort table: the controller has the command',
+    '~/drift': 'command no force from now on',
     '~/go': 'end the hold, if its conditions are met',
     '~/hold': 'brake and stay',
     '~/retreat': 'fly to `retreat_m`',
@@ -155,6 +159,8 @@ CARDS = (
         ('a command that would break a limit', 'is changed as little as the limit needs, or '
          'replaced by the backup law (`filter`); `assurance_status` says so'),
         ('a command that is not finite', 'never arrives: the plant waits for another'),
+        ('with an abort table, no command', 'after 3 repeats of a state it answers without, says '
+         'so on `stage_status`, and the table counts it'),
         ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
          'exit code 2'),
         _SIGNAL), trial={'scenario': 'assured'}),

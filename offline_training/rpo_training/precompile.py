@@ -14,6 +14,7 @@ from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.flight import fly
 from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance
 from rpo_training.campaign import config
 from rpo_training.campaign.run_batch import fly_runs
@@ -42,6 +43,11 @@ def main() -> None:
     next(flights_of(controller, load_set('paper_training')))
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())
+    guarded = load_scenario('guarded')
+    settings = guarded.section(Assurance)
+    machine = AssuranceStage(settings, guarded).abort if settings else None
+    if machine:
+        machine.ready()
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)

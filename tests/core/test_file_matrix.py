@@ -17,9 +17,10 @@ from core_documents import MISSING, PARSERS, changed, document, keys, name, with
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import files, limit_checker
+from rpo_core import files
 from rpo_core.requirements import Requirements
 from rpo_core.validation import InputError
+from rpo_safety import limit_checker
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}
 FREE = ('provenance', 'description')
@@ -47,7 +48,8 @@ def with_hardware():
 def with_requirements():
     """Return a scenario that requires all that can be required."""
     data = document('scenario', 'quick')
-    data['requirements'] = {f.name: 1.0 for f in dataclasses.fields(Requirements)}
+    required = {f.name: 1.0 for f in dataclasses.fields(Requirements)}
+    data['requirements'] = {**required, 'contact_axis': '+y'}
     del data['requirements']['arrival_error_norm_m']  # per axis or norm, not both
     return data
 

@@ -41,6 +41,17 @@ def required(**limits):
             'got both',
         ),
         ({'contact_closing_speed_m_s': 1.0}, '`contact_range_m` is missing'),
+        ({'keep_out_depth_m': 0.0}, '`keep_out_m` is missing'),
+        ({'keep_out_m': 9.0, 'energy_n2s': 1.0}, '`keep_out_m` must go with one of keep_out_depth'),
+        ({'contact_axis': '+y', 'energy_n2s': 1.0}, '`contact_range_m` is missing; `contact_axis`'),
+        (
+            {'keep_out_m': 9.0, 'keep_out_depth_m': 0.0, 'corridor_half_angle_deg': 10.0},
+            '`contact_axis` is missing; `corridor_half_angle_deg` needs it',
+        ),
+        (
+            {'contact_range_m': 1.0, 'contact_closing_speed_m_s': 1.0, 'contact_axis': 'y'},
+            '`contact_axis` must be one of +x, -x',
+        ),
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(limits, sentence):
@@ -110,6 +121,7 @@ EVERYTHING = {
     'arrival_time_s': 1.0,
     'contact_closing_speed_m_s': 0.3,
     'contact_lateral_speed_m_s': math.hypot(0.1, 0.2),
+    'keep_out_depth_m': 0.5,
     'slew_per_axis_n_s': 0.43,
     'energy_n2s': 0.01 + 0.25 + 0.0009 + 0.0001,
     'delta_v_axis_sum_m_s': (0.1 + 0.7 + 0.03 + 0.01) / 10,
@@ -121,6 +133,7 @@ SETTINGS = {
     'hold_from_s': 2.0,
     'arrival_error_norm_m': 0.5,
     'contact_range_m': 0.5,
+    'keep_out_m': 5.5,
 }
 
 
@@ -151,6 +164,41 @@ def test_what_never_happens_is_missed_and_what_is_not_flown_is_not_judged():
     lost = made_up(**SETTINGS, **EVERYTHING)
     lost.states[3] = math.nan
     assert all(v.word == 'MISSED' for v in verdicts(lost))
+
+
+def touching(**limits):
+    """Return the values of the flight for a port whose axis points along +y."""
+    given = {'contact_range_m': 0.5, 'contact_axis': '+y', 'contact_closing_speed_m_s': 1.0}
+    given |= {'contact_lateral_speed_m_s': 1.0, **limits}
+    return {v.key: v.value for v in verdicts(made_up(**given))}
+
+
+def test_a_contact_by_its_axis_is_at_the_plane_of_the_port():
+    """The third state is half a metre before it: the fourth, beside the port, is the contact."""
+    found = touching()
+    assert found['contact_closing_speed_m_s'] == 0.0
+    assert found['contact_lateral_speed_m_s'] == 0.1
+    assert touching(contact_range_m=0.2)['contact_closing_speed_m_s'] == math.inf, 'too far beside'
+
+
+def test_a_contact_that_is_too_slow_for_the_latches_is_none():
+    assert touching(contact_least_closing_speed_m_s=0.01) == {
+        'contact_closing_speed_m_s': math.inf,
+        'contact_lateral_speed_m_s': math.inf,
+    }
+
+
+@pytest.mark.parametrize(
+    ('angle_deg', 'depth_m'),
+    [
+        (30.0, 2.5 - 4.0 * math.tan(math.radians(30.0))),  # beside the cone, where the range is 5 m
+        (32.1, 0.0),  # 2.5 / 4 is the tangent of 32.01 deg: inside
+        (1.0, 0.5),  # nearer to the edge of the sphere than to the cone
+    ],
+)
+def test_the_way_through_the_zone_is_by_the_corridor(angle_deg, depth_m):
+    found = touching(keep_out_m=5.5, corridor_half_angle_deg=angle_deg, keep_out_depth_m=0.0)
+    assert found['keep_out_depth_m'] == pytest.approx(depth_m, abs=1e-12)
 
 
 def test_without_requirements_nothing_is_judged():

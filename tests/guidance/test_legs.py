@@ -82,3 +82,11 @@ def test_a_profile_covers_its_length(length, first, cruise, last):
     np.testing.assert_allclose(
         ((found[1:, 1] + found[:-1, 1]) / 2.0 * np.diff(times)).sum(), length, rtol=1e-3
     )
+
+
+def test_a_short_leg_from_rest_to_rest_is_flown_and_not_skipped():
+    """By rounding, every other such leg took no time, and the reference jumped to its end."""
+    for length in np.linspace(0.01, 6.0, 500).tolist():
+        profile = Profile(length, 0.0, 0.3, 0.0, 0.015)
+        assert profile.duration_s == pytest.approx(2.0 * np.sqrt(length / 0.015))  # up and down
+        assert profile.at(0.5 * profile.duration_s)[0] == pytest.approx(0.5 * length)

@@ -17,7 +17,7 @@ from rpo_core.flight import fly
 from rpo_core.interfaces import REFERENCE_STATE, RELATIVE_STATE
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
-from rpo_guidance import plan, stages
+from rpo_guidance import guidance, plan
 
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 
@@ -78,7 +78,7 @@ def test_a_controller_without_guidance_keeps_its_bits(around):
 def test_phases_follow_each_other(hold_points):
     stage = follow(hold_points, hold_points.ticks)
     assert [change.phase for change in stage.changes] == [
-        'fly_around', 'hold_60', 'to_20', 'hold_20', 'to_the_port', stages.ARRIVED,
+        'fly_around', 'hold_60', 'to_20', 'hold_20', 'to_the_port', guidance.ARRIVED,
     ]  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def test_a_hold_that_takes_too_long_aborts(hold_points):
     )
     chosen = hold_points.equipped(waiting)
     stage = follow(chosen, chosen.ticks)
-    assert [change.phase for change in stage.changes][-2:] == [stages.ABORTING, stages.DRIFTING]
+    assert [change.phase for change in stage.changes][-2:] == [guidance.ABORTING, guidance.DRIFTING]
 
 
 def test_go_without_conditions_is_refused(hold_points):
@@ -122,7 +122,7 @@ def test_go_without_conditions_is_refused(hold_points):
 def test_hold_stops_and_go_goes_on(around):
     stage = follow(around, 3000, {1000: ['hold'], 2500: ['go']})
     phases = [change.phase for change in stage.changes]
-    assert phases == ['to_the_port', stages.STOPPED, 'to_the_port']
+    assert phases == ['to_the_port', guidance.STOPPED, 'to_the_port']
     stopped = follow(around, 2000, {1000: ['hold']})
     (reference, _) = stopped.step(2000, (0.0,) * 6)
     assert reference[3:] == (0.0, 0.0, 0.0)
@@ -133,7 +133,7 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
     orbit_ticks = round(2.0 * np.pi / around.mean_motion_rad_s / around.dt_s)
     for moment in (500, 2000, 3500):
         stage = follow(around, moment + 5000, {moment: ['abort']})
-        assert stage.changes[-1].phase == stages.DRIFTING
+        assert stage.changes[-1].phase == guidance.DRIFTING
         chain = Chain.of(around).part(Place.DYNAMICS)
         state = stage.step(moment + 5000, stage._reference)[0]
         nearest = np.inf

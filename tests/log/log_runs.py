@@ -18,8 +18,9 @@ import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_core import cdr, controller, files, scenario
+from rpo_core import cdr, controller, files, interfaces, scenario
 from rpo_core.flight import Flight, fly
+from rpo_core.stage import Place, Stage
 from rpo_log.format.run import RunSummary, TimeBase
 from rpo_log.write.mcap_file import McapFile
 from rpo_log.write.writer import RunLogWriter
@@ -109,6 +110,51 @@ class Run:
                 if rng.random() < 0.1:
                     timed.append((at + rng.uniform(0.0, 2.0), message))
         return [message for _, message in sorted(timed, key=lambda pair: pair[0])]
+
+
+@dataclass(frozen=True)
+class ChainRun(Run):
+    """A run whose nodes publish every signal of the chain.
+
+    events : more messages, each with its tick
+    """
+
+    events: tuple[Sent, ...] = ()
+
+    def of_tick(self, tick: int) -> Iterable[tuple[str, bytes]]:
+        """Say what the nodes say at a tick."""
+        flight, stamp = self.flight, self.base.stamp_ns(tick)
+        own = {STATE: flight.states, FORCE: flight.forces_n, DISTURBANCE: flight.disturbances_n}
+        for row in interfaces.rows(logged=True):
+            rider = flight.signals.get(row.rider)
+            values = own.get(f'/{row.name}', flight.signals.get(row.name))
+            if row.name == interfaces.CLOCK:
+                yield CLOCK, cdr.encode_clock(stamp)
+            elif values is not None:
+                more = [] if rider is None else rider[tick].tolist()
+                yield f'/{row.name}', row.layout.encode(stamp, [*values[tick].tolist(), *more])
+        yield from ((name, data) for name, at, data in self.events if at == tick)
+
+
+def chain_run(
+    flown: scenario.Scenario,
+    control: controller.Controller,
+    more: Iterable[tuple[Place, Stage]] = (),
+    events: tuple[Sent, ...] = (),
+) -> ChainRun:
+    """Fly a scenario with all its stages; there is no run_status.
+
+    more : stages that no section names; events : what nodes say of the flight
+    """
+    flight = fly(flown, control, more)
+    names = {STATE, FORCE, *(f'/{name}' for name in flight.signals), *(e[0] for e in events)}
+    names |= set() if flown.disturbance.is_zero else {DISTURBANCE}
+    topics = [f'/{row.name}' for row in interfaces.rows(logged=True) if f'/{row.name}' in names]
+    attached = {
+        'scenario.yaml': scenario.dumps(flown).encode(),
+        'controller.yaml': controller.dumps(control).encode(),
+    }
+    return ChainRun(flight, attached, (CLOCK, *topics), events)
 
 
 def make_run(duration_s: float, name: str = 'paper_test', topics: tuple[str, ...] = TOPICS) -> Run:

@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from inside import inside
 
-from rpo_core import scenario
+from rpo_core import metrics, scenario
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import read_run
+from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE
@@ -39,6 +39,7 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros
     log, flight = read_run(tmp_path / 'run'), fly(found, load_controller('trained'))
     np.testing.assert_array_equal(log.states, flight.states)
     np.testing.assert_array_equal(log.values[ASSURED_FORCE], flight.signals[ASSURED_FORCE])
+    assert metrics.of_flight(flight_of(log)) == metrics.of_flight(flight)  # of what was flown
     changed = (log.values[ASSURED_FORCE] != flight.forces_n).any(axis=1)
     assert changed.any()
     events = [event for event in log.events if event.signal == ASSURANCE_STATUS]

@@ -14,11 +14,12 @@ import yaml
 from scipy import optimize
 
 import rpo_training.gym
-from rpo_core import scenario
+from rpo_core import metrics, scenario
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.interfaces import EXERTED_FORCE
 from rpo_core.kernels import cw_step
-from rpo_core.thrusters import Thrusters
+from rpo_core.thrusters import Pulses, Thrusters
 from rpo_core.validation import InputError
 from rpo_safety import filters
 from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
@@ -182,3 +183,18 @@ def test_a_late_thruster_is_part_of_the_stage():
     stage = AssuranceStage(SURE, late)
     assert stage.memory_ticks is None
     assert AssuranceStage(SURE, PAPER).memory_ticks == 0
+
+
+def test_thrusters_fire_what_was_assured_and_metrics_are_of_it():
+    """They were of the command before assurance: of a force that nobody exerted."""
+    found = PAPER.equipped(
+        Assurance(keep_out_m=66.0, thrust_error=0.1),
+        Thrusters(pulses=Pulses(count=6, modulation='sigma_delta', minimum_on_time_s=0.01)),
+    )
+    flight = fly(replace(found, duration_s=20.0), load_controller('trained'))
+    assert (flight.signals[ASSURED_FORCE] != flight.forces_n).any()
+    np.testing.assert_array_equal(flight.thrust.forces_n, flight.signals[EXERTED_FORCE][:-1])
+    logged = {name: flight.signals[name] for name in (ASSURED_FORCE, EXERTED_FORCE)}
+    assert metrics.of_flight(replace(flight, signals=logged)) == metrics.of_flight(flight)
+    unassured = metrics.of_flight(replace(flight, signals={}))
+    assert unassured.energy_n2s != metrics.of_flight(flight).energy_n2s  # else nothing is shown

@@ -207,6 +207,8 @@ EVERY_LIMIT = {
     'hold_error_norm_m': 70.0, 'hold_speed_per_axis_m_s': 0.7, 'hold_speed_norm_m_s': 0.8,
     'hold_force_per_axis_n': 0.4, 'hold_force_per_disturbance': 20.0, 'arrival_time_s': 18.3,
     'contact_range_m': 61.0, 'contact_closing_speed_m_s': 0.6, 'contact_lateral_speed_m_s': 0.4,
+    'contact_axis': '+y', 'contact_least_closing_speed_m_s': 0.01, 'keep_out_m': 60.0,
+    'corridor_half_angle_deg': 5.0, 'keep_out_depth_m': 1.0,
     'slew_per_axis_n_s': 2.0, 'energy_n2s': 3.0, 'delta_v_axis_sum_m_s': 1.0,
 }  # fmt: skip
 

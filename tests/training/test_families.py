@@ -28,6 +28,7 @@ from rpo_training.engine.flights import flights_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import robustness
 from rpo_training.report import pareto
+from rpo_training.report.controller import report_of
 from rpo_training.search import family_training
 from rpo_training.search.config import override
 from rpo_training.search.family_training import FamilyTraining
@@ -206,6 +207,16 @@ def test_explain_prints_the_rules_and_the_certificate(name):
     needed = [words for words in claims if 'brakes' not in ' '.join(words)]
     assert len(needed) >= 4 and all(words[0] == 'proven' for words in needed)
     assert ('resting' if name == 'pace' else 'very short') in result.output
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_report_holds_the_rules_and_what_is_proven(name):
+    law = load_controller(name)
+    sections = {section.title: section for section in report_of(name).sections}
+    rules, claims = (sections[title].blocks[0] for title in ('Rules', 'Certificate'))
+    assert list(rules.rows) == law.tables()[0].rows and len(rules.rows) >= 5
+    assert [row[0] for row in claims.rows] == [claim.name for claim in law.claims()]
+    assert [row[1] == 'proven' for row in claims.rows] == [claim.holds for claim in law.claims()]
 
 
 def test_explain_says_why_at_a_time():

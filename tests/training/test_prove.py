@@ -63,10 +63,12 @@ def test_a_law_of_a_point_is_sharp(surface):
 
 
 def test_the_table_agrees_with_rational_numbers(surface):
-    controller, table = surface
+    controller, _ = surface
     settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
     problem = Problem.of(controller, load('paper_training').base, settings)
-    assert not list(check_ticks.surface_faults(problem, table, np.random.default_rng(1), 15))
+    assert (problem.table.steep >= 0).any()
+    rng = np.random.default_rng(1)
+    assert not list(check_ticks.surface_faults(problem, problem.table, rng, 15))
 
 
 @pytest.mark.parametrize('name', ['robust', 'trained'])
@@ -100,6 +102,26 @@ def test_tubes_hold_the_flights_of_their_cells(name):
             assert (t.force_low[:end] <= forces).all() and (forces <= t.force_high[:end]).all()
             slew = np.abs(np.diff(forces, axis=0)) / problem.scenario.dt_s
             assert (slew <= t.slew[: end - 1]).all()
+
+
+def test_divided_cells_sharpen_the_slew():
+    """The bound of a cell is above what flies from its corners, and not far above."""
+    problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
+    table, bounds = problem.table, []
+    cell = cells.Cell((73.0, 51.0, 0.0, 0.0), (0.1, 0.1, 0.0, 0.0))
+    for steep in (table.steep, np.full_like(table.steep, -1)):
+        problem.__dict__['table'] = table._replace(steep=steep)
+        prover = cells.Prover(problem, 'planar', NOWHERE)
+        prover.fly(cell)
+        bounds.append(prover.trace.slew[: problem.scenario.ticks - 1].max())
+    problem.__dict__['table'] = table
+    flown = 0.0
+    for x, y in ((72.9, 50.9), (72.9, 51.1), (73.1, 50.9), (73.1, 51.1)):
+        start = np.array([x, y, 0.0, 0.0, 0.0, 0.0])
+        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        flown = max(flown, float(np.abs(np.diff(flight.forces_n[:-1], axis=0)).max()) / 0.1)
+    assert flown <= bounds[0] < bounds[1]
+    assert bounds[0] < 1.25 * flown
 
 
 def test_flights_of_a_proof_have_the_bits_of_simulate():

@@ -137,7 +137,8 @@ class Bench:
 
     def table(self, rng):
         table = self.problem.table
-        name = ('u', 'bend', 'slopes')[int(rng.integers(3))]
+        names = ('u', 'bend', 'slopes', 'part_range', 'part_slopes')
+        name = names[int(rng.integers(len(names)))]
         values = getattr(table, name).copy()
         values.flat[int(rng.integers(values.size))] += 1e-9
         wrong = table._replace(**{name: values})

@@ -37,6 +37,7 @@ from rpo_training.report.blocks import File, Picture, Report, Section, Table, Te
 UNITLESS = {
     'word of the position error', 'word of the velocity error', 'grade', 'number of runs',
     'rank correlation', 'share of its limit', 'starts that stay below', 'controllers evaluated', '',
+    'NEES', 'innovation / sigma',
 }  # fmt: skip
 
 

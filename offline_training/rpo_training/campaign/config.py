@@ -37,7 +37,7 @@ from rpo_core.verdicts import unit_of
 from rpo_nav.sensors import Sensors
 from rpo_training.campaign import faults
 from rpo_training.campaign.faults import Faults
-from rpo_training.campaign.quantities import QUANTITIES, Dispersion, dispersion
+from rpo_training.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
 from rpo_training.outputs import check_name
 
 SCHEMA = 'rpo/campaign/1'
@@ -321,6 +321,11 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
         def off(name: str, sign: float = sign) -> tuple[float, ...]:
             return tuple(sign * e for e in config.extreme(name))
 
+        def start(name: str, extreme: tuple[float, ...]) -> tuple[float, float, float]:
+            found = config.dispersions.get(name)
+            in_place = found is not None and found.distribution == SHELL
+            return _sum((0.0,) * 3 if in_place else getattr(scenario, name), extreme)
+
         share, phase, frequency = (
             off(f'disturbance_{name}')[0]
             for name in ('amplitude_share', 'phase_rad', 'frequency_share')
@@ -329,8 +334,8 @@ def _check_extremes(config: CampaignConfig, scenario: Scenario) -> None:
             scenario,
             mass_kg=scenario.mass_kg * (1.0 + off('mass_share')[0]),
             orbit_radius_m=scenario.orbit_radius_m + off('orbit_altitude_m')[0],
-            initial_position_m=_sum(scenario.initial_position_m, off('initial_position_m')),
-            initial_velocity_m_s=_sum(scenario.initial_velocity_m_s, off('initial_velocity_m_s')),
+            initial_position_m=start('initial_position_m', off('initial_position_m')),
+            initial_velocity_m_s=start('initial_velocity_m_s', off('initial_velocity_m_s')),
             disturbance=scenario.disturbance.varied(
                 share, phase_rad=phase, frequency_share=frequency
             ),

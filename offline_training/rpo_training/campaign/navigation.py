@@ -38,7 +38,6 @@ def estimators_of(scenarios: Sequence[Scenario]) -> Part | None:
         return np.stack([*given, *([given[0]] * (RUNS - len(given)))], axis=-1)
 
     rows = np.zeros((navigation.ROWS, RUNS))
-    rows[: len(one.step)] = each([tuple(f.step) for f in filters])
     rows[navigation.START : navigation.SPREAD] = each([_nine(f.start) for f in filters])
     for at, name in (
         (navigation.SPREAD, 'spread'),
@@ -60,6 +59,8 @@ def estimators_of(scenarios: Sequence[Scenario]) -> Part | None:
         patience=one.patience,
         newest=one.newest,
         delay=each([np.int64(f.delay) for f in filters]),
+        steps=each([tuple(f.step) for f in filters]).ravel(),
+        force=np.zeros(3 * RUNS),
         rows=rows,
         commands=np.zeros((slots, 3, RUNS)),
         rejected=np.zeros(RUNS, np.int64),

@@ -23,9 +23,13 @@ class Quantity(NamedTuple):
 
 
 _SPREADS = ('uniform', 'normal')
+SHELL = 'shell'
+"""A vector of any direction, all equally likely, its length between two numbers, all equally
+likely. It stands in place of what the scenario has; the others are added to that."""
+
 QUANTITIES = {
-    'initial_position_m': Quantity(3, 'm', _SPREADS, 1e4),
-    'initial_velocity_m_s': Quantity(3, 'm/s', _SPREADS, 1e2),
+    'initial_position_m': Quantity(3, 'm', (*_SPREADS, SHELL), 1e4),
+    'initial_velocity_m_s': Quantity(3, 'm/s', (*_SPREADS, SHELL), 1e2),
     'mass_share': Quantity(1, '', _SPREADS, 0.99),
     'thrust_share': Quantity(3, '', _SPREADS, 1.0),
     'misalignment_deg': Quantity(3, 'deg', _SPREADS, 90.0),
@@ -54,8 +58,8 @@ class Dispersion:
     """How one quantity deviates from the scenario's.
 
     distribution : 'uniform', within +- spread; 'normal', spread = 1 sigma, cut at 3 sigma; 'whole',
-        0..spread with equal chance; 'white', noise of 1 sigma = spread, new at each tick
-    spread : one number per component
+        0..spread with equal chance; 'white', noise of 1 sigma = spread, new at each tick; 'shell'
+    spread : one number per component; of a shell, its smallest and its largest length
     """
 
     distribution: str
@@ -64,6 +68,8 @@ class Dispersion:
     @property
     def extreme(self) -> tuple[float, ...]:
         """Largest deviation of each component."""
+        if self.distribution == SHELL:
+            return self.spread[1], 0.0, 0.0
         return tuple(s * (CUT if self.distribution == 'normal' else 1.0) for s in self.spread)
 
 
@@ -79,6 +85,8 @@ def dispersion(name: str, value: Any) -> Dispersion:
     place = f'{place}.{distribution}'
     if distribution == 'whole':
         return Dispersion(distribution, (whole(place, spread, least=0, most=int(quantity.most)),))
+    if distribution == SHELL:
+        return Dispersion(distribution, _lengths(place, spread, quantity))
     most = quantity.most / (CUT if distribution == 'normal' else 1.0)
     if not isinstance(spread, list):
         spread = [spread] * quantity.components
@@ -90,3 +98,14 @@ def dispersion(name: str, value: Any) -> Dispersion:
     return Dispersion(
         distribution, tuple(real(place, s, quantity.unit, least=0.0, most=most) for s in spread)
     )
+
+
+def _lengths(place: str, value: Any, quantity: Quantity) -> tuple[float, float]:
+    """Return the smallest and the largest length of a shell."""
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(
+            f'`{place}` must be a list, the smallest and the largest length in {quantity.unit}; '
+            f'got {shown(value)}'
+        )
+    least = real(f'{place}[0]', value[0], quantity.unit, least=0.0, most=quantity.most)
+    return least, real(f'{place}[1]', value[1], quantity.unit, least=least, most=quantity.most)

@@ -14,7 +14,9 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import AnyController, only_fuzzy
 from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
+from rpo_core.stage import section_of
 from rpo_core.verdicts import verdicts
+from rpo_training.campaign.approach import assured_of, guiding_of, seen_at_start
 from rpo_training.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_training.campaign.navigation import estimators_of
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
@@ -177,6 +179,7 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
     flown = []
     if campaign.scenario.sections:
         flown = [scenario_of_draw(campaign, drawn, i) for i in range(first, first + n)]
+    seen = [seen_at_start(s) for s in flown] if {'guidance', 'assurance'} & names_of(flown) else []
     orbits = orbits_of(flown) if flown else None
     return parts.Runs(
         planar=starts[:, [0, 1, 3, 4]].copy(),
@@ -190,7 +193,14 @@ def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
         valves=firing_of(flown) if flown else None,
         orbits=orbits,
         estimators=estimators_of(flown) if flown else None,
+        guiding=guiding_of(flown, seen) if seen else None,
+        assured=assured_of(flown, seen) if seen else None,
     )
+
+
+def names_of(scenarios: list[Scenario]) -> set[str]:
+    """Return the names of the sections that add stages."""
+    return {section_of(settings).name for settings in scenarios[0].sections} if scenarios else set()
 
 
 def _steps(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> Floats:

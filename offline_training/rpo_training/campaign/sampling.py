@@ -22,7 +22,7 @@ from rpo_core.scenario import Scenario
 from rpo_core.thrusters import rotation
 from rpo_nav.sensors import Sensors
 from rpo_training.campaign.config import Campaign, CampaignConfig
-from rpo_training.campaign.quantities import CUT, QUANTITIES, Dispersion
+from rpo_training.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -144,10 +144,17 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
             return np.zeros((count, components))
         return _deviations(found, u)
 
+    def start(name: str, nominal: Vector) -> Floats:
+        """Return starts (n, 3): what was drawn on top of the scenario's, or in its place."""
+        found = config.dispersions.get(name)
+        if found is not None and found.distribution == SHELL:
+            return off(name)
+        return np.asarray(nominal + off(name))
+
     parameters = np.hstack(
         [
-            scenario.initial_position_m + off('initial_position_m'),
-            scenario.initial_velocity_m_s + off('initial_velocity_m_s'),
+            start('initial_position_m', scenario.initial_position_m),
+            start('initial_velocity_m_s', scenario.initial_velocity_m_s),
             scenario.mass_kg * (1.0 + off('mass_share')),
             off('thrust_share'),
             off('misalignment_deg') * (math.pi / 180.0),
@@ -173,10 +180,25 @@ def _deviations(found: Dispersion, u: Floats) -> Floats:
     """Return the deviations of draws in [0, 1)."""
     if found.distribution == 'whole':
         return np.minimum(np.floor(u * (found.spread[0] + 1.0)), found.spread[0])
+    if found.distribution == SHELL:
+        return _shell(found, u)
     shape = 2.0 * u - 1.0
     if found.distribution == 'normal':
         shape = ndtri(ndtr(-CUT) + u * (ndtr(CUT) - ndtr(-CUT)))
     return np.asarray(shape * np.array(found.spread))
+
+
+def _shell(found: Dispersion, u: Floats) -> Floats:
+    """Return vectors (n, 3) of any direction, for draws (n, 3) in [0, 1).
+
+    The projection of a sphere on its axis is uniform (Archimedes): height, angle, then length.
+    """
+    least, most = found.spread
+    height, angle = 2.0 * u[:, 0] - 1.0, 2.0 * math.pi * u[:, 1]
+    across = np.sqrt(np.maximum(1.0 - height * height, 0.0))
+    length = least + (most - least) * u[:, 2]
+    ahead = np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+    return np.asarray(ahead * length[:, None])
 
 
 def parameters_of(config: CampaignConfig) -> tuple[str, ...]:

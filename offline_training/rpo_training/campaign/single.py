@@ -14,8 +14,10 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
 from rpo_core.thrusters import Failure, Thrusters, valve_names
+from rpo_guidance.plan import Guidance
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import NOISES, Sensors
+from rpo_safety.settings import Assurance
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import LinkStage
 from rpo_training.campaign.sampling import DrawnRuns, draw
@@ -59,6 +61,7 @@ def scenario_of_draw(campaign: Campaign, runs: DrawnRuns, index: int) -> Scenari
         *_thrusters(campaign, runs, index),
         *_navigation(campaign, runs, index),
         *_sensing(campaign, runs, index),
+        *_told(campaign),
     )
 
 
@@ -125,6 +128,15 @@ def _sensing(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Any]:
         )
         found.append(told)
     return found
+
+
+def _told(campaign: Campaign) -> list[Any]:
+    """Return guidance and assurance, which are told the nominal mass."""
+    nominal = campaign.scenario
+    if 'mass_share' not in campaign.config.dispersions:
+        return []
+    found = [nominal.section(Guidance), nominal.section(Assurance)]
+    return [replace(s, mass_kg=s.mass_kg or nominal.mass_kg) for s in found if s is not None]
 
 
 def _navigation(campaign: Campaign, runs: DrawnRuns, index: int) -> list[Navigation]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,15 @@ from numpy.typing import NDArray
 
 from rpo_core.dynamics import (
     CLOHESSY_WILTSHIRE,
-    TargetOrbit,
     steps_per_tick,
     target_start,
     world_of,
 )
-from rpo_core.kernels import State
-from rpo_core.orbit_kernels import World
 from rpo_core.pulse_kernels import MEMORY
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import tank_of, valves_of
 from rpo_training.campaign.sampling import DrawnRuns
+from rpo_training.engine import worlds as worlds_in_lanes
 from rpo_training.engine.parts import RUNS, Firing, Orbits
 from rpo_training.engine.worlds import THRUST
 
@@ -77,26 +74,20 @@ def orbits_of(scenarios: Sequence[Scenario]) -> Orbits | None:
         worlds.append(world_of(s.dynamics, s))
         starts.append(target_start(s.dynamics, s))
     steps = steps_per_tick(first, scenarios[0])
-    dt_s, ticks = scenarios[0].dt_s, scenarios[0].ticks
-    # the chaser's drag does not move the target
-    keys = [
-        (start, dt_s, steps, world._replace(chaser=0.0), ticks)
-        for start, world in zip(starts, worlds, strict=True)
-    ]
-    known = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    return Orbits(
-        np.stack([_rows(*key) for key in known]),
-        _padded(np.array([known[key] for key in keys])),
-        _padded(np.array([tuple(w) for w in worlds], np.float64), 1.0),
-        _padded(np.array([s.mass_kg for s in scenarios]), 1.0),
-        steps,
-        dt_s / steps,
-    )
 
+    def lanes(values: Sequence[Any]) -> Floats:
+        """Return tables with 40 lanes as their last axis; lanes without a run are the first's."""
+        given = [np.array(value, np.float64) for value in values]
+        return np.stack([*given, *([given[0]] * (RUNS - len(given)))], axis=-1)
 
-@lru_cache(maxsize=2)
-def _rows(start: State, dt_s: float, steps: int, world: World, ticks: int) -> Floats:
-    return TargetOrbit(start, dt_s, steps, world).rows(ticks)
+    table = np.zeros((worlds_in_lanes.ROWS, RUNS))
+    for at, values in (
+        (worlds_in_lanes.DENSITY, [w.density for w in worlds]),
+        (worlds_in_lanes.CHASER, [w.chaser for w in worlds]),
+        (worlds_in_lanes.FIRST_MASS, [s.mass_kg for s in scenarios]),
+    ):
+        table.ravel()[at : at + RUNS] = lanes(values)
+    return Orbits(worlds[0], table.ravel(), lanes(starts), steps, scenarios[0].dt_s / steps)
 
 
 def _padded(values: Any, rest: float = 0.0) -> NDArray[Any]:

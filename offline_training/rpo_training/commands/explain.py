@@ -134,6 +134,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     import numpy as np
 
     from rpo_core.controller import only_fuzzy
+    from rpo_core.controller_file import received
     from rpo_core.explain import decisions
     from rpo_core.family import Family
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
@@ -149,7 +150,10 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     if not np.isfinite(log.states[row]).all():
         raise InputError(f'{path}: has no state at {times[row]:g} s')
     scenario = scenario_of(log)
-    state = scenario.from_goal(log.states[row].tolist())
+    signals = {name: values[row].tolist() for name, values in log.values.items()}
+    state, on_top = received(scenario, signals)
+    if not np.isfinite(state).all():
+        raise InputError(f'{path}: does not hold what the controller read at {times[row]:g} s')
     controller, tick = controller_of(log), int(log.ticks[row])
     console.print(f'{printable(path)}, tick {tick}, {times[row]:g} s')
     if isinstance(controller, Family):
@@ -160,8 +164,8 @@ def _explain_run(console: Console, path: str, at: float) -> None:
         same = found[0].force_n, found[1].force_n, found[2].force_n
         reasons = [(d.sentence, d.pairs()) for d in found]
     logged = log.forces_n[row]
-    if scenario.goal is not None:
-        x, y, z = map(add, same, scenario.goal.force_n)
+    if any(on_top):
+        x, y, z = map(add, same, on_top)
         same = x, y, z
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,8 +24,7 @@ class DrawnCase(JudgedTogether):
 
     base : the scenario of which they are variations
     starts : (n, 6) states; masses_kg : (n,)
-    batches : their parts, 40 runs each, as often as asked; lanes beyond the last run rest at the
-        target
+    batches : their parts, 40 runs each; lanes beyond the last run rest at the target
     windows : in ticks
     together : whether rows have the columns of `judged.VALUES` too; those of `worlds.THRUST` are
         the last ones where thrusters fire in pulses
@@ -36,7 +34,7 @@ class DrawnCase(JudgedTogether):
     base: Scenario
     starts: Floats
     masses_kg: Floats
-    batches: Iterable[Runs]
+    batches: tuple[Runs, ...]
     windows: Windows
     together: bool = False
 
@@ -56,7 +54,7 @@ class DrawnCase(JudgedTogether):
         return super().columns + (len(THRUST) if self.fires else 0)
 
 
-_ESTIMATORS = ('walk', 'queue', 'rows', 'commands', 'rejected')
+_ESTIMATORS = ('walk', 'queue', 'force', 'rows', 'commands', 'rejected')
 """Fields of `parts.Estimators` that a flight writes."""
 
 
@@ -74,6 +72,8 @@ def with_own_memory(runs: Runs) -> Runs:
         valves = runs.valves
         own = {name: np.zeros_like(getattr(valves, name)) for name in ('memory', 'on')}
         runs = runs._replace(valves=valves._replace(**own))
+    if runs.orbits is not None:
+        runs = runs._replace(orbits=runs.orbits._replace(table=runs.orbits.table.copy()))
     if runs.estimators is not None:
         known = runs.estimators
         own = {name: getattr(known, name).copy() for name in _ESTIMATORS}

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.metrics import contact_speeds, hold_tick, larger, norm
+from rpo_core.contact import Port, contact_speeds, depth_m, port_of, touches
+from rpo_core.metrics import hold_tick, larger, norm
 from rpo_core.scenario import NANOSECONDS, Scenario
 from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.lanes import compiled
@@ -34,18 +35,20 @@ VALUES = (
     'arrival_time_s',
     'contact_closing_speed_m_s',
     'contact_lateral_speed_m_s',
+    'keep_out_depth_m',
 )
 """Requirements of the axes together, in the order of a row; arrival is that of the norm."""
 
-_FINAL_R, _FINAL_D, _FINAL_V, _FINAL_S, _HOLD_D, _HOLD_S, _ARRIVAL, _CLOSING, _LATERAL = range(9)
+_FINAL_R, _FINAL_D, _FINAL_V, _FINAL_S, _HOLD_D, _HOLD_S, _ARRIVAL = range(7)
+_CLOSING, _LATERAL, _DEPTH = range(7, 10)
 
 
 class Judged(NamedTuple):
-    """hold : tick after which norms are kept; arrival_m, contact_m : norms of the error [m]."""
+    """hold : tick after which norms are kept; arrival_m : norm of the error [m]; port : contact."""
 
     hold: int
     arrival_m: float
-    contact_m: float
+    port: Port
 
 
 class JudgedTogether:
@@ -79,12 +82,14 @@ def judged_by(scenario: Scenario) -> Judged | None:
         names.discard('arrival_time_s')  # of each axis: counted
     if not names:
         return None
-    return Judged(hold_tick(scenario) or 0, arrival_m or 0.0, required.contact_range_m or 0.0)
+    port = port_of(required, scenario.goal_position_m)
+    return Judged(hold_tick(scenario) or 0, arrival_m or 0.0, port)
 
 
 @compiled
 def _judge(states, lanes, goal, judged, rows):  # type: ignore[no-untyped-def]
-    last = len(states) - 1
+    last, port = len(states) - 1, judged.port
+    touched = np.zeros(len(rows), np.bool_)
     for tick in range(last + 1):
         now = states[tick]
         for i in range(len(rows)):
@@ -97,8 +102,12 @@ def _judge(states, lanes, goal, judged, rows):  # type: ignore[no-untyped-def]
                 row[_HOLD_S] = larger(row[_HOLD_S], speed)
             if distance > judged.arrival_m:
                 row[_ARRIVAL] = tick
-            if distance <= judged.contact_m and row[_CLOSING] == inf:
-                row[_CLOSING], row[_LATERAL] = contact_speeds(rx, ry, rz, vx, vy, vz)
+            if not touched[i]:
+                if touches(rx, ry, rz, port):
+                    touched[i] = True
+                    row[_CLOSING], row[_LATERAL] = contact_speeds(rx, ry, rz, vx, vy, vz, port)
+                else:
+                    row[_DEPTH] = larger(row[_DEPTH], depth_m(rx, ry, rz, port))
             if tick == last:
                 row[_FINAL_R], row[_FINAL_D] = max(abs(rx), abs(ry), abs(rz)), distance
                 row[_FINAL_V], row[_FINAL_S] = max(abs(vx), abs(vy), abs(vz)), speed

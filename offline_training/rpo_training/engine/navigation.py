@@ -37,8 +37,7 @@ STATES = 9
 SQUARE = STATES * STATES
 
 # Rows of the table of the filters.
-STEP = 0
-START, SPREAD = 26, 26 + STATES  # state and covariance at the start
+START, SPREAD = 0, STATES  # state and covariance at the start
 AGAIN = SPREAD + SQUARE  # covariance after a restart
 NOISE = AGAIN + SQUARE  # covariance that a tick adds
 BORN = NOISE + SQUARE  # tick at which a run began
@@ -48,8 +47,8 @@ Y, S = P + SQUARE, P + SQUARE + STATES  # at the newest tick
 KEPT = S + SQUARE  # state and covariance before a measurement
 WORK, GAIN, REST, SHARED = (KEPT + SQUARE + STATES * (i + 1) for i in range(4))  # of an update
 H = SHARED + STATES  # line of sight, and two directions across it
-(VALUE, VARIANCE, TOTAL, INNOVATION, RANGE, NIS, FX, FY, FZ) = (H + 9 + i for i in range(9))
-DRAWN = FZ + 1  # of the sensors
+VALUE, VARIANCE, TOTAL, INNOVATION, RANGE, NIS = (H + 9 + i for i in range(6))
+DRAWN = NIS + 1  # of the sensors
 ROWS = DRAWN + SCRATCH
 
 
@@ -69,53 +68,49 @@ def place_estimators(e):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _step(rows, s):  # type: ignore[no-untyped-def]
+def _step(c, s):  # type: ignore[no-untyped-def]
     # fmt: off
     return CwStep(
-        rows[0, s], rows[1, s], rows[2, s], rows[3, s], rows[4, s], rows[5, s], rows[6, s],
-        rows[7, s], rows[8, s], rows[9, s], rows[10, s], rows[11, s], rows[12, s], rows[13, s],
-        rows[14, s], rows[15, s], rows[16, s], rows[17, s], rows[18, s], rows[19, s], rows[20, s],
-        rows[21, s], rows[22, s], rows[23, s], rows[24, s], rows[25, s],
+        c[s], c[RUNS + s], c[2 * RUNS + s], c[3 * RUNS + s], c[4 * RUNS + s], c[5 * RUNS + s],
+        c[6 * RUNS + s], c[7 * RUNS + s], c[8 * RUNS + s], c[9 * RUNS + s], c[10 * RUNS + s],
+        c[11 * RUNS + s], c[12 * RUNS + s], c[13 * RUNS + s], c[14 * RUNS + s], c[15 * RUNS + s],
+        c[16 * RUNS + s], c[17 * RUNS + s], c[18 * RUNS + s], c[19 * RUNS + s], c[20 * RUNS + s],
+        c[21 * RUNS + s], c[22 * RUNS + s], c[23 * RUNS + s], c[24 * RUNS + s], c[25 * RUNS + s],
     )
     # fmt: on
 
 
 @compiled
-def _step_states(rows, x):  # type: ignore[no-untyped-def]
-    """Move states by a tick under rows FX, FY, FZ and the disturbance."""
-    a = rows[x:]
+def _step_six(a, stride, force, c, s):  # type: ignore[no-untyped-def]
+    """Move six numbers of a run that lie `stride` apart, as `cw_step` moves a state."""
+    i, j, k, m, n = stride + s, 2 * stride + s, 3 * stride + s, 4 * stride + s, 5 * stride + s
+    a[s], a[i], a[j], a[k], a[m], a[n] = cw_step((a[s], a[i], a[j], a[k], a[m], a[n]), force, c)
+
+
+@compiled
+def _step_states(t, steps, given, x):  # type: ignore[no-untyped-def]
+    """Move states by a tick under the force given and the disturbance."""
+    a = t[x * RUNS :]
     for s in range(RUNS):
-        state = (a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s])
-        force = (rows[FX, s] + a[6, s], rows[FY, s] + a[7, s], rows[FZ, s] + a[8, s])
-        moved = cw_step(state, force, _step(rows, s))
-        a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s] = moved
+        fx, fy, fz = a[6 * RUNS + s], a[7 * RUNS + s], a[8 * RUNS + s]
+        force = (given[s] + fx, given[RUNS + s] + fy, given[2 * RUNS + s] + fz)
+        _step_six(a, RUNS, force, _step(steps, s), s)
 
 
 @compiled
-def _step_columns(rows, n, p):  # type: ignore[no-untyped-def]
-    for column in range(n):
-        a = rows[p + column :]
-        for s in range(RUNS):
-            line = (a[0, s], a[9, s], a[18, s], a[27, s], a[36, s], a[45, s])
-            moved = cw_step(line, (a[54, s], a[63, s], a[72, s]), _step(rows, s))
-            a[0, s], a[9, s], a[18, s], a[27, s], a[36, s], a[45, s] = moved
-
-
-@compiled
-def _step_lines(rows, p):  # type: ignore[no-untyped-def]
-    for line in range(6):
-        a = rows[p + STATES * line :]
-        for s in range(RUNS):
-            before = (a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s])
-            moved = cw_step(before, (a[6, s], a[7, s], a[8, s]), _step(rows, s))
-            a[0, s], a[1, s], a[2, s], a[3, s], a[4, s], a[5, s] = moved
-
-
-@compiled
-def _step_covariances(rows, n, p):  # type: ignore[no-untyped-def]
+def _step_covariances(steps, rows, n, p):  # type: ignore[no-untyped-def]
     """Replace each P by F P F' + Q."""
-    _step_columns(rows, n, p)
-    _step_lines(rows, p)
+    t = rows.reshape(-1)
+    for column in range(n):
+        a = t[(p + column) * RUNS :]
+        for s in range(RUNS):
+            force = (a[54 * RUNS + s], a[63 * RUNS + s], a[72 * RUNS + s])
+            _step_six(a, STATES * RUNS, force, _step(steps, s), s)
+    for line in range(6):
+        a = t[(p + STATES * line) * RUNS :]
+        for s in range(RUNS):
+            force = (a[6 * RUNS + s], a[7 * RUNS + s], a[8 * RUNS + s])
+            _step_six(a, RUNS, force, _step(steps, s), s)
     for i in range(n):
         for j in range(i, n):
             a, more = rows[p + STATES * i + j], rows[NOISE + STATES * i + j]
@@ -269,10 +264,11 @@ def _advance(e, t, tick, x, p, last, full):  # type: ignore[no-untyped-def]
     if t > 0:
         for s in range(RUNS):
             command = e.commands[(t - 1 - e.delay[s]) % slots]
-            rows[FX, s], rows[FY, s], rows[FZ, s] = command[0, s], command[1, s], command[2, s]
-        _step_states(rows, x)
+            for axis in range(3):
+                e.force[axis * RUNS + s] = command[axis, s]
+        _step_states(rows.reshape(-1), e.steps, e.force, x)
         if full:
-            _step_covariances(rows, e.n, p)
+            _step_covariances(e.steps, rows, e.n, p)
     for s in range(RUNS):
         if t <= rows[BORN, s]:
             for j in range(STATES):

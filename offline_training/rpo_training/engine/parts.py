@@ -50,7 +50,8 @@ MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
 STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
 GOAL, HOLDING = ((FIRST_FREE + 29 + len(CwStep._fields) + row) * STRIDE for row in range(2))
 MASS = (FIRST_FREE + 31 + len(CwStep._fields)) * STRIDE
-ROWS = FIRST_FREE + 32 + len(CwStep._fields)
+KNOWN_R, KNOWN_V = ((FIRST_FREE + 32 + len(CwStep._fields) + row) * STRIDE for row in range(2))
+ROWS = FIRST_FREE + 34 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):
@@ -170,15 +171,15 @@ class Firing(NamedTuple):
 class Orbits(NamedTuple):
     """True dynamics (`rpo_core.orbit_kernels`).
 
-    rows : (orbits, 2 x steps x ticks + 1, COLUMNS); of : (40,) which of them is that of a run
-    worlds : (40, 9) fields of `World`; masses : (40,) at the start [kg]
+    shared : `World`, what is the same in all runs
+    table : flat rows of 40 lanes, see `worlds`: targets, what differs from run to run, orbits
+    starts : (6, 40) inertial states of the targets [m, m/s]
     steps : of a tick, each `step` [s] long
     """
 
-    rows: Any
-    of: Any
-    worlds: Any
-    masses: Any
+    shared: Any
+    table: Any
+    starts: Any
     steps: int
     step: float
 
@@ -191,6 +192,7 @@ class Estimators(NamedTuple):
     outages : (sensors, 2 m); keys : (2, 40)
     walk, queue : (sensors, 3, 40), (sensors, slots, 7, 40) memory of the sensors
     n, gates, limit, patience, newest, delay : of the filter; delay : (40,)
+    steps, force : fields of CwStep, the force of a tick [N]; rows of 40, flat
     rows : (rows, 40) of `navigation`: what the filters are told and remember, and scratch
     commands : (slots, 3, 40) [N]; rejected : (40,) so many measurements in a row
     """
@@ -208,9 +210,39 @@ class Estimators(NamedTuple):
     patience: int
     newest: int
     delay: Any
+    steps: Any
+    force: Any
     rows: Any
     commands: Any
     rejected: Any
+
+
+class Guiding(NamedTuple):
+    """References of plans without holds (`rpo_guidance`).
+
+    table : (ticks + 1, 9, 40) state [m, m/s] and force [N] of each tick
+    last : (40,) tick from which on the last leg is flown; port : (7,) numbers of `at_port` after
+        the position; docked : (40,) memory
+    """
+
+    table: Any
+    last: Any
+    port: Any
+    docked: Any
+
+
+class Assured(NamedTuple):
+    """Runtime assurance (`rpo_safety`).
+
+    tables : (40, 56) step and guard; modes : (40,) at the start; delays : (40,) ticks
+    line, numbers : (40, longest delay, 3), (40, 13) memory
+    """
+
+    tables: Any
+    modes: Any
+    delays: Any
+    line: Any
+    numbers: Any
 
 
 class Runs(NamedTuple):
@@ -223,6 +255,7 @@ class Runs(NamedTuple):
     valves : in place of the matrix of the thrusters; paired runs only
     orbits : in place of `steps`; paired runs only
     estimators : in place of `navigation`, which must be there too; paired runs only
+    guiding : in place of the goal; assured; both of paired runs that have `navigation`
     """
 
     planar: Any
@@ -237,6 +270,8 @@ class Runs(NamedTuple):
     valves: Any = None
     orbits: Any = None
     estimators: Any = None
+    guiding: Any = None
+    assured: Any = None
 
 
 class Control(NamedTuple):

@@ -12,15 +12,14 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import Controller, FuzzyController
 from rpo_core.scenario import Scenario
 from rpo_core.stage import section_of
-
-MOST_ORBIT_TICKS = 20_000
-"""The target's orbit is held in memory for a flight, for 40 runs at a time where orbits differ."""
+from rpo_guidance.plan import HOLD, Guidance
+from rpo_safety.settings import Assurance
 
 _announced: set[str] = set()
 _lock = threading.Lock()
 
 
-IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator')
+IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator', 'guidance', 'assurance')
 """Sections that the engine knows where every run has its own lanes, in campaigns."""
 
 
@@ -33,14 +32,21 @@ def why_not(scenario: Scenario, controller: Controller, known: Collection[str] =
     kinds = [kind for kind in (FuzzyController, Baseline) if isinstance(controller, kind)]
     if not kinds or type(controller).stage is not kinds[0].stage:
         return f'controller {controller.name} has a stage of its own'
-    for name in (section_of(settings).name for settings in scenario.sections):
+    names = [section_of(settings).name for settings in scenario.sections]
+    for name in names:
         if name not in known:
             return f'scenario {scenario.name} has a section `{name}`'
+    plan = scenario.section(Guidance)
+    if plan is not None and any(leg.kind == HOLD for leg in plan.legs):
+        return f'scenario {scenario.name} has a plan with holds'
+    assurance = scenario.section(Assurance)
+    if assurance is not None and assurance.abort is not None:
+        return f'scenario {scenario.name} has an abort table'
+    if assurance is not None and 'estimator' in names:
+        return f'scenario {scenario.name} has runtime assurance that follows an estimator'
     thrusters = scenario.thrusters
     if thrusters is not None and thrusters.propellant and not thrusters.pulses:
         return f'scenario {scenario.name} has `propellant` without `pulses`'
-    if scenario.dynamics is not None and scenario.ticks > MOST_ORBIT_TICKS:
-        return f'scenario {scenario.name} has section `dynamics` and {scenario.ticks} ticks'
     return ''
 
 

@@ -10,6 +10,13 @@ from __future__ import annotations
 from rpo_core.baseline_kernels import axis_force, baseline_force
 from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
 from rpo_core.noise import six_normals
+from rpo_training.engine.approach import (
+    add_feed_forward,
+    assure_all,
+    follow,
+    know,
+    place_approach,
+)
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
 from rpo_training.engine.navigation import navigate, place_estimators, remember
@@ -34,7 +41,7 @@ from rpo_training.engine.parts import (
     lateness,
     place,
 )
-from rpo_training.engine.worlds import fire_valves, place_valves, step_orbits
+from rpo_training.engine.worlds import fire_valves, place_orbits, place_valves, step_orbits
 
 
 @compiled
@@ -55,9 +62,9 @@ def measure(w, tick, navigation):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def aim(w, n, navigation, goal):  # type: ignore[no-untyped-def]
+def aim(w, n, navigation, goal, guiding):  # type: ignore[no-untyped-def]
     """Fill rows SEEN with the state relative to the goal, as navigation finds it."""
-    if goal is None:
+    if goal is None or guiding is not None:
         return
     if navigation is None:
         for s in range(n):
@@ -68,9 +75,9 @@ def aim(w, n, navigation, goal):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_holding(w, n, goal):  # type: ignore[no-untyped-def]
+def add_holding(w, n, goal, guiding):  # type: ignore[no-untyped-def]
     """Add the force that holds at the goal to row FORCE."""
-    if goal is None:
+    if goal is None or guiding is not None:
         return
     for s in range(n):
         w[FORCE + s] += w[HOLDING + s]
@@ -323,10 +330,12 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     place(w, runs)
     place_valves(w, runs.valves)
     place_estimators(runs.estimators)
+    place_approach(runs.guiding, runs.assured)
+    place_orbits(runs.orbits)
     # Unpacked before the loop: a kernel that gets arrays in a tuple counts references at each call.
     # fmt: off
     (planar, vertical, navigation, link, thrusters, table, waves, steps, goal, valves, orbits,
-     estimators) = runs
+     estimators, guiding, assured) = runs
     # fmt: on
     fuzzy, baseline, axes = control
     p, q = len(planar), len(vertical)
@@ -334,13 +343,17 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
     for tick in range(windows.horizon + 1):
         measure(w, tick, navigation)
         navigate(w, tick, estimators)
-        aim(w, n, navigation, goal)
+        know(w, guiding, assured)
+        follow(w, tick, guiding)
+        aim(w, n, navigation, goal, guiding)
         command_fuzzy(w, n, fuzzy, navigation, goal)
         command_baseline(w, tick, baseline, navigation, goal)
         command_axes(w, n, tick, axes, navigation, goal)
-        add_holding(w, n, goal)
-        remember(w, tick, estimators)
+        add_holding(w, n, goal, guiding)
+        add_feed_forward(w, tick, guiding)
         keep_trace(w, n, tick, trace)
+        assure_all(w, tick, assured)
+        remember(w, tick, estimators)
         if tick == windows.horizon:
             break
         hold(w, tick, link)
@@ -354,6 +367,6 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         push_by_waves(w, tick, waves)
         step_alike(w, p, q, plant.step)
         step_each(w, steps, valves)
-        step_orbits(w, tick, orbits, valves)
+        step_orbits(w, orbits, valves)
         count_state(w, n, tick, windows, goal)
         keep_norms(w, p, q, tick, windows, norms, goal)

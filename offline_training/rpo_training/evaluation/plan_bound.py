@@ -19,7 +19,7 @@ from rpo_core import cw
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_guidance.plan import Guidance
-from rpo_guidance.stages import Checked, nominal
+from rpo_guidance.rehearsal import Checked, nominal
 
 Floats = NDArray[np.float64]
 

@@ -80,6 +80,7 @@ class Targets(NamedTuple):
     hold_speed_m_s: float
     mean_error_m: float
     mean_speed_m_s: float
+    slew_n_s: float
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import files, scenario
-from rpo_core.flight import fly
+from rpo_core.flight import Flight, fly
 from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import REFUTED
 from rpo_training.proof import cells, probing, rest, tube
@@ -217,7 +217,7 @@ def tube_faults(
 def flight_faults(
     prover: Prover, found: Found, rng: np.random.Generator, count: int, say: Say
 ) -> Iterator[str]:
-    """Yield cells one of whose random flights leaves its tube: a box, or a strip of an axis."""
+    """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
     chosen, done = list(GROUPS[prover.group]), 0
     while done < count:
         say(f'{prover.group} flights', done, count)
@@ -229,15 +229,21 @@ def flight_faults(
             start = np.zeros(6)
             start[chosen] = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(chosen))
             drawn = probing.varied(prover.problem, rng, start)
-            states = probing.fly(prover.problem, drawn).states[: end + 1, chosen]
-            if not _holds(prover, states, end):
+            if not _holds(prover, probing.fly(prover.problem, drawn), end):
                 yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
             done += 1
 
 
-def _holds(prover: Prover, states: Floats, end: int) -> bool:
-    """Whether a tube holds the states (end+1, n) of a flight."""
-    t, p = prover.trace, states.shape[1] // 2
+def _holds(prover: Prover, flight: Flight, end: int) -> bool:
+    """Whether a tube holds the states, commands and slew of a flight, until tick `end`."""
+    chosen = list(GROUPS[prover.group])
+    p, t = len(chosen) // 2, prover.trace
+    states, commands = flight.states[: end + 1, chosen], flight.forces_n[:end, chosen[:p]]
+    if not ((t.force_low[:end] <= commands) & (commands <= t.force_high[:end])).all():
+        return False
+    slew = np.abs(np.diff(commands, axis=0)) / prover.problem.scenario.dt_s
+    if not (slew <= t.slew[: end - 1]).all():
+        return False
     low, high = t.low[: end + 1], t.high[: end + 1]
     if not ((low <= states) & (states <= high)).all():
         return False

@@ -128,6 +128,34 @@ def surface_faults(
     rows, columns = table.bend.shape
     for i, j in zip(rng.integers(rows, size=count), rng.integers(columns, size=count), strict=True):
         yield from _surface_cell(problem, table, int(i), int(j), rng)
+    steep = np.argwhere(table.steep >= 0)
+    for i, j in steep[rng.permutation(len(steep))[:count]].tolist():
+        yield from _steep_cell(problem, table, i, j, rng)
+
+
+def _steep_cell(
+    problem: Problem, table: tables.Table, i: int, j: int, rng: np.random.Generator
+) -> Iterator[str]:
+    """Compare a part of a steep cell with the inference in rational numbers."""
+    parts, number = table.part_slopes.shape[1], table.steep[i, j]
+    at = rng.integers(parts, size=2).tolist()
+    shares = [exact(float(x)) for x in rng.uniform(0.01, 0.99, 2)]
+    point, small = [], []
+    for edges, cell, part, share in zip((table.e, table.w), (i, j), at, shares, strict=True):
+        left, right = exact(edges[cell : cell + 2].tolist())
+        point.append(left + (right - left) * (part + share) / parts)
+        small.append((right - left) / parts / 2**20)
+    limit, slack = exact(table.limit), exact(table.slack)
+    u = output(problem.controller, point[0], point[1], limit)
+    least, most = exact(table.part_range[number, at[0], at[1]].tolist())
+    if not least - slack <= u <= most + slack:
+        yield f'table: the range of a part of cell {i}, {j} does not hold its values'
+    slopes = exact(table.part_slopes[number, at[0], at[1]].tolist())
+    for axis in range(2):
+        moved = [x + small[axis] if k == axis else x for k, x in enumerate(point)]
+        slope = (output(problem.controller, moved[0], moved[1], limit) - u) / small[axis]
+        if not slopes[2 * axis] <= slope <= slopes[2 * axis + 1]:
+            yield f'table: a slope of a part of cell {i}, {j} is out of bounds'
 
 
 def _surface_cell(

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +126,8 @@ def claims_of(
     flown: Mapping[str, tuple[float, tuple[float, ...]]],
 ) -> list[Claim]:
     """Return the claims; flown : requirement -> greatest value, and its start."""
-    required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **{HOLD: 0.0})
+    assumed: dict[str, Any] = {HOLD: 0.0}
+    required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
     found = []
     for key, limit in limits_of(problem).items():
         if key not in BOUNDS:

@@ -39,7 +39,7 @@ from rpo_training.proof.tables import Table
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
-_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes')
+_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes')
 _FOUND = ('centre', 'half', 'values', 'boxes')
 _TAIL = 'tail'
 

@@ -19,7 +19,7 @@ from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.stage import section_of
 from rpo_core.validation import InputError, check_fields, mapping, real, schema
-from rpo_training.proof import tables
+from rpo_training.proof import steep, tables
 from rpo_training.proof.tube import Motion
 
 Floats = NDArray[np.float64]
@@ -125,7 +125,12 @@ class Problem:
     def table_anew(self) -> tables.Table:
         """Return the enclosure of the control surface, computed again."""
         limit_n = self.scenario.max_force_n
-        return tables.table_of(self.controller, limit_n, self.settings.coarseness)
+        table = tables.table_of(self.controller, limit_n, self.settings.coarseness)
+        required = self.scenario.requirements
+        if required is None or required.slew_per_axis_n_s is None:
+            return table
+        slew_n_s, mass_kg = required.slew_per_axis_n_s, self.scenario.mass_kg
+        return steep.divided(self.controller, table, slew_n_s, mass_kg)
 
     @property
     def strongest_n(self) -> float:

@@ -99,7 +99,13 @@ def prove(
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
     """Return what tubes should show; nothing of what is refuted already."""
     limits = {k: v for k, v in limits_of(problem).items() if k not in refuted}
-    keys = (HOLD, 'hold_speed_per_axis_m_s', 'mean_error_norm_m', 'mean_speed_norm_m_s')
+    keys = (
+        HOLD,
+        'hold_speed_per_axis_m_s',
+        'mean_error_norm_m',
+        'mean_speed_norm_m_s',
+        'slew_per_axis_n_s',
+    )
     return Targets(*(limits.get(key, np.inf) for key in keys))
 
 

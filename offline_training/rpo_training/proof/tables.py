@@ -49,6 +49,8 @@ class Table(NamedTuple):
     limit : |U| is saturated here
     position_m, velocity_m_s, force_n : scales
     fis : what the kernel reads
+    steep : (m, n) number of a cell that is divided into parts, -1: it is not; see `steep`
+    part_range, part_slopes : (k, p, p, 2), (k, p, p, 4) of U on its parts, along e, then along w
     """
 
     e: Any
@@ -62,10 +64,15 @@ class Table(NamedTuple):
     velocity_m_s: float
     force_n: float
     fis: Any
+    steep: Any
+    part_range: Any
+    part_slopes: Any
 
 
 def table_of(controller: FuzzyController, max_force_n: float, coarseness: float = 1.0) -> Table:
     """Return the table of a controller whose force is saturated at `max_force_n` [N].
+
+    No cell of it is divided.
 
     coarseness : cells are so many times as wide as they are by default
 
@@ -98,6 +105,9 @@ def table_of(controller: FuzzyController, max_force_n: float, coarseness: float 
         limit,
         *controller.scales,
         system.tables,
+        np.full(bend.shape, -1, np.int32),
+        np.empty((0, 1, 1, 2)),
+        np.empty((0, 1, 1, 4)),
     )
 
 
@@ -129,13 +139,7 @@ def _slopes(controller: FuzzyController, points: tuple[Floats, Floats], limit: f
     """Return the slopes (m, n, 4) in each cell; those of an odd surface are even."""
     e, w = points
     odd, middle = controller.system.rules.is_odd, len(e) // 2
-    half = _saturated(_enclosed(controller, e[middle:] if odd else e, w), limit)
-    half = half.reshape(-1, len(w) - 1, 4)
-    return np.concatenate([half[::-1, ::-1], half]) if odd else half
-
-
-def _enclosed(controller: FuzzyController, e: Floats, w: Floats) -> surface.Enclosure:
-    """Return the enclosure of each cell, row by row; beyond 1 a cell has no width."""
+    e = e[middle:] if odd else e
     columns, rows = len(w) - 1, len(e) - 1
     boxes = surface.Boxes(
         np.repeat(e[:-1], columns),
@@ -143,6 +147,12 @@ def _enclosed(controller: FuzzyController, e: Floats, w: Floats) -> surface.Encl
         np.tile(w[:-1], rows),
         np.tile(w[1:], rows),
     )
+    half = saturated(enclosed(controller, boxes), limit).reshape(-1, columns, 4)
+    return np.concatenate([half[::-1, ::-1], half]) if odd else half
+
+
+def enclosed(controller: FuzzyController, boxes: surface.Boxes) -> surface.Enclosure:
+    """Return the enclosure of each box of [-1, 1] x [-1, 1]; along no width nothing changes."""
     found = surface.enclose(controller.system, boxes)
     for bound in found:
         if not np.isfinite(bound).all():
@@ -158,7 +168,7 @@ def _enclosed(controller: FuzzyController, e: Floats, w: Floats) -> surface.Encl
     return surface.Enclosure(low, high, *e_slopes, *v_slopes)
 
 
-def _saturated(found: surface.Enclosure, limit: float) -> Floats:
+def saturated(found: surface.Enclosure, limit: float) -> Floats:
     """Return the slopes (n, 4) of the output saturated at `limit`."""
     slopes = np.stack(found[2:], axis=1)
     outside = (found.low > limit) | (found.high < -limit)

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is drawn around the target, and how a flight passes it: a corridor and a keep-out sphere.
 
-They help the eye; they are no conditions of the paper or of a scenario. A cone of 10 to 15
-degrees about the docking axis is usual in practice (Fehse, *Automated Rendezvous and Docking of
-Spacecraft*, 2003); here it lies along the LVLH axis on which the flight starts farthest out.
+Those of the scenario, or else aids to the eye, which are no conditions of the paper or of a
+scenario. A cone of 10 to 15 degrees about the docking axis is usual in practice (Fehse, *Automated
+Rendezvous and Docking of Spacecraft*, 2003); the aid lies along the LVLH axis on which the flight
+starts farthest out.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core.explain import AXES
 from rpo_core.flight import Flight
+from rpo_core.zones import Corridor, Zones
 
 Floats = NDArray[np.float64]
 
@@ -25,9 +27,24 @@ KEEP_OUT_RADIUS_M = 5.0
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
 
 
+def circle(radius_m: float) -> Floats:
+    """Return the outline (n, 2) of a sphere about the target in any plane through it."""
+    return radius_m * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+
+
+def great_circles(radius_m: float) -> list[Floats]:
+    """Return three great circles (3, n) of a sphere about the target."""
+    lines = []
+    for normal in range(3):
+        line = np.zeros((3, len(_TURN)))
+        line[[i for i in range(3) if i != normal]] = circle(radius_m).T
+        lines.append(line)
+    return lines
+
+
 @dataclass(frozen=True)
 class Aids:
-    """A cone with its apex in the target, and a sphere around it.
+    """A cone with its apex in the target, and a sphere around it, where a scenario has no zones.
 
     axis : 0, 1, 2 of LVLH; sign : the side of the target on which the cone lies
     length_m : of the cone
@@ -45,41 +62,12 @@ class Aids:
         return cls(axis, -1.0 if start[axis] < 0.0 else 1.0, float(np.abs(start).max()) * 1.1)
 
     @property
-    def _half_width_m(self) -> float:
-        return self.length_m * float(np.tan(np.deg2rad(CORRIDOR_HALF_ANGLE_DEG)))
-
-    def corridor_edges(self, across: int, up: int) -> list[Floats]:
-        """Return the edges (2, 2) of the cone in the plane of two axes; none where it is round."""
-        if self.axis not in (across, up):
-            return []
-        ends = []
-        for side in (-1.0, 1.0):
-            end = np.zeros(3)
-            end[self.axis] = self.sign * self.length_m
-            end[up if self.axis == across else across] = side * self._half_width_m
-            ends.append(end)
-        return [np.array([end[[across, up]], [0.0, 0.0]]) for end in ends]
-
-    def circle(self) -> Floats:
-        """Return the sphere's outline (n, 2) in any plane through the target."""
-        return KEEP_OUT_RADIUS_M * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
-
-    def cone(self) -> list[Floats]:
-        """Return lines (3, n) along the cone and around its end."""
-        others = [i for i in range(3) if i != self.axis]
-        rim = np.zeros((3, len(_TURN)))
-        rim[self.axis] = self.sign * self.length_m
-        rim[others] = self._half_width_m * np.array([np.cos(_TURN), np.sin(_TURN)])
-        return [rim, *(np.column_stack([np.zeros(3), rim[:, i]]) for i in range(0, 48, 6))]
-
-    def sphere(self) -> list[Floats]:
-        """Return three great circles (3, n)."""
-        lines = []
-        for normal in range(3):
-            line = np.zeros((3, len(_TURN)))
-            line[[i for i in range(3) if i != normal]] = self.circle().T
-            lines.append(line)
-        return lines
+    def zones(self) -> Zones:
+        """The aids as they are drawn."""
+        ahead = tuple(self.sign if i == self.axis else 0.0 for i in range(3))
+        slope = float(np.tan(np.deg2rad(CORRIDOR_HALF_ANGLE_DEG)))
+        cone = Corridor((0.0, 0.0, 0.0), ahead, slope, self.length_m)
+        return Zones(KEEP_OUT_RADIUS_M, cone)
 
     def off_axis_deg(self, positions_m: Floats) -> Floats:
         """Return the angles (n,) between positions (n, 3) and the corridor's axis."""
@@ -103,13 +91,43 @@ def passage(flight: Flight, aids: Aids) -> list[tuple[str, str]]:
         return [*found, (f'within {KEEP_OUT_RADIUS_M:g} m of the target', 'never')]
     entry = int(inside[0])
     where = slice(entry, entry + 1)
-    toward = -np.vdot(flight.positions_m[entry], flight.velocities_m_s[entry]) / distance[entry]
     return [
         *found,
         (f'enters the keep-out sphere of {KEEP_OUT_RADIUS_M:g} m at', f'{times[entry]:.1f} s'),
-        ('closing speed at the entry', f'{toward:.3g} m/s'),
+        ('closing speed at the entry', f'{_closing_m_s(flight, entry):.3g} m/s'),
         (
             "off the corridor's axis at the entry",
             f'{aids.off_axis_deg(flight.positions_m[where])[0]:.1f}°',
         ),
     ]
+
+
+def _closing_m_s(flight: Flight, tick: int) -> float:
+    position, velocity = flight.positions_m[tick], flight.velocities_m_s[tick]
+    return float(-np.vdot(position, velocity) / np.linalg.norm(position))
+
+
+def zone_passage(flight: Flight, zones: Zones) -> list[tuple[str, str]]:
+    """Return names and values: how a flight passes zones of its scenario, at its ticks."""
+    positions = [tuple(position) for position in flight.positions_m.tolist()]
+    distance = np.linalg.norm(flight.positions_m, axis=1)
+    found = [('least distance to the target', f'{distance.min():.4g} m')]
+    if not zones.keep_out_m:
+        return found
+    name = f'the keep-out sphere of {zones.keep_out_m:g} m'
+    outside = [zones.violated(position) for position in positions]
+    where = ' outside the corridor' if zones.corridor is not None else ''
+    broken = f'{sum(outside)} of {len(outside)}' if any(outside) else 'none'
+    found.append((f'ticks in {name}{where}', broken))
+    inside = np.flatnonzero(distance < zones.keep_out_m)
+    if not inside.size:
+        return [*found, (f'enters {name}', 'never')]
+    entry = int(inside[0])
+    found += [
+        (f'enters {name} at', f'{flight.scenario.times_s[entry]:.1f} s'),
+        ('closing speed at the entry', f'{_closing_m_s(flight, entry):.3g} m/s'),
+    ]
+    if zones.corridor is not None:
+        room = -max(zones.corridor.outside_m(positions[tick]) for tick in inside.tolist())
+        found.append(("least distance to the corridor's wall inside of it", f'{room:.3g} m'))
+    return found

@@ -10,6 +10,7 @@ from dataclasses import replace
 from rpo_core import files
 from rpo_core.controller import AnyController, FuzzyController, load_controller
 from rpo_core.explain import SPOKEN
+from rpo_core.family import Family
 from rpo_core.flight import fly
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
@@ -63,7 +64,7 @@ def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
             certificate = certify(controller.system)
             inside: tuple[Section, ...] = _inside(controller, certificate)
         else:
-            inside = (Section('Force', (_surfaces(controller),)),)
+            inside = _inside_baseline(controller)
     flights = judgements[0].flights
     return Report(
         f'Controller {controller.name}',
@@ -81,6 +82,20 @@ def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Sect
         Section('Control surface', (_surface(controller),)),
         Section('Certificate', tuple(_certificate(certificate))),
     )
+
+
+def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
+    """Return the force of a controller without the paper's rules; a family's rules and claims."""
+    force = Section('Force', (_surfaces(controller),))
+    if not isinstance(controller, Family):
+        return (force,)
+    rules = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())
+    claims = tuple(
+        (claim.name, 'proven' if claim.holds else 'not proven', claim.statement)
+        for claim in controller.claims()
+    )
+    certificate = Table('Claims', ('claim', 'verdict', 'statement'), claims)
+    return Section('Rules', rules), force, Section('Certificate', (certificate,))
 
 
 def _surfaces(controller: AnyController) -> Picture:
@@ -123,7 +138,7 @@ def _without_rules(controller: AnyController) -> Report:
             f'{SCENARIOS[0]}: relative position, velocity and control force in LVLH.',
             f'Time histories of {SCENARIOS[0]}; the table above has its metrics.',
         )
-        surfaces = _surfaces(controller)
+        inside = _inside_baseline(controller)
     return Report(
         f'Controller {controller.name}',
         controller.description,
@@ -131,7 +146,7 @@ def _without_rules(controller: AnyController) -> Report:
             Section(
                 'How it flies', (Table('Flights', flight_report.COLUMNS, tuple(rows)), histories)
             ),
-            Section('Force', (surfaces,)),
+            *inside,
         ),
     )
 

@@ -4,13 +4,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rpo_core import interfaces
+from rpo_core.chain import Chain
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
-from rpo_log.read.run_log import RunLog, flight_of, scenario_of
+from rpo_core.stage import Stage
+from rpo_log.read.run_log import RunLog, flight_of, other_signals, scenario_of
+from rpo_log.verify.recomputation import StageStates
+
+Floats = NDArray[np.float64]
+AnyStage = TypeVar('AnyStage', bound=Stage)
 
 LEAST_TICKS = 10
 """A log that shows less from the start is not drawn."""
@@ -48,6 +58,7 @@ def logged_flight(log: RunLog) -> LoggedFlight:
         log.states[shown],
         log.forces_n[shown],
         np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
+        {name: values[shown] for name, values in other_signals(log).items()},
     )
     return LoggedFlight(flight, planned, log.gaps)
 
@@ -60,3 +71,37 @@ def _shown_ticks(log: RunLog) -> int:
     present = np.isfinite(np.hstack(columns)).all(axis=1)
     present &= log.ticks == np.arange(len(log.ticks))
     return int(np.argmin(present) if not present.all() else len(present)) - 1
+
+
+def steps_again(
+    log: RunLog, flight: Flight, kind: type[AnyStage]
+) -> Iterator[tuple[int, AnyStage, list[tuple[float, ...]]]]:
+    """Yield (tick, stage, outputs) of the stage of a kind, run again on its logged inputs.
+
+    It gets the commands that it got in flight. Nothing is yielded where the scenario has no such
+    stage, or an input of a tick is missing.
+    """
+    links = [link for link in Chain.of(flight.scenario).links if isinstance(link.stage, kind)]
+    if not links:
+        return
+    stage, ticks = cast(AnyStage, links[0].stage), len(flight.states)
+    read = [_logged(log, name)[:ticks] for name in links[0].reads]
+    if not all(np.isfinite(values).all() for values in read):
+        return
+    states = StageStates()
+    states.take(log.events)
+    stage.reset()
+    states.tell(stage)
+    for tick in range(ticks):
+        inputs = [tuple(values[tick].tolist()) for values in read]
+        yield tick, stage, list(stage.step(tick, *inputs))
+
+
+def _logged(log: RunLog, read: str) -> Floats:
+    """Return a signal that a stage reads, (n, width); one of the tick before begins with zero."""
+    name = interfaces.current(read)
+    nothing = np.full((len(log.ticks), 1), np.nan)
+    if name == read:
+        return log.values.get(name, nothing)
+    sent = log.values.get(interfaces.APPLIED_FORCE, log.values.get(name, nothing))
+    return np.vstack([np.zeros((1, sent.shape[1])), sent])

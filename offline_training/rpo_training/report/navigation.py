@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.flight import Flight
-from rpo_core.interfaces import APPLIED_FORCE, CONTROL_FORCE, PREVIOUS_COMMAND
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_log.show.report import by_axis
-from rpo_nav.estimator import Estimator, EstimatorStage
+from rpo_nav.estimator import EstimatorStage
 from rpo_training.report.blocks import Picture, Section, Table
+from rpo_training.report.logged import steps_again
 
 Floats = NDArray[np.float64]
 
@@ -47,21 +47,10 @@ class Filtered(NamedTuple):
 
 def filtered(log: RunLog, flight: Flight) -> Filtered | None:
     """Return what the filter of a run did; None if there is none, or a message is missing."""
-    settings = flight.scenario.section(Estimator)
-    if settings is None:
-        return None
-    stage = EstimatorStage(settings, flight.scenario)
-    commands = log.values.get(APPLIED_FORCE, log.values[CONTROL_FORCE])
-    before = np.vstack([np.zeros((1, 3)), commands])
-    names = [name for name in stage.inputs if name != PREVIOUS_COMMAND]
-    n = len(flight.states)
-    read = [before[:n], *(log.values[name][:n] for name in names)]
-    if not all(np.isfinite(values).all() for values in read):
-        return None
+    n, stage = len(flight.states), None
     errors, sigmas, nees = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
     innovations, nis = [], []
-    for tick in range(n):
-        state, *_ = stage.step(tick, *(tuple(values[tick].tolist()) for values in read))
+    for tick, stage, (state, *_) in steps_again(log, flight, EstimatorStage):
         covariance = stage.covariance[:6, :6]
         errors[tick] = np.array(state) - flight.states[tick]
         sigmas[tick] = np.sqrt(np.diag(covariance))
@@ -69,6 +58,8 @@ def filtered(log: RunLog, flight: Flight) -> Filtered | None:
         for found in filter(None, stage.innovations):
             innovations += [(tick, value) for value in found]
             nis.append((len(found), float(np.square(found).sum())))
+    if stage is None:
+        return None
     return Filtered(
         errors, sigmas, nees, np.array(innovations).reshape(-1, 2), np.array(nis).reshape(-1, 2),
         stage.rejected, stage.restarts,

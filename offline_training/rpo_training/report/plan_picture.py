@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rpo_guidance.plan import Guidance
-from rpo_guidance.stages import Checked
+from rpo_guidance.rehearsal import Checked
 from rpo_log.show import style
 from rpo_training.evaluation.plan_bound import Bound
+from rpo_training.report.run_plots import Drawn, draw_zones
 
 
 def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
@@ -23,7 +23,7 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
         for axes, (across, label) in zip(
             (left, right), ((0, 'x, R-bar [m]'), (2, 'z, H-bar [m]')), strict=True
         ):
-            _zones(axes, settings, across)
+            draw_zones(axes, Drawn([settings.zones(None)]), across)
             axes.plot(
                 bound.positions_m[:, 1], bound.positions_m[:, across], '--',
                 color=style.LIGHT['y'], label='least energy in the zones',
@@ -36,19 +36,3 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
         left.legend(loc='best')
         figure.suptitle(f'J = {bound.plan:.3f} N²s; least in the zones {bound.least:.3f} N²s')
         figure.savefig(path)
-
-
-def _zones(axes: Any, settings: Guidance, across: int) -> None:
-    """Draw the sphere, and the edges of the corridor if its axis lies in the picture."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    radius = settings.keep_out_m
-    axes.fill(radius * np.cos(turn), radius * np.sin(turn), alpha=0.2, color=style.LIGHT['x'])
-    corridor = settings.corridor
-    if not corridor.from_m:
-        return
-    ahead = np.array(corridor.ahead)[[1, across]]
-    port = np.array(settings.port_m)[[1, across]]
-    side = np.array([-ahead[1], ahead[0]]) * corridor.slope
-    for edge in (ahead + side, ahead - side):
-        ends = np.array([port, port + corridor.from_m * edge])
-        axes.plot(ends[:, 0], ends[:, 1], color=style.LIGHT['x'], linewidth=1.0)

@@ -12,10 +12,13 @@ import numpy as np
 
 from rpo_core import metrics
 from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.controller_file import received
 from rpo_core.explain import decisions
 from rpo_core.flight import Flight
+from rpo_core.interfaces import RELATIVE_STATE
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
+from rpo_core.zones import zones_of
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE
 from rpo_log.read.run_log import RunLog, controller_of, read_run
@@ -23,12 +26,13 @@ from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_nav.estimator import Estimator
 from rpo_training.evaluation import optimal
-from rpo_training.report import navigation, run_plots
+from rpo_training.report import assured, guided, navigation, run_plots
 from rpo_training.report.approach import (
     CORRIDOR_HALF_ANGLE_DEG,
     KEEP_OUT_RADIUS_M,
     Aids,
     passage,
+    zone_passage,
 )
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 from rpo_training.report.logged import LoggedFlight, logged_flight
@@ -40,6 +44,9 @@ _AIDS = (
     f'The cone of {CORRIDOR_HALF_ANGLE_DEG:g}° about the axis of approach and the sphere of '
     f'{KEEP_OUT_RADIUS_M:g} m around the target are aids to the eye, not conditions of the flight.'
 )
+
+
+_ZONES = 'Keep-out sphere, corridor and the points of the plan are those of the scenario.'
 
 
 @dataclass(frozen=True)
@@ -60,11 +67,14 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
         controller, why = controller_of(log), ''
     except LogError as error:
         controller, why = None, str(error)
+    phases, acted = guided.phases_of(log, flight), assured.decided(log, flight)
     with style.applied():
         sections = [
             Section('Figures', tuple(_tables(shown))),
-            Section('Time histories', (_histories(flight),)),
+            Section('Time histories', (_histories(flight, phases),)),
             Section('Approach', tuple(_approach(flight, optima))),
+            *guided.sections(flight, phases),
+            *assured.sections(flight, acted, phases),
             Section('Energy', tuple(_energy(flight, optima))),
             Section('Force and slew', (_limits(flight),)),
             *_thrusters(flight),
@@ -146,30 +156,41 @@ def _vector(values: tuple[float, ...]) -> str:
     return '[' + ', '.join(f'{value:g}' for value in values) + ']'
 
 
-def _histories(flight: Flight) -> Picture:
+def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
+    figure = log_report.time_histories(flight)
+    guided.mark(figure, phases, flight)
     begin_s = log_report.close_up_s(flight.scenario)
     last = metrics.window(flight, flight.scenario.duration_s - begin_s)
     return Picture(
         Path(log_report.PICTURE).stem,
-        log_report.time_histories(flight),
-        'Relative position, velocity and control force in LVLH; right, the end close up.',
+        figure,
+        'Relative position, velocity and control force in LVLH; right, the end close up.'
+        + (' Vertical lines: a phase of the plan begins.' if phases else ''),
         f'Time histories of the three axes. At the end every position is within '
         f'{last.position_m:.3g} m and every velocity within {last.velocity_m_s:.3g} m/s.',
     )
 
 
 def _approach(flight: Flight, optima: _Optima) -> list[Block]:
-    aids = Aids.of(flight)
-    found = passage(flight, aids)
+    zones = zones_of(flight.scenario)
+    if zones:
+        drawn = run_plots.Drawn(zones)
+        found = [row for zone in zones for row in zone_passage(flight, zone)]
+        found, caption = list(dict.fromkeys(found)), 'Passage of the zones'
+    else:
+        aids = Aids.of(flight)
+        drawn, found = run_plots.Drawn([aids.zones], ' (aid)'), passage(flight, aids)
+        caption = 'Passage of the drawn aids'
     return [
         Picture(
             'approach',
-            run_plots.approach(flight, optima.flights, aids),
+            run_plots.approach(flight, optima.flights, drawn),
             f'The approach in LVLH: in space, in the orbital plane, and from above. Dots every '
-            f'{run_plots.MARK_S:g} s. {_AIDS}',
+            f'{run_plots.MARK_S:g} s. {_ZONES if zones else _AIDS}',
             'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
         ),
-        Table('Passage of the drawn aids', ('what', 'value'), tuple(found)),
+        *([_near(flight, drawn)] if zones else []),
+        Table(caption, ('what', 'value'), tuple(found)),
         Picture(
             'closing',
             run_plots.closing(flight),
@@ -179,6 +200,15 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
             f'{metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
         ),
     ]
+
+
+def _near(flight: Flight, drawn: run_plots.Drawn) -> Picture:
+    return Picture(
+        'zones',
+        run_plots.near(flight, drawn),
+        'The zones from near, in the orbital plane and from above.',
+        'The path of the chaser through the zones about the target.',
+    )
 
 
 def _energy(flight: Flight, optima: _Optima) -> list[Block]:
@@ -269,10 +299,11 @@ def _control(flight: Flight, controller: AnyController | None, why: str) -> list
         missing = f'No control surface and no rules: {controller.name} is not a fuzzy controller.'
     picture = Picture(
         'phase_planes',
-        run_plots.phase_planes(flight, fuzzy),
-        'Velocity over position of each axis'
+        run_plots.phase_planes(flight, guided.errors_of(flight), fuzzy),
+        'Velocity over position of each axis, relative to '
+        + ('the reference' if guided.follows(flight) else 'the goal')
         + (", on the controller's force at that position and velocity" if fuzzy else '')
-        + '. The chaser comes from the large dot; it is at rest at the target where both are 0.',
+        + '. The chaser comes from the large dot; it is where it should be, at rest, at 0 and 0.',
         'Phase planes of the three axes' + (' on the control surface.' if fuzzy else '.'),
     )
     planes = Section('Phase planes', (picture, *([Text(missing)] if missing else [])))
@@ -293,11 +324,9 @@ def _decisions(flight: Flight, controller: FuzzyController) -> Table:
 
 
 def _seen(flight: Flight, tick: int) -> Sequence[float]:
-    """Return the state (6,) that the controller received, relative to the goal."""
-    x, y, z, vx, vy, vz = flight.states[tick].tolist()
-    state, navigation = (x, y, z, vx, vy, vz), flight.scenario.navigation
-    seen = state if navigation is None else navigation.solution(tick, state)
-    return flight.scenario.from_goal(seen)
+    """Return the state (6,) that the controller received, relative to reference or goal."""
+    signals = {name: values[tick].tolist() for name, values in flight.signals.items()}
+    return received(flight.scenario, {**signals, RELATIVE_STATE: flight.states[tick].tolist()})[0]
 
 
 def _instants(flight: Flight) -> list[int]:

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 from rpo_core import metrics
 from rpo_core.controller import FuzzyController
 from rpo_core.flight import Flight
+from rpo_core.zones import Zones
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, limit_lines
-from rpo_training.report.approach import Aids
+from rpo_training.report.approach import circle, great_circles
 from rpo_training.report.surface_plots import draw_force, force_bar
 
 Floats = NDArray[np.float64]
@@ -24,21 +26,36 @@ _INK, _OPTIMUM = style.LIGHT['ink'], style.LIGHT['optimum']
 MARK_S = 20.0
 _LINES = ('-', (0, (5, 2)))
 OptimaByName = dict[str, Flight]
+_LEAST_SHARE = 0.3
+"""Least size of the picture in space along an axis, of its largest: its numbers need room."""
+_WALL = {'color': style.LIGHT['muted'], 'linewidth': 0.8}
+_SPHERE = {'color': style.LIGHT['z'], 'linewidth': 1.0}
+_POINT = {'markerfacecolor': 'none', 'markeredgecolor': style.LIGHT['muted'], 'markersize': 6}
 
 
-def approach(flight: Flight, optima: OptimaByName, aids: Aids) -> Any:
-    """Return the flight in space and in two planes, with the drawn aids around the target."""
+class Drawn(NamedTuple):
+    """What is drawn around the target.
+
+    note : ' (aid)' where it is none of the scenario's
+    """
+
+    zones: Sequence[Zones]
+    note: str = ''
+
+
+def approach(flight: Flight, optima: OptimaByName, drawn: Drawn) -> Any:
+    """Return the flight in space and in two planes, with what is drawn around the target."""
     figure = style.new_figure(7.9)
     grid = figure.add_gridspec(2, 2, height_ratios=(9, 8))
     room, space = figure.add_subplot(grid[0, :]), figure.add_axes((0, 0, 1, 1), projection='3d')
     room.set_axis_off()
     space.set_in_layout(False)
     planes = [figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1])]
-    _in_space(space, flight, optima, aids)
+    _in_space(space, flight, optima, drawn)
     for axes, across, label in zip(
         planes, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
     ):
-        _in_plane(axes, flight, optima, aids, across)
+        _in_plane(axes, flight, optima, drawn, across)
         axes.set(xlabel='y, V-bar [m]', ylabel=label)
     style.legend_below(figure, planes[0], columns=4)
     _fit(figure, space, room)
@@ -88,11 +105,22 @@ def _marked(flight: Flight) -> slice:
     return slice(None, None, max(1, round(MARK_S / flight.scenario.dt_s)))
 
 
-def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, across: int) -> None:
-    for edge in aids.corridor_edges(1, across):
-        axes.plot(*edge.T, color=style.LIGHT['muted'], linewidth=0.8, label='corridor (aid)')
-    circle = aids.circle()
-    axes.plot(*circle.T, color=style.LIGHT['z'], linewidth=1.0, label='keep-out sphere (aid)')
+def draw_zones(axes: Any, drawn: Drawn, across: int) -> None:
+    """Draw zones in the plane of V-bar and another axis of LVLH."""
+    for zones in drawn.zones:
+        if zones.corridor is not None:
+            for edge in zones.corridor.edges(1, across):
+                axes.plot(*zip(*edge, strict=True), **_WALL, label=f'corridor{drawn.note}')
+        if zones.keep_out_m:
+            outline = circle(zones.keep_out_m).T
+            axes.plot(*outline, **_SPHERE, label=f'keep-out sphere{drawn.note}')
+        points = np.array(list(zones.points_m.values())).reshape(-1, 3)
+        if len(points):
+            axes.plot(*points[:, [1, across]].T, 'D', **_POINT, label='holds, retreat')
+
+
+def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, drawn: Drawn, across: int) -> None:
+    draw_zones(axes, drawn, across)
     for name, positions, colour, line in _paths(flight, optima):
         axes.plot(positions[:, 1], positions[:, across], color=colour, linestyle=line, label=name)
     marks = flight.positions_m[_marked(flight)]
@@ -105,11 +133,33 @@ def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids, acros
     axes.set_aspect('equal', adjustable='datalim')
 
 
-def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> None:
-    for x, y, z in aids.cone():
-        axes.plot(y, z, x, color=style.LIGHT['muted'], linewidth=0.5)
-    for x, y, z in aids.sphere():
-        axes.plot(y, z, x, color=style.LIGHT['z'], linewidth=0.5)
+def near(flight: Flight, drawn: Drawn) -> Any:
+    """Return the zones from near, in two planes, with the flight in them."""
+    figure, panels = style.new_panels(4.6, 1, 2)
+    reach = 1.15 * max(
+        max(
+            zones.keep_out_m, float(np.linalg.norm(zones.corridor.end_m)) if zones.corridor else 0.0
+        )
+        for zones in drawn.zones
+    )
+    for axes, across, label in zip(
+        panels, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
+    ):
+        _in_plane(axes, flight, {}, drawn, across)
+        axes.set_aspect('equal', adjustable='box')
+        around = (-reach, reach)
+        axes.set(xlabel='y, V-bar [m]', ylabel=label, xlim=around, ylim=around)
+    style.legend_below(figure, panels[0], columns=4)
+    return figure
+
+
+def _in_space(axes: Any, flight: Flight, optima: OptimaByName, drawn: Drawn) -> None:
+    for zones in drawn.zones:
+        for line in zones.corridor.lines() if zones.corridor is not None else ():
+            x, y, z = np.array(line).T
+            axes.plot(y, z, x, color=_WALL['color'], linewidth=0.5)
+        for x, y, z in great_circles(zones.keep_out_m) if zones.keep_out_m else ():
+            axes.plot(y, z, x, color=_SPHERE['color'], linewidth=0.5)
     for _, positions, colour, line in _paths(flight, optima):
         x, y, z = positions.T
         axes.plot(y, z, x, color=colour, linestyle=line)
@@ -119,8 +169,15 @@ def _in_space(axes: Any, flight: Flight, optima: OptimaByName, aids: Aids) -> No
     axes.set_xlabel('y, V-bar [m]', labelpad=9)
     axes.set_ylabel('z, H-bar [m]', labelpad=9)
     axes.set_zlabel('x, R-bar [m]', labelpad=5)
-    reach = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
-    axes.set_box_aspect(reach)
+    limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+    least = _LEAST_SHARE * np.ptp(limits, axis=1).max()
+    middles = limits.mean(axis=1, keepdims=True)
+    half = np.maximum(np.ptp(limits, axis=1, keepdims=True), least) / 2.0
+    for set_limits, one in zip(
+        (axes.set_xlim, axes.set_ylim, axes.set_zlim), middles + half * [-1.0, 1.0], strict=True
+    ):
+        set_limits(*one)
+    axes.set_box_aspect(2.0 * half.ravel())
     axes.locator_params(nbins=5)
     axes.view_init(elev=22.0, azim=-58.0)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
@@ -210,16 +267,16 @@ def closing(flight: Flight) -> Any:
     return figure
 
 
-def phase_planes(flight: Flight, controller: FuzzyController | None) -> Any:
-    """Return velocity over position per axis, on the force that a controller answers with."""
+def phase_planes(flight: Flight, errors: Floats, controller: FuzzyController | None) -> Any:
+    """Return velocity over position per axis, on the force that a controller answers with.
+
+    errors : (n, 6) true states relative to what the controller flies to [m, m/s]
+    """
     figure, panels = style.new_panels(3.9, 1, 3)
-    spans = [
-        1.08 * np.maximum(np.abs(v).max(axis=0), 1e-3)
-        for v in (flight.errors[:, :3], flight.errors[:, 3:])
-    ]
+    spans = [1.08 * np.maximum(np.abs(v).max(axis=0), 1e-3) for v in (errors[:, :3], errors[:, 3:])]
     image = None
     for i, (axes, name) in enumerate(zip(panels, style.AXIS_NAMES, strict=True)):
-        position, velocity = flight.errors[:, i], flight.errors[:, 3 + i]
+        position, velocity = errors[:, i], errors[:, 3 + i]
         if controller is not None:
             image = draw_force(axes, controller, (spans[0][i], spans[1][i]))
         axes.plot(position, velocity, color=_INK, label='this flight')

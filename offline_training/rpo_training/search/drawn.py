@@ -13,7 +13,7 @@ then has its own noise, the same for all candidates; what its thrusters spend ca
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from rpo_training.campaign.worlds import uneven_steps
 from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.judged import VALUES
-from rpo_training.engine.parts import RUNS, Runs
+from rpo_training.engine.parts import RUNS
 from rpo_training.engine.support import IN_PAIRS, why_not
 
 Floats = NDArray[np.float64]
@@ -37,8 +37,6 @@ HELD_OUT = -1
 """The stage of the draws that no search has seen."""
 
 _SEEDS = 1000  # between the seeds of stages and those held out
-
-_MOST_KEPT = 4  # batches of true orbits, of some 30 MB each; more are made when they are flown
 
 
 @dataclass(frozen=True)
@@ -128,9 +126,8 @@ class DrawnFlights:
             some = list(chosen)
             own = {name: values[some] for name, values in drawn.own.items()}
             drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
-        batches: Iterable[Runs] = _Batches(campaign, drawn)
-        if campaign.scenario.dynamics is None or len(drawn.numbers) <= _MOST_KEPT * RUNS:
-            batches = tuple(batches)
+        firsts = range(0, len(drawn.numbers), RUNS)
+        batches = tuple(make_batch(campaign, drawn, first) for first in firsts)
         return DrawnCase(
             f'{self.label}, stage {stage}',
             campaign.scenario,
@@ -165,18 +162,6 @@ class DrawnFlights:
         own, names = self._settings, ('propellant_kg', 'valve_openings')
         spent, opened = (rows[..., _column(name, self._campaign)] for name in names)
         return own.propellant * spent + own.openings * opened
-
-
-@dataclass(frozen=True)
-class _Batches:
-    """The parts of drawn runs, 40 at a time, made when they are asked for."""
-
-    campaign: Campaign
-    drawn: DrawnRuns
-
-    def __iter__(self) -> Iterator[Runs]:
-        for first in range(0, len(self.drawn.numbers), RUNS):
-            yield make_batch(self.campaign, self.drawn, first)
 
 
 def _column(name: str, campaign: Campaign) -> int:

@@ -26,11 +26,11 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from rpo_bringup.parameters import MONITOR as PARAMETERS
-from rpo_core.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.timeout import Timeout
+from rpo_safety.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 
 _LOOK_S = 0.2
 _RUNNING = 'running'
@@ -42,7 +42,8 @@ class MonitorNode(FlightNode):
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__('monitor', overrides)
         self.values = declare(self, PARAMETERS)
-        self.checker = LimitChecker(load_monitor(self.values['table']))
+        self.table = load_monitor(self.values['table'])
+        self.checker = LimitChecker(self.table.rules)
         self.phase = ''
         self.reacted: dict[str, str] = {}
         self._fresh: set[str] = set()
@@ -57,7 +58,7 @@ class MonitorNode(FlightNode):
         self._subscribe()
         self.every(_LOOK_S, self._look)
         health.publish_health(self, self._health)
-        self.get_logger().info(f'checking the limits of table {self.checker.table.name}')
+        self.get_logger().info(f'checking the limits of table {self.table.name}')
 
     def _subscribe(self) -> None:
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
@@ -74,18 +75,18 @@ class MonitorNode(FlightNode):
         if stamp_ns != self._newest_ns:  # a state that is sent again is no new sample
             self._newest_ns = stamp_ns
             state = conversions.from_odometry(message)
-            self._sample(self.checker.table.limits.faults_of_state(state))
+            self._sample(self.table.limits.faults_of_state(state))
 
     def _on_force(self, message: WrenchStamped) -> None:
         self._timeout.broken()
         force = conversions.from_wrench(message)
-        self._sample(self.checker.table.limits.faults_of_force(force))
+        self._sample(self.table.limits.faults_of_force(force))
 
     def _on_status(self, message: DiagnosticStatus) -> None:
         phase = conversions.values_of(message).get('phase', '')
         if phase == _RUNNING and self.phase != _RUNNING:
             self._timeout.broken()
-            self.checker.clear(self.checker.table.rules)
+            self.checker.clear(self.table.rules)
             self._pending.clear()
             self.answers.clear()
         self.phase = phase
@@ -98,7 +99,7 @@ class MonitorNode(FlightNode):
 
     def _look(self) -> None:
         """Detect a missing command, and send requests whose service was not there before."""
-        silent = self._timeout.look() > self.checker.table.limits.force_age_s
+        silent = self._timeout.look() > self.table.limits.force_age_s
         self._sample({'force_stale': silent and self.phase == _RUNNING})
         if self.phase != _RUNNING:
             self._pending.clear()
@@ -156,7 +157,7 @@ class MonitorNode(FlightNode):
         counts = {f'detected_{k}': n for k, n in self.checker.detected.items() if n}
         reactions = {f'reaction_{k}': reaction for k, reaction in sorted(self.reacted.items())}
         answers = {f'answer_{k}': answer for k, answer in sorted(self.answers.items())}
-        values = {'phase': self.phase, 'table': self.checker.table.name}
+        values = {'phase': self.phase, 'table': self.table.name}
         values |= {**counts, **reactions, **answers}
         return level, text, values
 

@@ -103,6 +103,22 @@ def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any,
     return np.asarray(state) - reference, np.asarray(force_n) - force
 
 
+def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]:
+    """Return the state (6,) that a controller was given at a tick, and the force on top of its law.
+
+    The state is that of navigation where there is one, and relative to the reference of guidance
+    or else to the goal.
+
+    signals : those of the tick, each a sequence of numbers
+    """
+    state = signals.get(interfaces.NAVIGATION_STATE, signals[interfaces.RELATIVE_STATE])
+    if interfaces.REFERENCE_STATE in signals:
+        seen = tuple(map(sub, state, signals[interfaces.REFERENCE_STATE]))
+        return seen, tuple(signals[interfaces.REFERENCE_FORCE])
+    force_n = (0.0, 0.0, 0.0) if scenario.goal is None else scenario.goal.force_n
+    return tuple(scenario.from_goal(state)), force_n
+
+
 class FollowStage(Stage):
     """A controller that was made for the target, and follows a reference.
 

@@ -16,12 +16,23 @@ from rpo_core import pulse_kernels
 from rpo_core.chain import Chain, Signals
 from rpo_core.controller import Controller
 from rpo_core.controller_file import ControllerStage
-from rpo_core.interfaces import CONTROL_FORCE, DISTURBANCE_FORCE, RELATIVE_STATE, SATURATED_FORCE
+from rpo_core.interfaces import (
+    COMMAND,
+    CONTROL_FORCE,
+    DISTURBANCE_FORCE,
+    DUE_FORCE,
+    RELATIVE_STATE,
+    SATURATED_FORCE,
+    row_of,
+)
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal, Stage
 from rpo_core.thrusters import ValvesStage, stage_of
 
 Floats = NDArray[np.float64]
+
+_TAKEN = (DUE_FORCE, SATURATED_FORCE)
+"""Commands that the thrusters have taken."""
 
 
 class Thrust(NamedTuple):
@@ -72,13 +83,19 @@ class Flight:
         """Relative velocities (N+1, 3)."""
         return self.states[:, 3:]
 
+    @property
+    def sent_forces_n(self) -> Floats:
+        """Commands (N+1, 3) on their way to the thrusters: what assurance made of them."""
+        sent = [n for n in self.signals if row_of(n).carries == COMMAND and n not in _TAKEN]
+        return self.signals[sent[-1]] if sent else self.forces_n
+
     @cached_property
     def saturated_forces_n(self) -> Floats:
         """Commands (N, 3) that the thrusters took: late where they are, saturated."""
         if SATURATED_FORCE in self.signals:
             return self.signals[SATURATED_FORCE][:-1]
         stage = stage_of(self.scenario.thrusters, self.scenario)
-        made = stage.steps(np.arange(len(self.forces_n) - 1), self.forces_n[:-1])
+        made = stage.steps(np.arange(len(self.forces_n) - 1), self.sent_forces_n[:-1])
         return made[stage.outputs.index(SATURATED_FORCE)]
 
     @cached_property
@@ -87,7 +104,9 @@ class Flight:
         scenario = self.scenario
         stage = stage_of(scenario.thrusters, scenario)
         stage.reset()
-        made = [stage.step(tick, tuple(f)) for tick, f in enumerate(self.forces_n[:-1].tolist())]
+        made = [
+            stage.step(tick, tuple(f)) for tick, f in enumerate(self.sent_forces_n[:-1].tolist())
+        ]
         forces_n = np.array([outputs[2] for outputs in made])
         if not isinstance(stage, ValvesStage):
             mass_kg = np.full(len(made), scenario.mass_kg)

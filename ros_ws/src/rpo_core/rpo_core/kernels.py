@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import kernel
+from rpo_core.jit import inlined, kernel
 
 LN, SN, Z, SP, LP = range(5)
 """Words: large negative, small negative, zero, small positive, large positive."""
@@ -202,7 +202,7 @@ def axis_force(
     return force_scale * infer(position_error, velocity_error, fis)
 
 
-@kernel
+@inlined
 def cw_step(state: State, force: Vector, c: CwStep) -> State:
     """State (x, y, z, vx, vy, vz) one step later under a constant force (fx, fy, fz) [N]."""
     x, y, z, vx, vy, vz = state

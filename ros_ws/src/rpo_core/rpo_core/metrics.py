@@ -135,23 +135,6 @@ def norm(x: float, y: float, z: float) -> float:
 
 
 @kernel
-def contact_speeds(
-    x: float, y: float, z: float, vx: float, vy: float, vz: float
-) -> tuple[float, float]:
-    """Return the speeds [m/s] along the line of sight to the goal, closing, and across it.
-
-    x, y, z : position [m] from the goal; vx, vy, vz : velocity [m/s]. At the goal itself there is
-    no line of sight, and all of the speed is closing.
-    """
-    distance = norm(x, y, z)
-    if distance == 0.0:
-        return norm(vx, vy, vz), 0.0
-    sx, sy, sz = x / distance, y / distance, z / distance
-    along = sx * vx + sy * vy + sz * vz
-    return -along, norm(vx - along * sx, vy - along * sy, vz - along * sz)
-
-
-@kernel
 def fill_row(
     row: Any,
     x: AxisSums,

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import kernel
+from rpo_core.jit import inlined, kernel
 from rpo_core.kernels import State, Vector
 
 _LN_2_A = (
@@ -60,7 +60,7 @@ body's pole, unit vector in LVLH; what accelerates the target beside point-mass 
 [m/s^2]."""
 
 
-@kernel
+@inlined
 def exponential(x: float) -> float:
     """e^x, from + - * / only, right to 2e-15 of itself; 0 below -700, e^700 above 700."""
     if x < -700.0:
@@ -75,13 +75,15 @@ def exponential(x: float) -> float:
     total = 1.0 + r * (1.0 + r * (1 / 2 + r * (1 / 6 + r * (1 / 24 + r * (1 / 120 + r * (
         1 / 720 + r * (1 / 5040 + r * tail)))))))
     # fmt: on
-    factor = 2.0 if k > 0 else 0.5
-    for _ in range(abs(k)):
-        total *= factor
+    # By 2^k, exactly: bit by bit of k, so that it becomes SIMD.
+    size, factor = abs(k), 2.0 if k > 0 else 0.5
+    for bit in range(10):
+        total *= factor if size >> bit & 1 else 1.0
+        factor *= factor
     return total
 
 
-@kernel
+@inlined
 def pull(position: Vector, velocity: Vector, pole: Vector, inverse: float, w: World) -> Vector:
     """Acceleration (3,) [m/s^2] beside point-mass gravity: the body's J2, and drag.
 
@@ -117,7 +119,7 @@ def pull(position: Vector, velocity: Vector, pole: Vector, inverse: float, w: Wo
     return ax, ay, az
 
 
-@kernel
+@inlined
 def moved(s: State, rate: State, h: float) -> State:
     """Return s + h * rate."""
     return (
@@ -130,7 +132,7 @@ def moved(s: State, rate: State, h: float) -> State:
     )
 
 
-@kernel
+@inlined
 def gathered(a: State, b: State, c: State, d: State) -> State:
     """Return the mean rate of a step of Runge and Kutta from those at its four points."""
     return (
@@ -143,7 +145,7 @@ def gathered(a: State, b: State, c: State, d: State) -> State:
     )
 
 
-@kernel
+@inlined
 def target_rate(s: State, w: World) -> State:
     """Return the derivative of the target's inertial state (6,); the body's pole is the z axis."""
     x, y, z, vx, vy, vz = s
@@ -153,7 +155,7 @@ def target_rate(s: State, w: World) -> State:
     return vx, vy, vz, k * x + ax, k * y + ay, k * z + az
 
 
-@kernel
+@inlined
 def target_step(s: State, a: State, h: float, w: World) -> State:
     """Target's inertial state (6,) [m, m/s] a time h [s] later; a is its derivative now."""
     b = target_rate(moved(s, a, 0.5 * h), w)
@@ -162,7 +164,7 @@ def target_step(s: State, a: State, h: float, w: World) -> State:
     return moved(s, gathered(a, b, c, d), h)
 
 
-@kernel
+@inlined
 def orbit_row(s: State, w: World) -> tuple[float, ...]:
     """Row of `COLUMNS` numbers of a target's inertial state (6,).
 
@@ -183,7 +185,7 @@ def orbit_row(s: State, w: World) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-@kernel
+@inlined
 def middle(s: State, rate: State, after: State, rate_after: State, h: float) -> State:
     """State half-way through a step: Hermite's cubic, wrong by h^4 / 384 of the 4th derivative."""
     e = 0.125 * h
@@ -219,7 +221,7 @@ def fill_orbit(s: State, h: float, w: World, rows: NDArray[np.float64]) -> State
     return s
 
 
-@kernel
+@inlined
 def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: World) -> State:
     """Return the derivative of the chaser's state (x, y, z, ux, uy, uz).
 
@@ -259,6 +261,35 @@ def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: World) ->
     )
 
 
+@inlined
+def relative_after(
+    s: State, push: Vector, lightness: float, begin: Any, middle: Any, end: Any, h: float, w: World
+) -> State:
+    """Return the chaser's state (x, y, z, ux, uy, uz) a step of h [s] later.
+
+    begin, middle, end : rows of the target's orbit
+    """
+    a = relative_rate(s, push, lightness, begin, w)
+    b = relative_rate(moved(s, a, 0.5 * h), push, lightness, middle, w)
+    c = relative_rate(moved(s, b, 0.5 * h), push, lightness, middle, w)
+    d = relative_rate(moved(s, c, h), push, lightness, end, w)
+    return moved(s, gathered(a, b, c, d), h)
+
+
+@inlined
+def inertial(state: State, about_x: float, about_z: float) -> State:
+    """Return (x, y, z, ux, uy, uz) of a state in LVLH, which turns about x and z [rad/s]."""
+    x, y, z, vx, vy, vz = state
+    return x, y, z, vx - about_z * y, vy + about_z * x - about_x * z, vz + about_x * y
+
+
+@inlined
+def turning(s: State, about_x: float, about_z: float) -> State:
+    """Return the state in LVLH of (x, y, z, ux, uy, uz): the inverse of `inertial`."""
+    x, y, z, ux, uy, uz = s
+    return x, y, z, ux + about_z * y, uy - about_z * x + about_x * z, uz - about_x * y
+
+
 @kernel
 def relative_step(
     state: State,
@@ -275,16 +306,10 @@ def relative_step(
     push : force over mass (3,) [m/s^2], constant in the axes of LVLH during the tick
     rows : of the target's orbit, two for each step; `first` is that of the beginning of the tick
     """
-    x, y, z, vx, vy, vz = state
     o = rows[first]
-    s = (x, y, z, vx - o[2] * y, vy + o[2] * x - o[1] * z, vz + o[1] * y)
+    s = inertial(state, o[1], o[2])
     for i in range(first, first + 2 * steps, 2):
         begin, middle, end = rows[i], rows[i + 1], rows[i + 2]
-        a = relative_rate(s, push, lightness, begin, w)
-        b = relative_rate(moved(s, a, 0.5 * h), push, lightness, middle, w)
-        c = relative_rate(moved(s, b, 0.5 * h), push, lightness, middle, w)
-        d = relative_rate(moved(s, c, h), push, lightness, end, w)
-        s = moved(s, gathered(a, b, c, d), h)
+        s = relative_after(s, push, lightness, begin, middle, end, h, w)
     o = rows[first + 2 * steps]
-    x, y, z = s[0], s[1], s[2]
-    return x, y, z, s[3] + o[2] * y, s[4] - o[2] * x + o[1] * z, s[5] - o[1] * y
+    return turning(s, o[1], o[2])

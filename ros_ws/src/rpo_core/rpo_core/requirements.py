@@ -13,7 +13,10 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core import codec
-from rpo_core.validation import InputError, check_fields, mapping, real
+from rpo_core.validation import InputError, check_fields, choice, mapping, real
+
+DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
+"""Axes of target LVLH, by which a chaser comes in."""
 
 MEAN_WINDOW_S = 30.0
 """The means are over the last 30 s, as in the paper, if the file does not say."""
@@ -25,6 +28,14 @@ def _limit(name: str, value: Any, unit: str, above: float | None = None) -> floa
         return None
     least = 0.0 if above is None else None
     return real(name, value, unit, least=least, above=above, most=1e9)
+
+
+def _angle(name: str, value: Any) -> float | None:
+    return None if value is None else real(name, value, 'deg', above=0.0, most=60.0)
+
+
+def _direction(name: str, value: Any) -> str | None:
+    return None if value is None else choice(name, value, DIRECTIONS)
 
 
 Metres = Annotated[float | None, partial(_limit, unit='m')]
@@ -44,7 +55,12 @@ class Requirements:
         |disturbance| of an axis over the flight
     arrival : the error stays within the limit from a time on, at most `arrival_time_s`
     contact : at the first state within `contact_range_m` of the goal; closing along the line of
-        sight, lateral across it
+        sight, lateral across it. With `contact_axis`, that of the port outward: at the first such
+        state that has come to the port's plane, along the axis and across it. Slower than
+        `contact_least_closing_speed_m_s` nothing catches, and there is no contact
+    keep_out_depth : how far, before the contact, inside the sphere of `keep_out_m` about the target
+        and beside the cone of `corridor_half_angle_deg` about `contact_axis`, which at the goal
+        is as wide as `contact_range_m` to each side
     delta_v_axis_sum : integral of |f_x| + |f_y| + |f_z| over the mass
     """
 
@@ -66,8 +82,13 @@ class Requirements:
     arrival_error_per_axis_m: Metres = None
     arrival_error_norm_m: Metres = None
     contact_range_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    contact_axis: Annotated[str | None, _direction] = None
+    contact_least_closing_speed_m_s: MetresPerSecond = None
     contact_closing_speed_m_s: MetresPerSecond = None
     contact_lateral_speed_m_s: MetresPerSecond = None
+    keep_out_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    corridor_half_angle_deg: Annotated[float | None, _angle] = None
+    keep_out_depth_m: Metres = None
     slew_per_axis_n_s: Annotated[float | None, partial(_limit, unit='N/s')] = None
     energy_n2s: Annotated[float | None, partial(_limit, unit='N^2 s')] = None
     delta_v_axis_sum_m_s: MetresPerSecond = None
@@ -80,6 +101,9 @@ class Requirements:
                 raise InputError(f'`{key}` is missing; `{given[0]}` needs it')
             if not given and getattr(self, key) is not None:
                 raise InputError(f'`{key}` must go with one of {", ".join(limits)}; got none')
+        for key, other in _BESIDE.items():
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                raise InputError(f'`{other}` is missing; `{key}` needs it')
         if not self.limits:
             raise InputError(f'`requirements` must have a limit, like `{LIMITS[0]}`; got none')
         if self.arrival_error_per_axis_m is not None and self.arrival_error_norm_m is not None:
@@ -94,7 +118,7 @@ class Requirements:
         found = {name: getattr(self, name) for name in LIMITS}
         return {name: limit for name, limit in found.items() if limit is not None}
 
-    def to_document(self) -> dict[str, float]:
+    def to_document(self) -> dict[str, float | str]:
         """Return the section as `parse` reads it."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
@@ -108,13 +132,25 @@ _NEEDS = {
     ),
     'arrival_time_s': ('arrival_error_per_axis_m', 'arrival_error_norm_m'),
     'contact_range_m': ('contact_closing_speed_m_s', 'contact_lateral_speed_m_s'),
+    'keep_out_m': ('keep_out_depth_m',),
 }
-"""Field -> fields that mean nothing without it."""
+"""Field -> limits that mean nothing without it."""
+
+_BESIDE = {
+    'contact_axis': 'contact_range_m',
+    'contact_least_closing_speed_m_s': 'contact_range_m',
+    'corridor_half_angle_deg': 'contact_axis',
+}
+"""Setting -> setting that it needs."""
 
 _SETTINGS = (
     'mean_window_s',
     'hold_from_s',
     'contact_range_m',
+    'contact_axis',
+    'contact_least_closing_speed_m_s',
+    'keep_out_m',
+    'corridor_half_angle_deg',
     'arrival_error_per_axis_m',
     'arrival_error_norm_m',
 )

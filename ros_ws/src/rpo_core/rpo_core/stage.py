@@ -26,6 +26,11 @@ Signal = tuple[float, ...]
 """The numbers of a signal at one tick; `rpo_core.interfaces` says which."""
 
 
+WITHOUT_COMMAND = 'without_command'
+"""What a stage is told (`take_event`), and `stage_status` says, of a tick at which an input did not
+come in time; it took zero for it."""
+
+
 class Place(IntEnum):
     """Where in the chain a stage stands; stages of one place follow in the order of the file."""
 
@@ -48,6 +53,7 @@ class Stage:
         `rpo_core.interfaces`): then the last signal before this stage that carries it; or
         PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.interfaces`
+    may_miss : those of `inputs` without which it goes on; see `goes_without`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
     counts_ticks : whether the outputs depend on the number of the tick
     """
@@ -55,6 +61,7 @@ class Stage:
     name: str = ''
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    may_miss: tuple[str, ...] = ()
     memory_ticks: int | None = 0
     counts_ticks: bool = True
 
@@ -63,6 +70,10 @@ class Stage:
 
     def take_event(self, tick: int, state: str) -> None:
         """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""
+
+    def goes_without(self, tick: int) -> bool:
+        """Return whether it steps at a tick without what it may miss; it gets zeros for that."""
+        return False
 
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
@@ -98,6 +109,7 @@ class Section:
     make : from the settings and the scenario to the stage
     check : raises InputError where the settings and the scenario do not go together
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
+    zones : what views draw about the target (`rpo_core.zones`), of settings and scenario
     """
 
     name: str
@@ -106,6 +118,7 @@ class Section:
     make: Callable[[Any, Any], Stage]
     check: Callable[[Any, Any], None] | None = None
     rehearse: Callable[[Any, Any], None] | None = None
+    zones: Callable[[Any, Any], Any] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}

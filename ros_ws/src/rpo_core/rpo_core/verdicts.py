@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics
+from rpo_core import contact, metrics
 from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
 
@@ -36,8 +36,9 @@ _SHOWN = {
     'hold_force_per_axis_n': ('N', 'force per axis, after {hold:g} s'),
     'hold_force_per_disturbance': ('N', 'force per axis, after {hold:g} s'),
     'arrival_time_s': ('s', 'time to goal, {arrival}'),
-    'contact_closing_speed_m_s': ('m/s', 'closing speed at {contact:g} m'),
+    'contact_closing_speed_m_s': ('m/s', 'closing speed at {contact:g} m{least}'),
     'contact_lateral_speed_m_s': ('m/s', 'lateral speed at {contact:g} m'),
+    'keep_out_depth_m': ('m', 'depth inside the sphere of {zone:g} m{cone}'),
     'slew_per_axis_n_s': ('N/s', 'slew per axis'),
     'energy_n2s': ('N²s', 'energy J'),
     'delta_v_axis_sum_m_s': ('m/s', 'Δv (sum of the axes)'),
@@ -93,11 +94,15 @@ def statement(key: str, required: Requirements, duration_s: float) -> str:
     """Return what a requirement is about, with its times and places."""
     axis, norm = required.arrival_error_per_axis_m, required.arrival_error_norm_m
     arrival = f'within {axis:g} m per axis' if axis is not None else f'within {norm or 0.0:g} m'
+    least, angle = required.contact_least_closing_speed_m_s, required.corridor_half_angle_deg
     return _SHOWN[key][1].format(
         mean=min(required.mean_window_s, duration_s),
         hold=required.hold_from_s or 0.0,
         arrival=arrival,
         contact=required.contact_range_m or 0.0,
+        least='' if least is None else f', at least {least:g} m/s',
+        zone=required.keep_out_m or 0.0,
+        cone='' if angle is None else f', beside the corridor of {angle:g}°',
     )
 
 
@@ -108,7 +113,7 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     late = _late(flight)
     errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0
-    contact = _contact(flight, required.contact_range_m or 0.0)
+    touched = contact.judged(flight.errors, required, flight.scenario.goal_position_m)
     error, speed = flight.errors[-1:, :3], flight.velocities_m_s[-1:]
     return {
         'final_error_per_axis_m': _per_axis(error),
@@ -124,8 +129,9 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
         'hold_force_per_axis_n': row[metrics.LATE_FORCE] if flown else math.nan,
         'hold_force_per_disturbance': row[metrics.LATE_FORCE] if flown else math.nan,
         'arrival_time_s': _arrival_s(flight, required),
-        'contact_closing_speed_m_s': contact[0],
-        'contact_lateral_speed_m_s': contact[1],
+        'contact_closing_speed_m_s': touched[0],
+        'contact_lateral_speed_m_s': touched[1],
+        'keep_out_depth_m': touched[2],
         'slew_per_axis_n_s': row[metrics.SLEW],
         'energy_n2s': row[metrics.ENERGY],
         'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
@@ -162,11 +168,3 @@ def _arrival_s(flight: Flight, required: Requirements) -> float:
     outside = np.flatnonzero(sizes > (0.0 if most_m is None else most_m))
     last = int(outside[-1]) if outside.size else 0
     return math.inf if last == flight.scenario.ticks else flight.scenario.time_s(last)
-
-
-def _contact(flight: Flight, range_m: float) -> tuple[float, float]:
-    """Return the closing and the lateral speed [m/s] at the first state within a range."""
-    inside = np.flatnonzero(_norms(flight.errors[:, :3]) <= range_m)
-    if not inside.size:
-        return math.inf, math.inf
-    return metrics.contact_speeds(*flight.errors[inside[0]].tolist())

@@ -154,7 +154,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         content = files.read_text(path)
         return files.loads(content, self.parse, str(path)), content
 
-    def _take(self, loaded: AnyController, content: str) -> None:
+    def _use(self, loaded: AnyController, content: str) -> None:
         """Make a controller the one of the run, and publish it; raises InputError."""
         self.controller = loaded
         self._sha256 = hashlib.sha256(content.encode()).hexdigest()
@@ -168,7 +168,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Load and check the file; after a bad one the node stays unconfigured."""
-        return self._try('configure', lambda: self._take(*self._loaded(self.values['controller'])))
+        return self._try('configure', lambda: self._use(*self._loaded(self.values['controller'])))
 
     def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Command from the next state on."""
@@ -254,7 +254,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
     def changed(self, applied: Mapping[str, Any]) -> None:
         """Use the new controller file from the next activation on."""
         if 'controller' in applied and self.controller is not None:
-            self._take(*self._checked)
+            self._use(*self._checked)
 
     def health(self) -> health.Health:
         """Return the health: the state of the lifecycle, the file and its hash."""

@@ -15,7 +15,7 @@ from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place
-from rpo_guidance.stages import COMMANDS, GuidanceStage
+from rpo_guidance.guidance import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.place_node import PlaceNode

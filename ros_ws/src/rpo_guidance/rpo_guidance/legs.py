@@ -15,7 +15,7 @@ from rpo_core import cw, kernels
 from rpo_core.kernels import CwStep, State, Vector, sin_cos
 from rpo_core.metrics import norm
 from rpo_guidance import transfers
-from rpo_guidance.transfers import Transfer, Zones
+from rpo_guidance.transfers import Floats, Transfer, Zones
 
 PI = 3.141592653589793
 
@@ -83,6 +83,24 @@ class Resting:
         return self._state, self._force
 
 
+class Coasting:
+    """On with the velocity of its begin, so far."""
+
+    def __init__(self, start: State, vehicle: Vehicle, length_m: float) -> None:
+        self._start, self._vehicle = start, vehicle
+        self.ticks: int | None = ceil(length_m / norm(*start[3:]) / vehicle.dt_s)
+
+    def at(self, tick: int) -> tuple[State, Vector]:
+        """Return point and velocity, and the force in the middle of the tick."""
+        dt_s = self._vehicle.dt_s
+        middle = self._moved((tick + 0.5) * dt_s)
+        return self._moved(tick * dt_s), self._vehicle.force_n(middle, (0.0, 0.0, 0.0))
+
+    def _moved(self, time_s: float) -> State:
+        x, y, z, vx, vy, vz = self._start
+        return x + vx * time_s, y + vy * time_s, z + vz * time_s, vx, vy, vz
+
+
 class Transferring:
     """On a transfer of least energy."""
 
@@ -148,6 +166,23 @@ class Transferring:
         self._last = (tick, state)
         return state, force
 
+    def fill(self, rows: Floats) -> None:
+        """Fill rows (n, 9) with its first references and forces."""
+        transfer = self.transfer
+        transfers.sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
+
+
+def fill(flown: Flown, rows: Floats) -> None:
+    """Fill rows (n, 9), a tick each, with the first references and forces of a leg."""
+    if isinstance(flown, Resting):
+        rows[:] = (*flown.at(0)[0], *flown.at(0)[1])
+    elif isinstance(flown, Transferring):
+        flown.fill(rows)
+    else:
+        for tick, row in enumerate(rows):
+            reference, force = flown.at(tick)
+            row[:6], row[6:] = reference, force
+
 
 class Profile:
     """A length run through with a first, a largest and a last speed, and one acceleration.
@@ -163,14 +198,14 @@ class Profile:
         cruise = max(min(cruise, reached), first, last)
         up = (cruise * cruise - first * first) / (2.0 * a)
         down = (cruise * cruise - last * last) / (2.0 * a)
-        if up + down > length:  # too short to change the speed: it changes faster
+        if abs(last * last - first * first) > 2.0 * a * length:  # too short: it changes faster
             a = abs(last * last - first * first) / (2.0 * length)
             up, down = (length, 0.0) if last > first else (0.0, length)
         self._a, self._first, self._cruise, self._last = a, first, cruise, last
         self._length, self._up, self._down = length, up, down
         self._up_s = (cruise - first) / a if a > 0.0 else 0.0
         self._down_s = (cruise - last) / a if a > 0.0 else 0.0
-        self._even_s = (length - up - down) / cruise
+        self._even_s = max(0.0, (length - up - down) / cruise)  # below 0 by rounding
         self.duration_s = self._up_s + self._even_s + self._down_s
 
     def at(self, time_s: float) -> tuple[float, float, float]:

@@ -8,10 +8,12 @@ first one at the state of the chaser. After the last leg the reference stays whe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
+from rpo_core import zones
+from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.kernels import Vector, sin_cos
 from rpo_core.metrics import norm
 from rpo_core.scenario import MAX_VELOCITY_M_S
@@ -35,6 +37,7 @@ _velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
 _time = partial(real, unit='s', least=0.0, most=1e6)
 _some_time = partial(real, unit='s', above=0.0, most=1e6)
 _speed = partial(real, unit='m/s', above=0.0, most=10.0)
+_some_mass = partial(real, unit='kg', above=0.0, most=1e6)
 
 
 def _optional(name: str, value: Any, check: Any) -> Any:
@@ -168,6 +171,9 @@ class Guidance:
         where relative motion carries the chaser away without a force
     abort_s : time of the transfer there
     force_share : of the thrusters' force that the reference may need
+    past_port_m : so far the reference goes on past the port, as it arrived there; 0: it stays
+        there. A chaser that has come to the port, within so much, gets no more force: it has docked
+    mass_kg : as guidance takes it; None: that of the scenario
     """
 
     legs: tuple[Leg, ...]
@@ -179,6 +185,12 @@ class Guidance:
     abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
     abort_s: Annotated[float, _some_time] = 300.0
     force_share: Annotated[float, partial(real, unit='', above=0.0, most=1.0)] = 0.6
+    past_port_m: Annotated[float, partial(real, unit='m', least=0.0, most=100.0)] = field(
+        default=0.0, metadata=UNLESS_DEFAULT
+    )
+    mass_kg: Annotated[float | None, partial(_optional, check=_some_mass)] = field(
+        default=None, metadata=UNLESS_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -191,3 +203,19 @@ class Guidance:
         for name in names:
             if names.count(name) > 1:
                 raise InputError(f'`legs` must have names of their own; {name} is there twice')
+
+    def zones(self, _scenario: Any) -> zones.Zones:
+        """Return what views draw: sphere, corridor, holds, retreat."""
+        corridor, points, end_m = None, {}, None
+        if self.corridor.from_m:
+            length_m = self.corridor.from_m - norm(*self.port_m)
+            corridor = zones.Corridor(
+                self.port_m, self.corridor.ahead, self.corridor.slope, length_m
+            )
+        for leg in self.legs:
+            end_m = leg.to_m or end_m
+            if leg.kind == HOLD and end_m is not None:
+                points[leg.name] = end_m
+        if self.retreat_m is not None:
+            points['retreat'] = self.retreat_m
+        return zones.Zones(self.keep_out_m, corridor, points)

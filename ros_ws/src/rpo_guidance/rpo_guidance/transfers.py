@@ -81,6 +81,25 @@ def path_of(start: State, forces: Floats, step: CwStep, states: Floats) -> None:
 
 
 @kernel
+def sample(states: Floats, forces: Floats, hold: int, step: CwStep, rows: Floats) -> None:
+    """Fill rows (n, 9), a tick each, with the states and forces of a transfer from its begin on.
+
+    hold : ticks of a segment; step : of a tick
+    """
+    state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for tick in range(len(rows)):
+        k, row = tick // hold, rows[tick]
+        force = (forces[k, 0], forces[k, 1], forces[k, 2])
+        if tick % hold == 0:
+            s = states[k]
+            state = (s[0], s[1], s[2], s[3], s[4], s[5])
+        for j in range(6):
+            row[j] = state[j]
+        row[6], row[7], row[8] = force
+        state = cw_step(state, force, step)
+
+
+@kernel
 def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) -> None:
     """Fill rows (6 + p, n, 3): the final state, then n_j . r at the end of segment when[j].
 
@@ -209,6 +228,21 @@ def along_and_across(position: Vector, port_m: Vector, axis: Vector) -> tuple[fl
     along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
     x, y, z = (o - along * a for o, a in zip(offset, axis, strict=True))
     return along, (x, y, z)
+
+
+@kernel
+def at_port(
+    x: float, y: float, z: float, px: float, py: float, pz: float,
+    ax: float, ay: float, az: float, past_m: float,
+) -> bool:  # fmt: skip
+    """Whether a position [m] has come to the port p: beyond its plane, no farther than `past_m`.
+
+    a : unit axis, outward
+    """
+    dx, dy, dz = x - px, y - py, z - pz
+    if dx * ax + dy * ay + dz * az > 0.0:
+        return False
+    return dx * dx + dy * dy + dz * dz <= past_m * past_m
 
 
 class Zones(NamedTuple):

@@ -7,14 +7,12 @@ from __future__ import annotations
 import re
 
 from rpo_core import cdr, interfaces
+from rpo_core.stage import WITHOUT_COMMAND as WITHOUT_COMMAND
 
 _TICK = re.compile('0|[1-9][0-9]{0,17}')
 
 ACTIVE, INACTIVE = 'active', 'inactive'
 """Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
-
-WITHOUT_COMMAND = 'without_command'
-"""Value `state` of a stage_status: at its `tick`, the stage took zero for the command before."""
 
 
 def dropped(status: cdr.Status) -> dict[str, int]:

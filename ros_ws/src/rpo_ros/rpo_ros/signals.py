@@ -51,14 +51,24 @@ class Outlet:
         return data
 
 
-def listen(node: Node, name: str, take: Taker, ignore: Callable[[str], Any]) -> Any:
+def listen(
+    node: Node,
+    name: str,
+    take: Taker,
+    ignore: Callable[[str], Any],
+    *,
+    with_rider: bool = False,
+) -> Any:
     """Subscribe to a signal as the nodes in the loop do; return the subscription.
 
     take : gets the stamp and the numbers of each message that can be used
     ignore : gets the reason why a message cannot be used
+    with_rider : whether `take` gets the numbers that travel in the message too
     """
     row = interfaces.row_of(name)
-    on_message = partial(_on_message, row.layout.use, len(row.columns), take, ignore)
+    width = len(row.columns)
+    width += len(interfaces.row_of(row.rider).columns) if with_rider else 0
+    on_message = partial(_on_message, row.layout.use, width, take, ignore)
     kind = message_class(row.type)
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)
 

@@ -16,12 +16,13 @@ from rclpy.duration import Duration
 from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
-from rpo_core.stage import Signal
+from rpo_core.stage import WITHOUT_COMMAND, Signal
 from rpo_core.thrusters import ZERO
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status, values_of
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 from rpo_ros.parameters import declare
+from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
 from rpo_ros.signals import Outlet, listen
@@ -30,12 +31,6 @@ REFUSED = 'refused'
 """State in `stage_status` of a node that takes no part in the run of the plant."""
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
-
-WITHOUT_COMMAND = 'without_command'
-"""State in `stage_status` of a stage that took zero for the command of the tick before."""
-
-_MOST_REPEATS = 3
-"""Without the command before, a state that was repeated so often is answered."""
 
 _LAST_WORDS = Duration(seconds=0, nanoseconds=200_000_000)
 """Longest wait, at the end, until the listeners acknowledge."""
@@ -58,7 +53,8 @@ class StageNode(FlightNode):
 
     A stage that reads the command of the tick before waits for it. It takes zero at tick 0; from
     where the plant coasts; and, said on `stage_status`, where it began in flight or the state was
-    repeated `_MOST_REPEATS` times. In free running it reads what the plant applied.
+    repeated `MOST_REPEATS` times. In free running it reads what the plant applied. A stage that
+    may miss a command of this tick waits as long, once a run has begun (`rpo_ros.patience`).
 
     chain : the stages, None until the scenario is known
     """
@@ -83,10 +79,10 @@ class StageNode(FlightNode):
         self._inlets: dict[str, Any] = {}
         self._waiting: dict[str, tuple[int, Signal]] = {}
         self._reads: tuple[str, ...] = (interfaces.RELATIVE_STATE,)
+        self._patience = Patience()
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
         self._dropped: dict[str, int] = {}
-        self._repeats = (-1, 0)  # a stamp, and how often a state came again without an answer
         self._answer: list[tuple[Outlet, bytes]] = []
         self._stage_status = self.create_publisher(
             DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
@@ -187,6 +183,7 @@ class StageNode(FlightNode):
     def _hear(self, chain: Chain) -> None:
         """Listen to the inputs of the stages, and to nothing else."""
         self._reads = chain.inputs or (interfaces.RELATIVE_STATE,)
+        self._patience.hear(chain)
         sources = {self._source(read): None for read in self._reads}
         for name in set(self._inlets) - set(sources):
             self.destroy_subscription(self._inlets.pop(name))
@@ -197,13 +194,16 @@ class StageNode(FlightNode):
     def _source(self, read: str) -> str:
         """Return the topic that carries what is read."""
         name = interfaces.current(read)
-        return interfaces.APPLIED_FORCE if name != read and self._run.free_running else name
+        if name != read and self._run.free_running:
+            return interfaces.APPLIED_FORCE
+        return interfaces.row_of(name).rides or name
 
     def _listen(self, name: str) -> None:
         def take(stamp_ns: int, values: Signal) -> None:
             self._on_signal(name, stamp_ns, values)
 
-        self._inlets[name] = listen(self, name, take, self._ignore)
+        wide = interfaces.row_of(name).rider in self._reads
+        self._inlets[name] = listen(self, name, take, self._ignore, with_rider=wide)
 
     def _ignore(self, reason: str) -> None:
         self.ignored[reason] += 1
@@ -221,22 +221,26 @@ class StageNode(FlightNode):
         if reads == (name,):
             self._ask(stamp_ns, {name: values})
             return
+        width = len(interfaces.row_of(name).columns)
         for read in reads:
             if self._source(read) == name:
-                self._take(read, stamp_ns, values)
+                part = values[width:] if interfaces.row_of(read).rides else values[:width]
+                self._take(read, stamp_ns, part)
 
     def _take(self, read: str, stamp_ns: int, values: Signal) -> None:
         """Take one of several inputs; answer if all of its tick are there."""
         if interfaces.current(read) != read and self.scenario is not None:
             stamp_ns += self.scenario.dt_ns
-        elif self._waiting.get(read) == (stamp_ns, values):
-            again = self._repeats[1] if self._repeats[0] == stamp_ns else 0
-            self._repeats = stamp_ns, again + 1
+        elif self._waiting.get(read) == (stamp_ns, values) and not interfaces.row_of(read).rides:
+            self._patience.repeated(stamp_ns)
         self._waiting[read] = stamp_ns, values
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
         missing = [name for name, found in inputs.items() if found is None]
+        over = bool(self._asked) and stamp_ns <= self._asked[0]
+        if over and read in self._patience.may_miss and self._signals.get(read) != values:
+            return  # that tick was answered without it
         if missing and (len(missing) < len(inputs)) and self._goes_without(missing, stamp_ns):
-            inputs.update(dict.fromkeys(missing, ZERO))
+            inputs.update((name, (0.0,) * len(interfaces.row_of(name).columns)) for name in missing)
             missing = []
         if not missing:
             self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
@@ -244,6 +248,8 @@ class StageNode(FlightNode):
     def _input(self, read: str, stamp_ns: int) -> Signal | None:
         """Return an input of a tick: that of the answer given before, or one that waits."""
         answered = bool(self._asked) and self._asked[0] == stamp_ns
+        if answered and read in self._patience.may_miss:
+            return self._signals.get(read)
         if interfaces.current(read) != read:
             tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
             coasts = self._dropped.get(self._source(read))
@@ -252,20 +258,20 @@ class StageNode(FlightNode):
             if answered:
                 return self._signals.get(read)
         at, values = self._waiting.get(read, (None, ()))
-        if at == stamp_ns:
-            return values
-        return self._signals.get(read) if answered else None
+        return values if at == stamp_ns else self._signals.get(read) if answered else None
 
     def _goes_without(self, missing: Sequence[str], stamp_ns: int) -> bool:
         """Return whether to go on with zero for what is missing; say so on `stage_status`."""
-        repeats = self._repeats[1] if self._repeats[0] == stamp_ns else 0
-        patient = self.last_tick >= 0 and repeats < _MOST_REPEATS
         tick = self.scenario.tick_of(stamp_ns) if self.scenario is not None else None
-        if patient or tick is None or any(interfaces.current(n) == n for n in missing):
+        late = self._run.free_running and tick is not None and tick > self.last_tick + MOST_REPEATS
+        last = self.last_tick
+        if tick is None or not self._patience.is_over(missing, tick, last, stamp_ns, late):
             return False
         for link in self.chain.links if self.chain is not None else ():
-            if set(missing) & set(link.reads):
-                reason = f'no {self._source(missing[0])} of tick {tick - 1}'
+            if set(missing) & set(link.reads) and not link.stage.goes_without(tick):
+                before = interfaces.current(missing[0]) != missing[0]
+                reason = f'no {self._source(missing[0])} of tick {tick - before}'
+                link.stage.take_event(tick, WITHOUT_COMMAND)
                 self.publish_stage_status(link.stage.name, WITHOUT_COMMAND, tick, reason)
         return True
 
@@ -274,10 +280,10 @@ class StageNode(FlightNode):
         self._waiting[name] = (stamp_ns, values)
         if self._heard_s is None:
             self._heard_s = time.monotonic()
-            self._patience = self.every(PATIENCE_S, self._lose_patience)
+            self._waits = self.every(PATIENCE_S, self._lose_patience)
 
     def _lose_patience(self) -> None:
-        self.destroy_timer(self._patience)
+        self.destroy_timer(self._waits)
         if self.chain is None and self.scenario is None:
             self.chain = self.without_scenario()
             if self.chain is not None:
@@ -347,7 +353,8 @@ class StageNode(FlightNode):
     def new_run(self) -> None:
         """Forget the run before."""
         self.last_tick, self._asked = -1, ()
-        self._dropped, self._repeats = {}, (-1, 0)
+        self._dropped = {}
+        self._patience.forget()
         for read in self._reads:
             if interfaces.current(read) != read:
                 self._waiting.pop(read, None)

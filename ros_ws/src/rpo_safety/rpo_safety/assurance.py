@@ -5,16 +5,20 @@
 from __future__ import annotations
 
 from collections import deque
+from math import sqrt
 from typing import Any, NamedTuple
 
-from rpo_core import interfaces
-from rpo_core.kernels import State, Vector, cw_step
-from rpo_core.stage import Signal, Stage
+from rpo_core import cw, interfaces
+from rpo_core.kernels import CwStep, State, Vector, cw_step
+from rpo_core.metrics import norm
+from rpo_core.stage import Place, Signal, Stage, section_of
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
 from rpo_safety import filters, kernels
+from rpo_safety.abort import AbortMachine, Seen
+from rpo_safety.abort_table import check_table
 from rpo_safety.corridor import approach_margins
-from rpo_safety.guard import guard_of
+from rpo_safety.guard import grown, proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN
 from rpo_safety.packed import Filter
 from rpo_safety.settings import Assurance
@@ -72,36 +76,79 @@ class Decision(NamedTuple):
         ]
 
 
+def step_of(settings: Assurance, scenario: Any) -> CwStep:
+    """Return the step by which the filter predicts."""
+    if settings.mass_kg is None:
+        step: CwStep = scenario.step
+        return step
+    return cw.discretise(scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s)
+
+
 class AssuranceStage(Stage):
     """From the state as it is known and a command to a force that keeps the assured sets.
 
-    It remembers the forces that are on their way to delayed thrusters, the last force (slew limit)
-    and its mode (corridor); without these it has no memory.
+    It remembers the forces that are on their way to delayed thrusters, the last force (slew limit),
+    its mode (corridor) and what the abort table counts; without these it has no memory.
 
-    guard : numbers of the filter
+    guard : numbers of the filter; numbers : (56,) step and guard; delay_ticks : of the thrusters
     decision : of the last tick
+    abort : the abort table in flight; None: there is none
     """
 
     name = 'assurance'
-    inputs = (interfaces.STATE, interfaces.COMMAND)
+    inputs: tuple[str, ...] = (interfaces.STATE, interfaces.COMMAND)
     outputs = (ASSURED_FORCE,)
     counts_ticks = False
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
-        self.guard = guard_of(settings, scenario)
-        self._step = scenario.step
-        self._assure = Filter(self._step, self.guard)
-        self._delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        remembers = self._delay or self.guard.slew_n > 0.0 or self.guard.side != 0.0
-        self.memory_ticks = None if remembers else 0
-        self.decision: Decision | None = None
+        places = {section_of(s).place for s in scenario.sections}
+        self._estimated = Place.ESTIMATOR in places
+        self._sigmas = settings.sigmas
+        self._proofs = (
+            grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
+        )
+        self._step = step_of(settings, scenario)
+        self._filters = [Filter(self._step, proof.guard) for proof in self._proofs]
+        self.numbers = self._filters[0].table
+        self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+        self.guard = self._proofs[0].guard
+        self.abort = None
+        if settings.abort is not None:
+            self.abort = AbortMachine(
+                settings.abort, self._proofs[0], settings.keep_out_m, scenario
+            )
+            self.inputs += (interfaces.REFERENCE_STATE,) if Place.GUIDANCE in places else ()
+            self.may_miss, self.counts_ticks = self.inputs[1:], True
+        self.inputs += (interfaces.NAVIGATION_COVARIANCE,) if self._estimated else ()
+        remembers = self.delay_ticks or self.guard.slew_n > 0.0 or self.guard.side != 0.0
+        self.memory_ticks = None if remembers or self.abort else 0
         self.reset()
 
     def reset(self) -> None:
         """Forget the forces on their way: a flight begins."""
-        self._line: deque[Vector] = deque([ZERO] * self._delay)
+        self._line: deque[Vector] = deque([ZERO] * self.delay_ticks)
         self._last: Vector = ZERO
+        self._acting: Vector = ZERO  # what the chaser got in the tick before
         self._mode = UNKNOWN
+        self._level = 0
+        self.decision: Decision | None = None
+        if self.abort is not None:
+            self.abort.reset()
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a command to the abort table, or word of a missing one."""
+        if self.abort is not None:
+            self.abort.take_event(tick, state)
+
+    def goes_without(self, tick: int) -> bool:
+        """Return whether it steps without a command: none came, or nobody would read it."""
+        return self.abort is not None and (self.abort.missed(tick) or self.abort.alone(tick))
+
+    def trouble(self) -> str:
+        """Return what is wrong: the estimate is worse than any speed is safe with."""
+        if not self._estimated or self._level < len(self._proofs):
+            return ''
+        return 'the covariance of the estimate is larger than any admissible set allows for'
 
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
@@ -122,20 +169,60 @@ class AssuranceStage(Stage):
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the assured force (3,) [N]."""
+        sigmas = self._uncertain(inputs[-1]) if self._estimated else (0.0, 0.0)
         state, command = self.ahead(inputs[0]), inputs[1]
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state)
-        fx, fy, fz, mode, acted, metres, speed = self._assure(
-            state, command, self._last, self._mode
-        )
+        if self.abort is not None:
+            command = self._interrupted(tick, state, inputs, sigmas)
+        assure = self._filters[min(self._level, len(self._filters) - 1)]
+        fx, fy, fz, mode, acted, metres, speed = assure(state, command, self._last, self._mode)
         force = (fx, fy, fz)
+        if self.abort is not None:
+            self.abort.spend(force)
+            self._acting = self._line[0] if self.delay_ticks else force
         if self.memory_ticks is None:
             self._mode, self._last = mode, force
-            if self._delay:
+            if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
         self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)
         return (force,)
+
+    def _uncertain(self, covariance: Signal) -> tuple[float, float]:
+        """Take the covariance (18,) of an estimate; return the sigmas [m], [m/s] of its norms.
+
+        The assumed errors grow with it, in steps, and with them the admissible set shrinks.
+        """
+        position = sqrt(max(covariance[0] + covariance[4] + covariance[8], 0.0))
+        velocity = sqrt(max(covariance[9] + covariance[13] + covariance[17], 0.0))
+        self._level = 0
+        for proof in self._proofs:
+            enough = self._sigmas * position <= proof.errors.position_m
+            if enough and self._sigmas * velocity <= proof.errors.velocity_m_s:
+                break
+            self._level += 1
+        self.guard = self._proofs[min(self._level, len(self._proofs) - 1)].guard
+        return position, velocity
+
+    def _interrupted(
+        self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]
+    ) -> Signal:
+        """Return the command, or the force of the abort table instead."""
+        machine, decision = self.abort, self.decision
+        if machine is None:
+            return inputs[1]
+        reference = inputs[2] if interfaces.REFERENCE_STATE in self.inputs else ()
+        enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
+        missed = machine.missed(tick)
+        seen = Seen(
+            inputs[0], state, () if missed else reference, *sigmas,
+            decision is not None and bool(decision.constraint), self._acting, enclosed,
+        )  # fmt: skip
+        own = machine.step(tick, seen)
+        if own is not None:
+            return own
+        return ZERO if missed else inputs[1]
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:
@@ -143,6 +230,8 @@ def check_start(settings: Assurance, scenario: Any) -> None:
 
     Raises InputError that names the constraints and the numbers.
     """
+    if settings.abort is not None:
+        check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)
     stage = AssuranceStage(settings, scenario)
     state, g = stage.ahead(scenario.start), stage.guard
     rho, closing, speed = kernels.closing(state)

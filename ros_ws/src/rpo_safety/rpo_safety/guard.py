@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rpo_core import cw
 from rpo_core.disturbance import Disturbance
-from rpo_core.kernels import sin_cos
 from rpo_core.navigation import Navigation
 from rpo_core.stage import Place, section_of
-from rpo_core.thrusters import Thrusters
+from rpo_core.thrusters import IDENTITY, Thrusters
 from rpo_core.validation import InputError
 from rpo_safety.kernels import Guard, speed_limit
 from rpo_safety.settings import LEAST_CHANGE, Assurance, Corridor
@@ -29,17 +30,26 @@ SLACK = 0.9
 SQRT_3 = math.sqrt(3.0)
 _TRIALS = 20
 
+GROWTH = 1.25
+"""Steps in which the assumed errors grow with the covariance of an estimator."""
+
+_MOST_GROWN = 40
+
 LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
 """No three normals of `rpo_core.noise` have a larger norm: their words are at least 1/2^33."""
 
 
 class Errors(NamedTuple):
-    """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force)."""
+    """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force).
+
+    mass_kg : as the filter takes it
+    """
 
     position_m: float
     velocity_m_s: float
     disturbance_n: float
     thrust: float
+    mass_kg: float
 
 
 def largest_n(disturbance: Disturbance) -> float:
@@ -57,13 +67,14 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
     scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
     """
     navigation = scenario.navigation or Navigation()
+    mass_kg = settings.mass_kg or scenario.mass_kg
     own = {
         'position_error_m': _norm(navigation.position_bias_m)
         + LARGEST_NORMAL * navigation.position_noise_m,
         'velocity_error_m_s': _norm(navigation.velocity_bias_m_s)
         + LARGEST_NORMAL * navigation.velocity_noise_m_s,
-        'disturbance_n': largest_n(scenario.disturbance),
-        'thrust_error': _thrust_error(scenario),
+        'disturbance_n': largest_n(scenario.disturbance) * mass_kg / scenario.mass_kg,
+        'thrust_error': _thrust_error(scenario, mass_kg / scenario.mass_kg),
     }
     for name, bound in own.items():
         given, reason = getattr(settings, name), _why_unknown(name, scenario)
@@ -75,7 +86,7 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
                 f'got {given!r}'
             )
         own[name] = bound if given is None else given
-    return Errors(*own.values())
+    return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
 
 
 def _why_unknown(name: str, scenario: Any) -> str:
@@ -94,12 +105,14 @@ def _norm(values: Any) -> float:
     return math.sqrt(sum(value * value for value in values))
 
 
-def _thrust_error(scenario: Any) -> float:
-    """Return a bound of |T f - f| / |f|, the Frobenius norm of T - 1."""
-    if scenario.thrusters is None:
-        return 0.0
-    rows = scenario.thrusters.matrix
-    return _norm(rows[i][j] - (i == j) for i in range(3) for j in range(3))
+def _thrust_error(scenario: Any, lighter: float) -> float:
+    """Return a bound of |T f - f| / |f|: of T - 1 the norm of Frobenius, or sqrt(rows x columns).
+
+    lighter : mass as the filter takes it, over what it is; forces act by so much more
+    """
+    rows = scenario.thrusters.matrix if scenario.thrusters is not None else IDENTITY
+    off = [[lighter * rows[i][j] - (i == j) for j in range(3)] for i in range(3)]
+    return min(_norm(value for row in off for value in row), _block(np.array(off), 0, 0))
 
 
 def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
@@ -111,9 +124,9 @@ def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
     t = ticks * scenario.dt_s
     if not ticks:
         return errors.position_m + ROUNDING_M, errors.velocity_m_s
-    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, scenario.mass_kg, t))
+    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
     rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
-    a = _unknown_n(errors, scenario) / scenario.mass_kg
+    a = _unknown_n(errors, scenario) / errors.mass_kg
     return (
         rr * errors.position_m + rv * errors.velocity_m_s + rv * t * a / 2.0 + ROUNDING_M,
         vr * errors.position_m + vv * errors.velocity_m_s + vv * t * a,
@@ -146,13 +159,15 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
-def proof_of(settings: Assurance, scenario: Any) -> Proof:
+def proof_of(settings: Assurance, scenario: Any, errors: Errors | None = None) -> Proof:
     """Return the constants of the proof; raises InputError if constraints exclude each other.
+
+    errors : None: those of the section and the scenario
 
     The largest speed near the zone is that of the limit, or the one that is kept for certain, which
     depends on it: the first that is large enough.
     """
-    errors = errors_of(settings, scenario)
+    errors = errors or errors_of(settings, scenario)
     speed, zone = settings.speed, settings.keep_out_m
     top = speed.speed_m_s + speed.slope(scenario.mean_motion_rad_s) * zone
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * zone)
@@ -168,9 +183,27 @@ def proof_of(settings: Assurance, scenario: Any) -> Proof:
     )
 
 
+def grown(settings: Assurance, scenario: Any) -> list[Proof]:
+    """Return the constants for larger and larger errors of the state, as far as there are any.
+
+    Each of GROWTH times the errors before. The first are those of `proof_of`.
+    """
+    proofs = [proof_of(settings, scenario)]
+    for _ in range(_MOST_GROWN):
+        errors = proofs[-1].errors
+        wider = errors._replace(
+            position_m=GROWTH * errors.position_m, velocity_m_s=GROWTH * errors.velocity_m_s
+        )
+        try:
+            proofs.append(proof_of(settings, scenario, wider))
+        except InputError:  # no speed is safe with such errors
+            break
+    return proofs
+
+
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:
     """Return the numbers of the filter, if near the zone no speed is larger than `top` [m/s]."""
-    limit, mass, dt = float(scenario.max_force_n), scenario.mass_kg, scenario.dt_s
+    limit, mass, dt = float(scenario.max_force_n), errors.mass_kg, scenario.dt_s
     n2 = scenario.mean_motion_rad_s * scenario.mean_motion_rad_s
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     here, following = ahead(errors, scenario, delay), ahead(errors, scenario, delay + 1)
@@ -244,7 +277,7 @@ def _between_ticks(
         return 0.0, 0.0
     dt, n = scenario.dt_s, scenario.mean_motion_rad_s
     force = SQRT_3 * float(scenario.max_force_n) + _unknown_n(errors, scenario)
-    most = force / scenario.mass_kg + 3.0 * n * n * zone_m + 2.0 * n * top_m_s
+    most = force / errors.mass_kg + 3.0 * n * n * zone_m + 2.0 * n * top_m_s
     bend = most + top_m_s * top_m_s / zone_m
     moved = here[0] + (top_m_s + here[1]) * dt + 0.5 * most * dt * dt
     if moved >= 0.5 * zone_m:
@@ -287,13 +320,12 @@ def _corridor(
             'contact_m_s': 0.0, 'lateral_m_s': 0.0, 'lateral_1_s': 0.0, 'wall_m_s2': 1.0,
             'doubt_m_s2': 0.0,
         }  # fmt: skip
-    n, dt, mass = scenario.mean_motion_rad_s, scenario.dt_s, scenario.mass_kg
+    n, dt, mass = scenario.mean_motion_rad_s, scenario.dt_s, errors.mass_kg
     speed = settings.speed
     top = speed.speed_m_s + speed.slope(n) * way.outer_m
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * way.outer_m)
     doubt = _unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
-    sine, cosine = sin_cos(math.pi / 180.0 * way.half_angle_deg)
-    slope = sine / cosine / math.sqrt(2.0)
+    slope = way.slope
     per_axis = float(scenario.max_force_n) / mass
     wall = per_axis - (1.0 + slope) * doubt
     dip = (1.0 + slope) * (per_axis + doubt) * dt * dt / 8.0

@@ -38,14 +38,17 @@ def assure_packed(v: Any, t: Any) -> Answer:
 
 
 class Filter:
-    """The filter of one scenario, called tick by tick; the same bits either way."""
+    """The filter of one scenario, called tick by tick; the same bits either way.
+
+    table : (56,) CW step and guard
+    """
 
     def __init__(self, step: CwStep, guard: Guard) -> None:
         self._step, self._guard = step, guard
-        self._table = np.array([*step, *guard], dtype=np.float64)
+        self.table = np.array([*step, *guard], dtype=np.float64)
 
     def __call__(self, state: State, command: Vector, last: Vector, mode: int) -> Answer:
         """Return what `rpo_safety.filters.assure` returns."""
         if not COMPILED:
             return assure(state, command, last, mode, self._step, self._guard)
-        return assure_packed(np.array((*state, *command, *last, mode)), self._table)
+        return assure_packed(np.array((*state, *command, *last, mode)), self.table)

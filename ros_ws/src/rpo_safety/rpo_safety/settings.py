@@ -4,19 +4,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core import codec
+from rpo_core import codec, zones
 from rpo_core.codec import UNLESS_DEFAULT
 from rpo_core.disturbance import MAX_FORCE_N
+from rpo_core.kernels import sin_cos
+from rpo_core.requirements import DIRECTIONS
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, check_fields, choice, real
+from rpo_safety.abort_table import AbortTable
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'
 FILTERS = (LEAST_CHANGE, SIMPLEX)
-DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 
 _metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_M)
 _speed = partial(real, unit='m/s', least=0.0, most=1e3)
@@ -91,6 +94,12 @@ class Corridor:
     def __post_init__(self) -> None:
         check_fields(self)
 
+    @property
+    def slope(self) -> float:
+        """What the half-width gains per metre: the pyramid lies in the cone."""
+        sine, cosine = sin_cos(math.pi / 180.0 * self.half_angle_deg)
+        return sine / cosine / math.sqrt(2.0)
+
 
 def _corridor_of(name: str, value: Any) -> Corridor | None:
     if value is None or isinstance(value, Corridor):
@@ -115,6 +124,9 @@ class Assurance:
     disturbance_n : largest norm of the force from outside
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
+    mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
+    sigmas : with an estimator, an error of the state counts as at least so many of its sigmas
+    abort : table of faults that interrupt the flight; None: there is none
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
 
@@ -138,6 +150,13 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
+    mass_kg: Annotated[float | None, partial(_optional, unit='kg', most=1e6)] = field(
+        default=None, metadata=UNLESS_DEFAULT
+    )
+    sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
+        default=4.0, metadata=UNLESS_DEFAULT
+    )
+    abort: AbortTable | None = field(default=None, metadata=UNLESS_DEFAULT)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -149,3 +168,13 @@ class Assurance:
             )
         if zone >= self.domain_m:
             raise InputError(f'`keep_out_m` must be < domain_m = {self.domain_m!r} m; got {zone!r}')
+
+    def zones(self, _scenario: Any) -> zones.Zones:
+        """Return what views draw: sphere and corridor."""
+        way, corridor = self.corridor, None
+        if way is not None:
+            sign, axis = (1.0 if way.along[0] == '+' else -1.0), 'xyz'.index(way.along[1])
+            ahead = tuple(sign if i == axis else 0.0 for i in range(3))
+            tip = tuple(way.port_m * a for a in ahead)
+            corridor = zones.Corridor(tip, ahead, way.slope, way.outer_m - way.port_m, way.width_m)
+        return zones.Zones(self.keep_out_m, corridor)

@@ -30,4 +30,8 @@ interfaces.add(
     ),
     before=interfaces.RUN_STATUS,
 )
-register(Section('assurance', Assurance, Place.ASSURANCE, AssuranceStage, check_start))
+register(
+    Section(
+        'assurance', Assurance, Place.ASSURANCE, AssuranceStage, check_start, zones=Assurance.zones
+    )
+)

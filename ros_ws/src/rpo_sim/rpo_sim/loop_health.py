@@ -56,6 +56,8 @@ class LoopHealth:
             'saturation_share': plant.saturated_ticks / max(1, plant.tick),
             'command_age_s': health.age_s(self._commanded_s),
         }
+        if plant.openings is not None:
+            values['openings'] = plant.openings
         faults = sum(plant.ignored.values()) + sum(figures.get(name, 0) for name in _FAULTS)
         level = health.WARN if faults > self._faults or unrecorded else health.OK
         self._faults = faults

@@ -8,11 +8,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from rpo_core import interfaces, kernels, metrics
+from rpo_core import interfaces, kernels, metrics, pulse_kernels
 from rpo_core.chain import Chain, Signals
-from rpo_core.interfaces import DUE_FORCE, RELATIVE_STATE, SATURATED_FORCE
+from rpo_core.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
+from rpo_core.thrusters import ValvesStage
 
 Force = tuple[float, float, float]
 """Force [N], target LVLH."""
@@ -73,6 +74,14 @@ class Plant:
     def state(self) -> Signal:
         """True state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
         return self.signals[RELATIVE_STATE]
+
+    @property
+    def openings(self) -> int | None:
+        """How often a valve has opened; None where thrusters do not fire in pulses."""
+        for link in self._chain.links:
+            if isinstance(link.stage, ValvesStage) and EXERTED_FORCE in link.stage.outputs:
+                return round(float(link.stage.memory[pulse_kernels.OPENINGS]))
+        return None
 
     @property
     def stamp_ns(self) -> int:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rpo_core import interfaces
 from rpo_ros import conversions, names, qos
@@ -15,6 +15,9 @@ from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
 from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
+
+_ASSURANCE_STATUS = 'assurance_status'
+"""Topic of the room of assurance, whose row the table has where that room is installed."""
 
 
 class ListeningNode(FlightNode):
@@ -25,6 +28,10 @@ class ListeningNode(FlightNode):
         self.live = LiveRun()
         self.topic = self.resolve_topic_name(names.RELATIVE_STATE)
         self._states = Latest(self, names.RELATIVE_STATE)
+        self._onboard = {
+            name: Latest(self, name)
+            for name in (interfaces.NAVIGATION_STATE, interfaces.REFERENCE_STATE)
+        }
         self._forces = {
             'force_n': Latest(self, names.CONTROL_FORCE),
             'disturbance_n': Latest(self, names.DISTURBANCE_FORCE),
@@ -34,16 +41,23 @@ class ListeningNode(FlightNode):
         for topic, react in (
             (names.RUN_STATUS, self._on_status),
             (names.NODE_MANIFEST, self._on_manifest),
+            (interfaces.GUIDANCE_STATUS, self._on_guidance),
+            (_ASSURANCE_STATUS, self._on_assurance),
         ):
             self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
+        self.create_subscription(
+            DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
+        )
 
-    def look(self) -> None:
-        """Take the newest message of each topic; skip other frames and what is not finite."""
-        state = self._states.take()
-        if state is not None:
-            values = conversions.from_odometry(state)
-            if not conversions.fault_of(state, values):
-                self.live.on_state(conversions.from_stamp(state.header.stamp), values)
+    def look(self) -> bool:
+        """Take the newest message of each topic; return whether a state came.
+
+        Other frames, and what is not finite, are skipped.
+        """
+        heard = self._state(self._states)
+        if heard is not None:
+            self.live.on_state(*heard[:2])
+        self._look_onboard()
         for name, newest in self._forces.items():
             force = newest.take()
             if force is not None:
@@ -54,6 +68,44 @@ class ListeningNode(FlightNode):
         for status in decision.status if decision is not None else ():
             axis = status.name.rpartition(': ')[2]
             self.live.on_decision(axis, status.message, values_of(status))
+        return heard is not None
+
+    def _look_onboard(self) -> None:
+        """Take the newest estimate and the newest reference."""
+        for name, newest in self._onboard.items():
+            heard = self._state(newest)
+            if heard is None:
+                continue
+            stamp_ns, values, covariance = heard
+            if name == interfaces.REFERENCE_STATE:
+                self.live.onboard.on_reference(stamp_ns, values)
+            else:
+                block = [covariance[6 * row + column] for row in range(3) for column in range(3)]
+                self.live.onboard.on_estimate(stamp_ns, values, block)
+
+    @staticmethod
+    def _state(newest: Latest) -> tuple[int, tuple[float, ...], Any] | None:
+        """Return stamp, state (6,) and covariance (36,) of the newest message that is sound."""
+        message = newest.take()
+        if message is None:
+            return None
+        values = conversions.from_odometry(message)
+        if conversions.fault_of(message, values):
+            return None
+        return conversions.from_stamp(message.header.stamp), values, message.pose.covariance
+
+    def _on_guidance(self, status: DiagnosticStatus) -> None:
+        self.live.onboard.on_guidance(values_of(status))
+
+    def _on_assurance(self, status: DiagnosticStatus) -> None:
+        self.live.onboard.on_assurance(values_of(status))
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        """Take the health of the nodes in this namespace."""
+        for status in array.status:
+            node, _, _ = status.name.partition(': ')
+            if f'/{node}'.rpartition('/')[0] == self.get_namespace().rstrip('/'):
+                self.live.onboard.on_health(values_of(status))
 
     def _on_status(self, status: DiagnosticStatus) -> None:
         self.live.on_status(status.message, values_of(status))

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +17,8 @@ from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario import Scenario
 from rpo_core.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_core.validation import MOST_NAME, InputError, printable
+from rpo_core.zones import Zones, zones_of
+from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
 
 Vector = tuple[float, ...]
@@ -45,21 +48,12 @@ class AxisDecision:
         rules = []
         for key, value in values.items():
             kind, *words = key.split('.')
-            strength = _number(value)
+            strength = number(value)
             if kind == 'rule' and len(words) == 3 and strength is not None:
                 p, v, force = (printable(word, MOST_NAME) for word in words)
                 rules.append((p, v, force, strength))
         rules.sort(key=lambda rule: -rule[3])
         return cls(printable(sentence), tuple(rules[:_MOST_RULES]))
-
-
-def _number(text: str) -> float | None:
-    """Return a finite number, or None where the text is something else."""
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    return number if math.isfinite(number) else None
 
 
 @dataclass
@@ -98,6 +92,8 @@ class LiveRun:
 
     position_m, velocity_m_s, force_n, disturbance_n : (3,), target LVLH
     exerted_n : (3,) mean force of pulses in a tick, where thrusters fire in pulses
+    onboard : what the stages of the run say, beside the controller
+    zones : about the target, as the scenario has them
     flights : number of runs since the start of the viewer
     clock : wall time [s]
     """
@@ -115,7 +111,10 @@ class LiveRun:
     exerted_n: Vector | None = None
     decisions: dict[str, AxisDecision] = field(default_factory=dict)
     effort: Effort = field(default_factory=Effort)
+    onboard: Onboard = field(default_factory=Onboard)
+    zones: list[Zones] = field(default_factory=list)
     flights: int = 0
+    _text: str = ''
     _stamp_ns: int = 0
     _first_ns: int = 0
     _heard_s: float | None = None
@@ -129,6 +128,7 @@ class LiveRun:
         self._stamp_ns, self._heard_s = stamp_ns, self.clock()
         self.position_m, self.velocity_m_s = tuple(state[:3]), tuple(state[3:])
         self.trail.add(self.position_m)
+        self.onboard.on_state(stamp_ns, (*self.position_m, *self.velocity_m_s))
         self.effort.add(self.time_s, self.errors[:3], self.force_n)
 
     def _begin(self, stamp_ns: int) -> None:
@@ -137,7 +137,7 @@ class LiveRun:
         self.trail.clear()
         self.decisions.clear()
         self.force_n = self.disturbance_n = self.exerted_n = None
-        self.effort = Effort()
+        self.effort, self.onboard = Effort(), self.onboard.anew()
 
     def on_status(self, message: str, values: Mapping[str, str]) -> None:
         """Take a run_status."""
@@ -150,11 +150,16 @@ class LiveRun:
             self.controller = printable(values.get('parameter.controller', ''), MOST_NAME)
         if role != 'plant':
             return
+        text = values.get('file.scenario.yaml', '')
+        if text == self._text:  # said again each second
+            return
+        self._text, self.scenario, self.zones = text, None, []
         try:
-            found = files.loads(values.get('file.scenario.yaml', ''), scenarios.parse, 'scenario')
+            found = files.loads(text, scenarios.parse, 'scenario')
         except InputError:
             return  # another kind of plant: its scenario stays unknown
-        self.scenario = found if isinstance(found, Scenario) else None
+        if isinstance(found, Scenario):
+            self.scenario, self.zones = found, zones_of(found)
 
     def on_decision(self, axis: str, sentence: str, values: Mapping[str, str]) -> None:
         """Take the decision of the controller on an axis."""
@@ -162,10 +167,22 @@ class LiveRun:
             self.decisions[axis] = AxisDecision.of(sentence, values)
 
     @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest state."""
+        return self._stamp_ns
+
+    @property
     def time_s(self) -> float:
         """Simulated time since the start of the run."""
         begun_ns = self.scenario.epoch_ns if self.scenario is not None else self._first_ns
         return (self._stamp_ns - begun_ns) / _NANOSECONDS
+
+    @property
+    def tick(self) -> int:
+        """Tick of the newest state; without a scenario, one beyond all ticks."""
+        if self.scenario is None:
+            return sys.maxsize
+        return (self._stamp_ns - self.scenario.epoch_ns) // self.scenario.dt_ns
 
     @property
     def errors(self) -> Vector:
@@ -261,4 +278,17 @@ class LiveRun:
                 axis: {'sentence': decision.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())
             },
+            'zones': [_drawn(zones) for zones in self.zones],
+            **self.onboard.snapshot(self.tick, self.scenario.dt_s if self.scenario else None),
         }
+
+
+def _drawn(zones: Zones) -> dict[str, Any]:
+    """Return zones, ready for JSON; a corridor by its edges in both planes of the page."""
+    corridor = zones.corridor
+    return {
+        'keep_out_m': zones.keep_out_m,
+        'points_m': dict(zones.points_m),
+        'port_m': corridor and corridor.tip_m,
+        'edges_m': {str(up): corridor.edges(1, up) for up in (0, 2)} if corridor else {},
+    }

@@ -11,10 +11,10 @@ VISUALIZER = (
         least=0.1, most=100.0, wall=True, example='30.0'),
     Row('arrow_m_per_n', 20.0, 'length of the thrust arrow for a force', 'm/N', most=1e4,
         wall=True),
-    Row('keep_out_radius_m', 5.0, 'sphere drawn around the target; 0: none', 'm', most=1e4,
-        wall=True),
-    Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach; 0: none', 'deg',
-        most=80.0, wall=True),
+    Row('keep_out_radius_m', 5.0, 'sphere drawn around the target where the scenario has no '
+        'zones; 0: none', 'm', most=1e4, wall=True),
+    Row('corridor_half_angle_deg', 15.0, 'cone drawn along the axis of approach where the scenario '
+        'has no zones; 0: none', 'deg', most=80.0, wall=True),
     Row('trail_points', 1000, 'most points of the trail; a longer trail gets coarser', least=2,
         most=1e5, wall=True),
 )  # fmt: skip

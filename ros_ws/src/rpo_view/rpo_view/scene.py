@@ -10,14 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
+from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from rpo_core.zones import Zones
 from rpo_log.show.style import COLOURS
 from rpo_ros.names import LVLH_FRAME
+from rpo_view.onboard import Onboard
 
 Vector = Sequence[float]
 
@@ -26,6 +31,9 @@ _RIM_POINTS = 36
 _EDGES = 8
 _ARROW = (0.25, 0.6, 0.8)
 """Diameters of shaft and head, length of the head [m]."""
+_MOST_POINTS = 100
+"""Points of a plan have the numbers from this one times that of their zone."""
+_LEAST_SIZE_M = 1e-3
 _MIN_FORCE_N = 1e-3
 """A smaller force is not drawn: RViz warns of an arrow without length."""
 
@@ -45,13 +53,20 @@ class Look:
 
 
 def markers(
-    stamp: Time, position_m: Vector, force_n: Vector | None, trail: Sequence[Vector], look: Look
+    stamp: Time,
+    position_m: Vector,
+    force_n: Vector | None,
+    trail: Sequence[Vector],
+    look: Look,
+    zones: Sequence[Zones] = (),
+    onboard: Onboard | None = None,
 ) -> MarkerArray:
-    """Return the whole scene.
+    """Return the whole scene; the aids of `look` where the scenario has no zones of its own.
 
     position_m : (3,), force_n : (3,) commanded, trail : (n, 3), n >= 1; m, N, target LVLH
     """
-    found = [*_target(), *_chaser(position_m), *_aids(trail[0], look)]
+    around = zone_markers(zones) if zones else _aids(trail[0], look)
+    found = [*_target(), *_chaser(position_m), *around, *_said(onboard or Onboard())]
     found.append(_line('trail', 0, trail, 'muted', 0.12))
     found.append(_thrust(position_m, force_n or (0.0, 0.0, 0.0), look.arrow_m_per_n))
     for marker in found:
@@ -130,6 +145,82 @@ def _aids(start_m: Vector, look: Look) -> list[Marker]:
         corridor.points = _points(cone(start_m, look.corridor_half_angle_deg))
         found.append(corridor)
     return found
+
+
+def zone_markers(zones: Sequence[Zones]) -> list[Marker]:
+    """Return spheres, corridors, ports and the points of a plan with their names."""
+    found = []
+    for i, zone in enumerate(zones):
+        if zone.keep_out_m > 0.0:
+            size_m = (2.0 * zone.keep_out_m,) * 3
+            found.append(_marker('keep_out', i, Marker.SPHERE, size_m, _colour('bad', 0.15)))
+        if zone.corridor is not None:
+            wall = _marker('corridor', i, Marker.LINE_LIST, (0.06, 0.0, 0.0), _colour('good', 0.6))
+            lines = zone.corridor.lines()
+            wall.points = _points(end for line in lines for pair in pairwise(line) for end in pair)
+            tip = _marker(
+                'port', i, Marker.SPHERE, (0.4,) * 3, _colour('good'), zone.corridor.tip_m
+            )
+            found += [wall, tip]
+        for k, (name, at_m) in enumerate(zone.points_m.items()):
+            number = _MOST_POINTS * i + k
+            point = _marker('holds', number, Marker.SPHERE, (0.8,) * 3, _colour('muted'), at_m)
+            above = (at_m[0] + 2.0 + 2.0 * (k % 2), *at_m[1:])
+            size = (0.0, 0.0, 1.4)
+            label = _marker(
+                'hold_names', number, Marker.TEXT_VIEW_FACING, size, _colour('muted'), above
+            )
+            label.text = name
+            found += [point, label]
+    return found
+
+
+def _said(onboard: Onboard) -> list[Marker]:
+    """Return the estimate with its ellipsoid of three sigma, and the reference; none unknown."""
+    found = []
+    if onboard.reference is not None:
+        at_m = onboard.reference[:3]
+        found.append(_marker('reference', 0, Marker.SPHERE, (0.7,) * 3, _colour('optimum'), at_m))
+    if onboard.estimate is not None:
+        at_m = onboard.estimate[:3]
+        found.append(_marker('estimate', 0, Marker.SPHERE, (0.5,) * 3, _colour('z'), at_m))
+        if onboard.covariance is not None:
+            found.append(ellipsoid(at_m, onboard.covariance))
+    return found
+
+
+def ellipsoid(at_m: Vector, covariance_m2: Vector) -> Marker:
+    """Return the ellipsoid of three sigma about a position; covariance : (9,), row by row."""
+    values, axes = np.linalg.eigh(np.array(covariance_m2).reshape(3, 3))
+    if np.linalg.det(axes) < 0.0:  # a rotation has no mirror
+        axes[:, 0] = -axes[:, 0]
+    size_m = np.maximum(6.0 * np.sqrt(np.maximum(values, 0.0)), _LEAST_SIZE_M)
+    marker = _marker('sigma', 0, Marker.SPHERE, size_m.tolist(), _colour('z', 0.25), at_m)
+    turned = marker.pose.orientation
+    turned.x, turned.y, turned.z, turned.w = quaternion(axes)
+    return marker
+
+
+def quaternion(matrix: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    """Return x, y, z, w of a rotation (3, 3): the largest of the four first (Shepperd, 1978)."""
+    m = matrix.tolist()
+    squares = [
+        1.0 + m[0][0] - m[1][1] - m[2][2],
+        1.0 - m[0][0] + m[1][1] - m[2][2],
+        1.0 - m[0][0] - m[1][1] + m[2][2],
+        1.0 + m[0][0] + m[1][1] + m[2][2],
+    ]
+    largest = max(range(4), key=lambda i: squares[i])
+    rest = {
+        (0, 1): m[1][0] + m[0][1], (0, 2): m[0][2] + m[2][0], (1, 2): m[2][1] + m[1][2],
+        (0, 3): m[2][1] - m[1][2], (1, 3): m[0][2] - m[2][0], (2, 3): m[1][0] - m[0][1],
+    }  # fmt: skip
+    size = 2.0 * math.sqrt(squares[largest])
+    x, y, z, w = (
+        squares[i] / size if i == largest else rest[min(i, largest), max(i, largest)] / size
+        for i in range(4)
+    )
+    return x, y, z, w
 
 
 def cone(start_m: Vector, half_angle_deg: float) -> list[list[float]]:

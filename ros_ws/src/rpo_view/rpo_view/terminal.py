@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rpo_view.live import LiveRun
+from rpo_view.onboard import Acting
 
 AXES = (('x', 'R-bar', 'bright_blue'), ('y', 'V-bar', 'dark_orange'), ('z', 'H-bar', 'green'))
 BAR_WIDTH = 21
@@ -46,17 +47,27 @@ def line(run: LiveRun, topic: str) -> str:
         f'{run.time_s:8.1f} s  range {run.range_m:9.3f} m  '
         f'rate {fixed(run.range_rate_m_s, 4):>7} m/s  '
         f'speed {math.hypot(*run.velocity_m_s):7.4f} m/s  force {forces or "none"} N  '
-        f'{run.sentence(topic)}'
+        f'{_said(run)}{run.sentence(topic)}'
     )
+
+
+def _said(run: LiveRun) -> str:
+    """Return the phase of the plan and the constraint that acts, for a line; '' without."""
+    phase, acting = run.onboard.phase(run.tick), run.onboard.acting(run.tick)
+    found = f'phase {phase.name}  ' if phase is not None else ''
+    if acting is not None and acting.constraint:
+        found += f'assurance acts: {acting.constraint}  '
+    return found
 
 
 def view(run: LiveRun, topic: str) -> Panel:
     """Return the whole view."""
     parts = [Text(run.sentence(topic), style='red' if _bad(run) else '')]
+    onboard = _onboard(run)
     if run.position_m is not None:
-        parts += [_progress(run), Text(), _axes(run)]
+        parts += [_progress(run), *onboard, Text(), _axes(run)]
     if run.decisions:
-        parts += [Text(), _decisions(run)]
+        parts += [Text(), _decisions(run, 0 if onboard else _RULES)]
     named = [name for name in (run.scenario.name if run.scenario else '', run.controller) if name]
     title = Text(' · '.join(['final approach', *named]))  # not markup: names may hold brackets
     return Panel(Group(*parts), title=title, title_align='left')
@@ -89,13 +100,49 @@ def _progress(run: LiveRun) -> Table:
     if run.exerted_n is not None or run.propellant_kg is not None:
         fired = ' '.join('+' if f > 0.0 else '−' if f < 0.0 else '·' for f in run.exerted_n or ())
         spent = '' if run.propellant_kg is None else f'{1e3 * run.propellant_kg:.1f} g'
-        grid.add_row(f'propellant about {spent or "–"}', f'valves x y z {fired or "–"}')
+        openings = run.onboard.openings
+        opened = '' if openings is None else f'{openings} openings'
+        grid.add_row(f'propellant about {spent or "–"}', f'valves x y z {fired or "–"}', opened)
     arrived = 'not within 0.5 m yet' if inside_s is None else f'within 0.5 m since {inside_s:.1f} s'
     share = ''
     if run.scenario:
         share = ProgressBar(total=run.scenario.duration_s, completed=run.time_s, width=24)
     grid.add_row(arrived, share)
     return grid
+
+
+def _onboard(run: LiveRun) -> list[Text]:
+    """Return what guidance, navigation and assurance say, a line each; none where there is none."""
+    said, dt_s, found = run.onboard, run.scenario.dt_s if run.scenario else 0.0, []
+    phase, acting = said.phase(run.tick), said.acting(run.tick)
+    if phase is not None:
+        away = '' if said.miss is None else f', {math.hypot(*said.miss[:3]):.3f} m from reference'
+        since = f'{phase.name} since {phase.tick * dt_s:.1f} s{away}'
+        found.append(Text(f'guidance   {since}', style='bold'))
+    if said.estimate is not None:
+        off = '' if said.error is None else f'{math.hypot(*said.error[:3]):.3f} m off the truth'
+        if said.sigmas_m is not None:
+            sigmas = ' '.join(f'{sigma:.3f}' for sigma in said.sigmas_m)
+            off += f'{", " if off else ""}sigma x y z {sigmas} m'
+        found.append(Text(f'estimate   {off or "without a covariance"}'))
+    if acting is not None:
+        found.append(Text(f'assurance  {_acting(acting, dt_s)}', _STYLES[bool(acting.constraint)]))
+    return found
+
+
+_STYLES = {True: 'bold red', False: ''}
+
+
+def _acting(acting: Acting, dt_s: float) -> str:
+    """Return what assurance does, in a line."""
+    since = f' since {acting.tick * dt_s:.1f} s'
+    what = f'acts: {acting.constraint}{since}' if acting.constraint else 'the command passes'
+    margins = [
+        f'{value:.{digits}f} {unit}'
+        for value, digits, unit in ((acting.margin_m, 2, 'm'), (acting.margin_m_s, 3, 'm/s'))
+        if value is not None
+    ]
+    return f'{what}, margin {", ".join(margins) or "unknown"}'
 
 
 def _axes(run: LiveRun) -> Table:
@@ -118,15 +165,15 @@ def _axes(run: LiveRun) -> Table:
     return table
 
 
-def _decisions(run: LiveRun) -> Table:
-    """Return the sentence of each axis, and the next strongest rules."""
+def _decisions(run: LiveRun, most: int) -> Table:
+    """Return the sentence of each axis, and at most so many of the next strongest rules."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for axis, _, colour in AXES:
         decision = run.decisions.get(axis)
         if decision is None:
             continue
         table.add_row(Text(axis, style=colour), Text(decision.sentence))
-        others = decision.rules[1 : 1 + _RULES]
+        others = decision.rules[1 : 1 + most]
         texts = [f'{p}, {v} → {force} {strength:.2f}' for p, v, force, strength in others]
         if texts:
             table.add_row('', Text('also ' + '; '.join(texts), style='dim'))

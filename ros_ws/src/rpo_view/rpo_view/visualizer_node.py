@@ -9,12 +9,12 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
-from rpo_ros.running import FlightNode
-from rpo_view.latest import Latest, run_viewer
+from rpo_view.latest import run_viewer
+from rpo_view.listening import ListeningNode
 from rpo_view.parameters import VISUALIZER as PARAMETERS
 from rpo_view.scene import Look, markers
 from rpo_view.trail import Trail
@@ -25,7 +25,7 @@ except ImportError:  # not among the ROS 2 wheels
     TFMessage = None
 
 
-class VisualizerNode(FlightNode):
+class VisualizerNode(ListeningNode):
     """Takes the newest state and force from time to time, so that it never slows a run down."""
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
@@ -34,11 +34,8 @@ class VisualizerNode(FlightNode):
         self._look = Look(
             values['arrow_m_per_n'], values['keep_out_radius_m'], values['corridor_half_angle_deg']
         )
-        self._trail = Trail(values['trail_points'])
-        self._stamp_ns = 0
-        self._force_n: tuple[float, ...] | None = None
-        self._states = Latest(self, names.RELATIVE_STATE)
-        self._forces = Latest(self, names.CONTROL_FORCE)
+        self.live.trail = Trail(values['trail_points'])
+        self._shown: dict[tuple[str, int], Marker] = {}
         self._markers = self.create_publisher(MarkerArray, names.MARKERS, qos.LATCHED)
         self._pose = self.create_publisher(PoseStamped, names.CHASER_POSE, qos.LATCHED)
         self._tf = None
@@ -49,33 +46,31 @@ class VisualizerNode(FlightNode):
         else:
             self._tf = self.create_publisher(TFMessage, names.TF, qos.TF)
         self.every(1.0 / values['rate_hz'], self._show)
-        self.get_logger().info(f'showing {self.resolve_topic_name(names.RELATIVE_STATE)}')
+        self.get_logger().info(f'showing {self.topic}')
 
     def _show(self) -> None:
-        force, state = self._forces.take(), self._states.take()
-        if force is not None:
-            force_n = conversions.from_wrench(force)
-            if not conversions.fault_of(force, force_n):
-                self._force_n = force_n
-        if state is None:
+        run = self.live
+        if not self.look() or run.position_m is None or run.velocity_m_s is None:
             return
-        values = conversions.from_odometry(state)
-        if conversions.fault_of(state, values):
-            return
-        stamp_ns = conversions.from_stamp(state.header.stamp)
-        if stamp_ns < self._stamp_ns:  # another run
-            self._trail.clear()
-        self._stamp_ns = stamp_ns
-        self._trail.add(values[:3])
-        self._publish(state, values[:3])
-
-    def _publish(self, state: Odometry, position_m: tuple[float, ...]) -> None:
+        state = conversions.to_odometry(run.stamp_ns, (*run.position_m, *run.velocity_m_s))
         self._pose.publish(PoseStamped(header=state.header, pose=state.pose.pose))
         if self._tf is not None:
             self._tf.publish(TFMessage(transforms=[transform_of(state)]))
-        trail = [*self._trail.points, position_m]
-        scene = markers(state.header.stamp, position_m, self._force_n, trail, self._look)
-        self._markers.publish(scene)
+        trail, stamp = [*run.trail.points, run.position_m], state.header.stamp
+        scene = markers(
+            stamp, run.position_m, run.force_n, trail, self._look, run.zones, run.onboard
+        )
+        self._markers.publish(self._with_deletions(scene))
+
+    def _with_deletions(self, scene: MarkerArray) -> MarkerArray:
+        """Return a scene that deletes what it has no more: the zones of another scenario."""
+        shown = {(marker.ns, marker.id): marker for marker in scene.markers}
+        gone = [self._shown[key] for key in self._shown if key not in shown]
+        for marker in gone:
+            marker.action = Marker.DELETE
+        self._shown = shown
+        scene.markers = [*scene.markers, *gone]
+        return scene
 
 
 def transform_of(state: Odometry) -> TransformStamped:

@@ -196,7 +196,30 @@ def flight_of(log: RunLog) -> Flight:
     pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
     if interfaces.APPLIED_FORCE in log.values:
         pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
-    return Flight(found, log.states, forces, pushes)
+    return Flight(found, log.states, forces, pushes, other_signals(log))
+
+
+_OF_FLIGHT = (
+    interfaces.RELATIVE_STATE,
+    interfaces.CONTROL_FORCE,
+    interfaces.DISTURBANCE_FORCE,
+    interfaces.APPLIED_FORCE,
+    interfaces.APPLIED_DISTURBANCE,
+)
+
+
+def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
+    """Return the logged signals beside state, force and disturbance.
+
+    In free running the force applied is the last of the commands: those before it are left out.
+    """
+    applied = interfaces.APPLIED_FORCE in log.values
+    return {
+        name: values
+        for name, values in log.values.items()
+        if name not in _OF_FLIGHT
+        and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
+    }
 
 
 def read_flight(path: str | Path) -> Flight:

@@ -34,14 +34,14 @@ class StageStates:
                 self.dropped.update(events.dropped(event.status))
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
+                name = event.values.get('stage', '')
                 if state == events.WITHOUT_COMMAND:
-                    self._missing.setdefault(event.values.get('stage', ''), set()).add(tick)
-                elif state in (events.ACTIVE, events.INACTIVE):
-                    changes = self._changes.setdefault(event.values.get('stage', ''), [])
+                    self._missing.setdefault(name, set()).add(tick)
+                if state in (events.ACTIVE, events.INACTIVE):
+                    changes = self._changes.setdefault(name, [])
                     changes.append((tick, state == events.ACTIVE))
                     changes.sort(key=lambda change: change[0])
                 elif state is not None:
-                    name = event.values.get('stage', '')
                     self._commands.setdefault(name, []).append((tick, state))
 
     def tell(self, stage: Stage) -> None:
@@ -95,14 +95,18 @@ class Recomputation:
         active : where the stage is switched on; where it is not, its commands are zero
         began : where it began without memory
         """
-        there = active.copy()
-        for values in inputs:
-            there &= np.isfinite(values).all(axis=1)
+        there, absent = active.copy(), np.zeros(len(ticks), dtype=bool)
+        for name, values in zip(self.stage.inputs, inputs, strict=True):
+            finite = np.isfinite(values).all(axis=1)
+            if name in self.stage.may_miss:
+                absent |= ~finite
+            else:
+                there &= finite
         if self.stage.memory_ticks == 0:
             rows = np.flatnonzero(there)
             made, known = self._made(rows, ticks, inputs), there.copy()
         else:
-            made, known = self._with_memory(ticks, inputs, active, there, began)
+            made, known = self._with_memory(ticks, inputs, active, (there, absent), began)
         if not active.all():
             carried = {interfaces.row_of(name).carries for name in self.stage.outputs}
             if carried == {interfaces.COMMAND}:
@@ -132,9 +136,10 @@ class Recomputation:
         ticks: NDArray[np.int64],
         inputs: Sequence[Floats],
         active: NDArray[np.bool_],
-        there: NDArray[np.bool_],
+        present: tuple[NDArray[np.bool_], NDArray[np.bool_]],
         began: NDArray[np.bool_],
     ) -> tuple[list[Floats], NDArray[np.bool_]]:
+        there, absent = present
         made = self._made(np.empty(0, dtype=np.intp), ticks, inputs)
         known = np.zeros(len(ticks), dtype=bool)
         change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there) | began[1:]
@@ -148,9 +153,12 @@ class Recomputation:
             if not there[part[0]]:  # switched on again it begins anew
                 self._forget(0 if active[part[0]] else None)
                 continue
-            for values, found in zip(made, self._made(part, ticks, inputs), strict=True):
-                values[part] = found[part]
-            known[part] = self._remembered(len(part))
+            if absent[part].any():
+                known[part] = self._without(part, made, ticks, inputs, absent)
+            else:
+                for values, found in zip(made, self._made(part, ticks, inputs), strict=True):
+                    values[part] = found[part]
+                known[part] = self._remembered(len(part))
             unknown = part[~known[part]]
             if len(unknown):
                 self.first_gap = self.first_gap if self.gaps else int(ticks[unknown[0]])
@@ -158,6 +166,30 @@ class Recomputation:
         for values in made:
             values[~known] = np.nan
         return made, known
+
+    def _without(
+        self,
+        part: NDArray[np.intp],
+        made: list[Floats],
+        ticks: NDArray[np.int64],
+        inputs: Sequence[Floats],
+        absent: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
+        """Fill the outputs of ticks some of whose inputs are absent; return which are known.
+
+        The stage says whether it went on without them; if it did not, the log has lost them.
+        """
+        known = np.zeros(len(part), dtype=bool)
+        for i, row in enumerate(part):
+            tick = int(ticks[row])
+            if absent[row] and not self.stage.goes_without(tick):
+                self._forget(0)
+                continue
+            found = self.stage.step(tick, *(tuple(np.nan_to_num(v[row]).tolist()) for v in inputs))
+            for values, computed in zip(made, found, strict=True):
+                values[row] = computed
+            known[i] = self._remembered(1)[0]
+        return known
 
     def _forget(self, filled: int | None) -> None:
         self.stage.reset()

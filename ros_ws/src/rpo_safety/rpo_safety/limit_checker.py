@@ -130,25 +130,26 @@ class Detection(NamedTuple):
 class LimitChecker:
     """Counts samples; a fault begins to hold once, and again only after a whole window without.
 
+    The monitor and the abort table (`rpo_safety.abort`) count with it.
+
     holding : the faults that hold
     detected : how often each began to
     """
 
-    def __init__(self, table: MonitorTable) -> None:
-        self.table = table
+    def __init__(self, rules: Mapping[str, Rule]) -> None:
+        self.rules = rules
         self.holding: set[str] = set()
-        self.detected: dict[str, int] = dict.fromkeys(table.rules, 0)
+        self.detected: dict[str, int] = dict.fromkeys(rules, 0)
         self._samples = {
-            fault: deque([False] * rule.window, maxlen=rule.window)
-            for fault, rule in table.rules.items()
+            fault: deque([False] * rule.window, maxlen=rule.window) for fault, rule in rules.items()
         }
-        self._shown = dict.fromkeys(table.rules, 0)
+        self._shown = dict.fromkeys(rules, 0)
 
     def sample(self, seen: Mapping[str, bool]) -> list[Detection]:
         """Take one sample of some faults; return those that begin to hold by it."""
         detections = []
         for fault, shows in seen.items():
-            samples, rule = self._samples[fault], self.table.rules[fault]
+            samples, rule = self._samples[fault], self.rules[fault]
             self._shown[fault] += shows - samples[0]  # the oldest sample drops out
             samples.append(shows)
             if fault in self.holding:
@@ -163,7 +164,7 @@ class LimitChecker:
     def clear(self, faults: Iterable[str]) -> None:
         """Forget the samples of some faults: their cause is over by design."""
         for fault in faults:
-            rule = self.table.rules[fault]
+            rule = self.rules[fault]
             self._samples[fault].extend([False] * rule.window)
             self._shown[fault] = 0
             self.holding.discard(fault)

@@ -9,20 +9,19 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import files, limit_checker
+from rpo_core import files
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
-from rpo_core.limit_checker import ABORT, LimitChecker, MonitorTable, Rule, load_monitor
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
+from rpo_safety import limit_checker
+from rpo_safety.limit_checker import ABORT, LimitChecker, Rule, load_monitor
 
 SHIPPED = load_monitor('default')
 
 
 def of(count, window):
-    return LimitChecker(
-        MonitorTable('test', SHIPPED.limits, {'too_fast': Rule(count, window, ABORT)})
-    )
+    return LimitChecker({'too_fast': Rule(count, window, ABORT)})
 
 
 @given(st.lists(st.booleans(), max_size=60), st.integers(1, 8), st.integers(0, 8))
@@ -87,7 +86,7 @@ def test_limits_of_a_force():
 @pytest.mark.parametrize('controller', ['trained', 'handmade', 'paper_ga'])
 def test_shipped_flights_are_no_fault(scenario, controller):
     flown = fly(load_scenario(scenario), load_controller(controller))
-    watched = LimitChecker(SHIPPED)
+    watched = LimitChecker(SHIPPED.rules)
     for state, force in zip(flown.states.tolist(), flown.forces_n.tolist(), strict=True):
         watched.sample(SHIPPED.limits.faults_of_state(state))
         watched.sample(SHIPPED.limits.faults_of_force(force))

@@ -1,0 +1,325 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Guidance as a stage of the chain: from the state to the reference that the controller follows."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo_core import cw, interfaces
+from rpo_core.kernels import State
+from rpo_core.metrics import norm
+from rpo_core.scenario import Scenario
+from rpo_core.stage import Signal, Stage
+from rpo_guidance import plan
+from rpo_guidance.legs import (
+    Coasting,
+    Flown,
+    FlyingAround,
+    Resting,
+    Straight,
+    Transferring,
+    Vehicle,
+    fill,
+)
+from rpo_guidance.plan import Guidance, Leg
+from rpo_guidance.transfers import Floats, Zones, at_port
+
+GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
+COMMANDS = (GO, STOP, RETREAT, ABORT)
+
+ARRIVED, STOPPED, RETREATED, ABORTING, DRIFTING, DOCKED = (
+    'arrived', 'stopped', 'retreating', 'aborting', 'drifting', 'docked',
+)  # fmt: skip
+"""Phases beside the legs of the plan, which have the names of the legs."""
+
+
+CONE_SHARE = 0.7
+"""Share of the corridor's width that a transfer plans with; the rest is for the flight."""
+
+
+class Change(NamedTuple):
+    """A phase that begins.
+
+    tick : of the first reference of the phase
+    phase : its name
+    reason : why it begins
+    """
+
+    tick: int
+    phase: str
+    reason: str
+
+
+class Drifting:
+    """Free drift: the reference is the chaser itself, so that nobody commands a force."""
+
+    ticks = None
+
+
+class GuidanceStage(Stage):
+    """Flies a plan: phase by phase, with the commands go, hold, retreat and abort.
+
+    changes : the phases so far
+    """
+
+    name = 'guidance'
+    inputs = (interfaces.STATE,)
+    outputs = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
+    memory_ticks = None
+
+    def __init__(self, settings: Guidance, scenario: Scenario) -> None:
+        self.settings = settings
+        self._dt_s = scenario.dt_s
+        n, mass_kg, dt_s = scenario.mean_motion_rad_s, settings.mass_kg, scenario.dt_s
+        step = scenario.step if mass_kg is None else cw.discretise(n, mass_kg, dt_s)
+        limit_n = settings.force_share * scenario.max_force_n
+        self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
+        self._port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin the plan anew."""
+        self.commands: dict[int, str] = {}
+        self.changes: list[Change] = []
+        self._next = 0  # leg that follows
+        self._leg: Leg | None = None
+        self._flown: Flown | Drifting | None = None
+        self._since, self._tick = 0, -1
+        self._seen: State | None = None
+        self._reference: State | None = None
+        self._go = False
+
+    def command(self, name: str) -> str:
+        """Take a command for the next tick; return why it is refused, '' if it is not."""
+        reason = self.refusal(name)
+        if not reason:
+            self.commands[self.next_tick] = name
+        return reason
+
+    @property
+    def next_tick(self) -> int:
+        """The tick that comes."""
+        return self._tick + 1
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a command that a log tells of."""
+        if state in COMMANDS:
+            self.commands[tick] = state
+
+    def refusal(self, name: str) -> str:
+        """Return why a command cannot be followed now; '' if it can."""
+        phase = self.changes[-1].phase if self.changes else 'waiting'
+        if phase in (ABORTING, DRIFTING):
+            return f'guidance is {phase}: an abort is not taken back'
+        if phase == DOCKED:
+            return 'the chaser has docked'
+        if name == RETREAT and self.settings.retreat_m is None:
+            return 'the plan has no `retreat_m`'
+        if name != GO:
+            return ''
+        if self._leg is not None and self._leg.kind == plan.HOLD:
+            return self._unready(self._leg)
+        return '' if phase in (STOPPED, RETREATED) else f'`go` ends a hold; the phase is {phase}'
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the reference state (6,) [m, m/s] and the force (3,) [N] that it needs."""
+        state: State = inputs[0]
+        self._tick, self._seen = tick, state
+        if self._flown is None:
+            self._begin_leg(tick, state, 'the flight begins')
+        command = self.commands.get(tick)
+        if command is not None:
+            self._obey(tick, command)
+        while self._is_over(tick):
+            self._follow(tick)
+        if self._docks and at_port(*state[:3], *self._port):
+            self._enter(tick, DOCKED, 'the chaser is at the port', Drifting())
+        if isinstance(self._flown, Drifting):
+            self._reference = state
+            return state, (0.0, 0.0, 0.0)
+        reference, force = self._flown.at(tick - self._since)  # type: ignore[union-attr]
+        self._reference = reference
+        return reference, force
+
+    @property
+    def _docks(self) -> bool:
+        """Whether the last leg is flown, or over, and docking ends it."""
+        if not self.settings.past_port_m or self._next < len(self.settings.legs):
+            return False
+        return self._leg is not None or self.changes[-1].phase == ARRIVED
+
+    def rows(self, start: State, ticks: int) -> tuple[Floats, int]:
+        """Return the references and forces (ticks + 1, 9) of a plan without holds and commands.
+
+        They do not depend on the flight, but for its start as guidance sees it, and until it docks.
+        Then the tick from which on the last leg is flown.
+        """
+        rows, tick, last = np.empty((ticks + 1, 9)), 0, ticks + 1
+        self.reset()
+        self._begin_leg(0, start, '')
+        while tick <= ticks:
+            while self._is_over(tick):
+                self._follow(tick)
+            if self._next == len(self.settings.legs):
+                last = min(last, tick)
+            flown: Any = self._flown
+            end = ticks + 1 if flown.ticks is None else min(tick + flown.ticks, ticks + 1)
+            fill(flown, rows[tick:end])
+            tick = end
+        return rows, last
+
+    def _is_over(self, tick: int) -> bool:
+        """Return whether the phase ends before this tick."""
+        ticks = self._flown.ticks if self._flown is not None else None
+        if ticks is not None:
+            return tick - self._since >= ticks
+        leg = self._leg
+        if leg is None or leg.kind != plan.HOLD:
+            return False
+        if self._timed_out(tick, leg):
+            return True
+        return (leg.go == plan.AUTO or self._go) and not self._unready(leg)
+
+    def _timed_out(self, tick: int, leg: Leg) -> bool:
+        held_s = (tick - self._since) * self._dt_s
+        return leg.timeout_s is not None and held_s >= leg.timeout_s
+
+    def _unready(self, leg: Leg) -> str:
+        """Return why a hold cannot end; '' if it can."""
+        held_s = (self._tick - self._since) * self._dt_s
+        if held_s < leg.dwell_s:
+            return f'`dwell_s` = {leg.dwell_s:g} s is not over: {held_s:g} s'
+        if self._seen is None or self._reference is None:
+            return 'no state has come'
+        miss = [s - r for s, r in zip(self._seen, self._reference, strict=True)]
+        error, speed = norm(*miss[:3]), norm(*miss[3:])
+        if error > leg.within_m:
+            return f'the error is {error:.3g} m, more than `within_m` = {leg.within_m:g} m'
+        if speed > leg.within_m_s:
+            return f'the speed is {speed:.3g} m/s, more than `within_m_s` = {leg.within_m_s:g} m/s'
+        return ''
+
+    def _follow(self, tick: int) -> None:
+        """Begin what follows the phase that is over."""
+        leg, end = self._leg, self._end(tick)
+        if self.changes[-1].phase == ABORTING:
+            self._enter(tick, DRIFTING, 'clear of the target', Drifting())
+        elif leg is not None and leg.kind == plan.HOLD:
+            if self._timed_out(tick, leg) and leg.on_timeout == plan.ABORT:
+                self._obey(tick, ABORT, f'{leg.name} took `timeout_s` = {leg.timeout_s:g} s')
+            else:
+                timed_out = self._timed_out(tick, leg)
+                self._begin_leg(tick, end, 'time is up' if timed_out else 'GO')
+        elif leg is None:  # stopped, or back at the retreat
+            self._flown = Resting(end[:3], self._vehicle)
+            self._since = tick
+        else:
+            self._begin_leg(tick, end, f'{leg.name} is flown')
+
+    def _end(self, tick: int) -> State:
+        """Return the reference where the phase ends."""
+        if isinstance(self._flown, (Drifting, type(None))):
+            return self._reference or (0.0,) * 6
+        ticks = self._flown.ticks
+        return self._flown.at(tick - self._since if ticks is None else ticks)[0]
+
+    def _begin_leg(self, tick: int, start: State, reason: str) -> None:
+        if self._next == len(self.settings.legs):
+            past_m = self.settings.past_port_m if norm(*start[3:]) > 0.0 else 0.0
+            resting = Resting(start[:3], self._vehicle)
+            flown = Coasting(start, self._vehicle, past_m) if past_m else resting
+            self._enter(tick, ARRIVED, reason, flown)
+            return
+        leg = self.settings.legs[self._next]
+        self._next += 1
+        self._enter(tick, leg.name, reason, self._flying(leg, start))
+        self._leg = leg
+
+    def _flying(self, leg: Leg, start: State) -> Flown:
+        """Return a leg under way."""
+        to_m = leg.to_m if leg.to_m is not None else start[:3]
+        if leg.kind == plan.TRANSFER:
+            end = (*to_m, *leg.arrive_m_s)
+            return self._transfer(start, end, leg.duration_s or 0.0, leg.corridor_s, leg.burn_s)
+        if leg.kind == plan.STRAIGHT:
+            speed = leg.speed_m_s or 0.0
+            return Straight(start, to_m, self._vehicle, speed, leg.end_speed_m_s)
+        if leg.kind == plan.FLY_AROUND:
+            return FlyingAround(start, to_m, self._vehicle, leg.speed_m_s or 0.0)
+        return Resting(to_m, self._vehicle)
+
+    def _transfer(
+        self,
+        start: State,
+        end: State,
+        duration_s: float,
+        corridor_s: float | None = None,
+        burn_s: float | None = None,
+    ) -> Transferring:
+        settings, corridor = self.settings, self.settings.corridor
+        radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
+        # what begins or ends in the sphere passes through it, but by the corridor
+        free = corridor_s is None and min(norm(*start[:3]), norm(*end[:3])) <= radius
+        zones = Zones(
+            0.0 if free else radius,
+            None,
+            settings.port_m,
+            corridor.ahead,
+            corridor.slope * CONE_SHARE,
+            corridor.from_m - norm(*settings.port_m),
+        )
+        return Transferring(start, end, self._vehicle, duration_s, zones, corridor_s, burn_s)
+
+    def _obey(self, tick: int, command: str, reason: str = '') -> None:
+        """Follow a command at a tick."""
+        reason = reason or f'command `{command}`'
+        now = self._reference or self._seen or (0.0,) * 6
+        if command == GO:
+            if self._leg is not None and self._leg.kind == plan.HOLD:
+                self._go = True
+            else:
+                self._begin_leg(tick, now, reason)
+        elif command == STOP:
+            self._interrupt()
+            self._enter(tick, STOPPED, reason, self._braking(now))
+        elif command == RETREAT:
+            self._interrupt()
+            to_m = self.settings.retreat_m or now[:3]
+            flown = self._transfer(now, (*to_m, 0.0, 0.0, 0.0), self.settings.abort_s)
+            self._enter(tick, RETREATED, reason, flown)
+        else:
+            end = self._way_out(now)
+            flown = self._transfer(now, end, self.settings.abort_s)
+            self._enter(tick, ABORTING, reason, flown)
+
+    def _interrupt(self) -> None:
+        """Let `go` fly the leg under way again."""
+        if self._leg is not None and self._leg.kind != plan.HOLD:
+            self._next -= 1
+
+    def _braking(self, now: State) -> Flown:
+        x, y, z, vx, vy, vz = now
+        speed = norm(vx, vy, vz)
+        if speed == 0.0:
+            return Resting((x, y, z), self._vehicle)
+        way = speed / (2.0 * self._vehicle.acceleration_m_s2)  # along v, so that v^2 / (2 a)
+        to_m = (x + way * vx, y + way * vy, z + way * vz)
+        return Straight(now, to_m, self._vehicle, speed, 0.0)
+
+    def _way_out(self, now: State) -> State:
+        """Return a state (6,) from which relative motion carries the chaser away.
+
+        Below the target an orbit is faster: ahead of it the chaser leaves forward. Behind the
+        target it leaves backward, above it. vy = -3/2 n x keeps x as it is.
+        """
+        _, y, _, _, _, _ = now
+        offset = self.settings.abort_offset_m
+        x = -offset if y >= 0.0 else offset
+        return x, y, 0.0, 0.0, -1.5 * self._vehicle.mean_motion_rad_s * x, 0.0
+
+    def _enter(self, tick: int, phase: str, reason: str, flown: Flown | Drifting) -> None:
+        self.changes.append(Change(tick, phase, reason))
+        self._leg, self._flown, self._since, self._go = None, flown, tick, False

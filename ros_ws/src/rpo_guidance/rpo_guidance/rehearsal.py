@@ -1,0 +1,91 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Plans, flown without errors before they are flown: what cannot be flown is refused."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import replace
+from typing import NamedTuple
+
+from rpo_core.kernels import State, Vector
+from rpo_core.metrics import norm
+from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
+from rpo_guidance import plan
+from rpo_guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
+from rpo_guidance.legs import SEGMENTS
+from rpo_guidance.plan import Guidance
+
+
+class Checked(NamedTuple):
+    """A plan, flown without errors.
+
+    references : (n, 6) [m, m/s]; forces : (n, 3) [N]; changes : its phases
+    """
+
+    references: list[State]
+    forces: list[Vector]
+    changes: list[Change]
+
+
+def nominal(settings: Guidance, scenario: Scenario) -> Checked:
+    """Return the reference of a chaser that follows it exactly, each hold ended when it may be."""
+    legs = tuple(
+        replace(leg, go=plan.AUTO) if leg.kind == plan.HOLD else leg for leg in settings.legs
+    )
+    stage = GuidanceStage(replace(settings, legs=legs), scenario)
+    references: list[State] = []
+    forces: list[Vector] = []
+    state = scenario.start
+    for tick in range(scenario.ticks + 1):
+        reference, force = stage.step(tick, state)
+        references.append(reference)  # type: ignore[arg-type]
+        forces.append(force)  # type: ignore[arg-type]
+        state = reference  # type: ignore[assignment]
+    return Checked(references, forces, stage.changes)
+
+
+def check(settings: Guidance, scenario: Scenario) -> None:
+    """Raise InputError if the plan of a scenario cannot be flown, with the number that fails."""
+    found = nominal(settings, scenario)
+    _check_durations(settings, scenario, found)
+    corridor, starts = settings.corridor, [change.tick for change in found.changes]
+    for tick, (reference, force) in enumerate(zip(found.references, found.forces, strict=True)):
+        phase = found.changes[bisect_right(starts, tick) - 1].phase
+        at = f'leg {phase}, {tick * scenario.dt_s:g} s'
+        largest = max(abs(f) for f in force)
+        if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
+            raise InputError(
+                f'`guidance` must need at most {settings.force_share:g} of `max_force_n` = '
+                f'{scenario.max_force_n:g} N; {at}: {largest:.4g} N'
+            )
+        distance = norm(*reference[:3])
+        if distance >= settings.keep_out_m or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
+            continue
+        if not corridor.from_m:
+            raise InputError(
+                f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m; '
+                f'{at}: {distance:.4g} m from the target'
+            )
+        outside = corridor.outside_m(reference[:3], settings.port_m)
+        if outside > 1e-9:
+            raise InputError(
+                f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m but for the '
+                f'corridor; {at}: {distance:.4g} m from the target, {outside:.3g} m off it'
+            )
+
+
+def _check_durations(settings: Guidance, scenario: Scenario, found: Checked) -> None:
+    """Raise InputError if a transfer needs more force than it may, and so takes longer."""
+    ends = [*(change.tick for change in found.changes[1:]), scenario.ticks + 1]
+    for change, end in zip(found.changes, ends, strict=True):
+        for leg in settings.legs:
+            if leg.name == change.phase and leg.duration_s is not None:
+                taken = (end - change.tick) * scenario.dt_s
+                if taken > leg.duration_s * (1.0 + 1.0 / SEGMENTS) + scenario.dt_s:
+                    limit = settings.force_share * scenario.max_force_n
+                    raise InputError(
+                        f'`duration_s` of leg {leg.name} must be about {taken:g} s for a force of '
+                        f'at most {limit:g} N; got {leg.duration_s:g}'
+                    )

@@ -1,0 +1,72 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""For how long a node waits for an input of a tick, and when it goes on without it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rpo_core.chain import Chain
+from rpo_core.interfaces import current
+from rpo_core.stage import Stage
+
+MOST_REPEATS = 3
+"""Without a command, of this tick or before, a state that was repeated so often is answered; in
+free running, one that is so many ticks newer than the last answer."""
+
+LOST_TICKS = 5
+"""A peer whose commands are missing at so many ticks in a row is lost."""
+
+
+class Patience:
+    """Counts how often a state comes again while something is missing.
+
+    may_miss : signal -> the stage that goes on without it
+    """
+
+    def __init__(self) -> None:
+        self.may_miss: dict[str, Stage] = {}
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a run."""
+        self._stamp_ns, self._repeats = -1, 0
+        self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
+
+    def hear(self, chain: Chain) -> None:
+        """Take the stages whose inputs are waited for."""
+        self.may_miss = {
+            read: link.stage
+            for link in chain.links
+            for name, read in zip(link.stage.inputs, link.reads, strict=True)
+            if name in link.stage.may_miss and read in chain.inputs
+        }
+
+    def repeated(self, stamp_ns: int) -> None:
+        """Count an input that came again."""
+        self._repeats = self._repeats + 1 if self._stamp_ns == stamp_ns else 1
+        self._stamp_ns = stamp_ns
+
+    def is_over(
+        self, missing: Sequence[str], tick: int, last_tick: int, stamp_ns: int, late: bool
+    ) -> bool:
+        """Return whether to go on with zero for what is missing.
+
+        Where nobody would read it, the node waits at LOST_TICKS ticks and not at those that follow:
+        a peer that lives stays in step, and one that is lost costs no time.
+
+        last_tick : that was answered; -1: none yet, and commands of this tick may still begin
+        late : in free running, whether the state is too new to wait
+        """
+        now = [name for name in missing if current(name) == name]
+        if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
+            return False
+        unread = all(self.may_miss[name].goes_without(tick) for name in now)
+        repeats = self._repeats if self._stamp_ns == stamp_ns else 0
+        over = last_tick < 0 or repeats >= MOST_REPEATS or late
+        follows = self._gone_on == tick - 1
+        if over or (now and unread and follows and self._in_a_row >= LOST_TICKS):
+            self._in_a_row = self._in_a_row + 1 if follows else 1
+            self._gone_on = tick
+            return True
+        return False

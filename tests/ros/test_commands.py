@@ -1,0 +1,155 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The operator's commands to guidance and to the abort table: nodes as processes, over DDS."""
+
+from __future__ import annotations
+
+import subprocess
+
+import pytest
+import yaml
+from std_srvs.srv import Trigger
+from steering import steering
+
+from rpo_core import files
+from rpo_log.read.run_log import read_run
+from tools.node_processes import executable, node_processes
+
+NODES = {
+    'controller': ('rpo_ctrl', 'fuzzy_controller'),
+    'guidance': ('rpo_guidance', 'guidance'),
+    'assurance': ('rpo_safety', 'assurance'),
+}
+
+
+@pytest.fixture
+def ros(ros_env, tmp_path):
+    with node_processes(ros_env, tmp_path) as started:
+        yield started
+
+
+def guarded(folder, duration_s, **abort):
+    """Write the shipped scenario, shorter, with other fields of its abort table."""
+    document = yaml.safe_load(files.find('scenario', 'guarded').read_text())
+    document['duration_s'] = duration_s
+    document['assurance']['abort'].update(abort)
+    path = folder / 'guarded.yaml'
+    path.write_text(yaml.safe_dump(document))
+    return str(path)
+
+
+def start(ros, folder, scenario, **plant):
+    """Start all nodes of the scenario; return them by name."""
+    found = {name: ros.node(*where) for name, where in NODES.items()}
+    found['recorder'] = ros.node('rpo_log', 'recorder', output=str(folder))
+    options = {'scenario': scenario, 'wait_for_recorder': 'true', **plant}
+    found['plant'] = ros.node('rpo_sim', 'plant', **options)
+    return found
+
+
+class Operator:
+    """Sends commands to a flight that passes ticks when told, and keeps no time of its own."""
+
+    def __init__(self, hand):
+        self._hand = hand
+
+    def asks(self, service):
+        """Call a service; return why it is refused, '' if it is not."""
+        answer = self._hand.call(Trigger, service, Trigger.Request())
+        return answer.message if not answer.success else ''
+
+    def passes(self, seconds):
+        """Let the paused flight go on for so long."""
+        hand, ticks = self._hand, round(seconds * 10.0)
+        due = int(hand.statuses[-1][3]['tick']) + ticks
+        assert hand.set('plant', step_ticks=ticks) == ['']
+        assert hand.trigger('step').success
+        hand.until(lambda: int(hand.statuses[-1][3]['tick']) == due)
+
+
+def verified(env, folder):
+    """Return exit code and output of `rpo verify`."""
+    command = [str(executable('rpo_log', 'verify', env['AMENT_PREFIX_PATH'])), str(folder)]
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert not done.stderr
+    return done.returncode, done.stdout
+
+
+def told(folder, stage):
+    """Return what the log tells of a stage, each with its tick."""
+    events = [e.values for e in read_run(folder).events if e.signal == 'stage_status']
+    return [(e['state'], int(e['tick'])) for e in events if e['stage'] == stage]
+
+
+def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tmp_path):
+    """go, hold, retreat, abort of guidance; arm, inhibit, hold, resume, abort of the table."""
+    scenario, folder = guarded(tmp_path, 100.0), tmp_path / 'run'
+    with steering() as hand:
+        nodes = start(ros, folder, scenario, real_time_factor=1.0)
+        operator = Operator(hand)
+        asks, passes = operator.asks, operator.passes
+        hand.says('flying')
+        assert hand.pause().success
+        hand.says('paused')
+        assert asks('guidance/go').startswith('`dwell_s` = 10 s is not over')
+        passes(11.0)
+        assert asks('guidance/go') == ''
+        passes(5.0)
+        assert asks('guidance/go') == '`go` ends a hold; the phase is to_20'
+        for command in ('guidance/hold', 'guidance/go', 'assurance/inhibit', 'assurance/arm'):
+            assert asks(command) == ''
+            passes(2.0)
+        assert asks('assurance/resume').startswith('`resume` ends a hold or a retreat')
+        for command in ('assurance/hold', 'assurance/resume', 'guidance/retreat'):
+            assert asks(command) == ''
+            passes(1.0)
+        assert asks('assurance/abort') == asks('guidance/abort') == ''
+        passes(1.0)
+        assert 'the phase is aborting' in asks('assurance/hold')
+        assert asks('guidance/go').endswith('an abort is not taken back')
+        assert hand.set('plant', real_time_factor=0.0) == ['']
+        assert hand.pause(False).success
+        assert (nodes['plant'].wait(), nodes['recorder'].wait()) == (0, 0), nodes['recorder'].output
+    for name in NODES:
+        assert nodes[name].stop() == 0, nodes[name].output
+        assert 'Traceback' not in nodes[name].output
+    assert [state for state, _ in told(folder, 'guidance')] == [
+        'go', 'hold', 'go', 'retreat', 'abort',
+    ]  # fmt: skip
+    states = [state for state, _ in told(folder, 'assurance')]
+    for command, state in (
+        ('inhibit', 'inhibited'), ('arm', 'armed'), ('hold', 'holding'), ('resume', 'resumed'),
+        ('abort', 'aborting'),
+    ):  # fmt: skip
+        assert states.index(command) < states.index(state)
+    code, said = verified(ros.env, folder)
+    assert code == 0 and 'recomputed: guidance, controller, assurance' in said, said
+
+
+def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
+    """Killed in flight: with it goes the controller's command; assurance flies on alone."""
+    scenario, folder = guarded(tmp_path, 25.0, hold_s=3.0, stuck_s=5.0), tmp_path / 'run'
+    nodes = start(ros, folder, scenario, real_time_factor=10.0, resend_after_s=0.1)
+    nodes['plant'].says('flying guarded')
+    nodes['guidance'].discard()
+    assert nodes['plant'].wait() == 0, nodes['plant'].output
+    assert nodes['recorder'].wait() == 1
+    for name in ('controller', 'assurance'):
+        assert nodes[name].stop() == 0, nodes[name].output
+    states = dict(reversed(told(folder, 'assurance')))
+    assert list(reversed(states)) == ['without_command', 'holding', 'aborting', 'drifting']
+    assert states['holding'] == states['without_command'] + 2
+    assert states['aborting'] == states['holding'] + 30
+    code, said = verified(ros.env, folder)
+    assert code == 3 and 'as computed as far as it goes' in said, said
+    assert 'assurance could not be recomputed' not in said
+
+
+def test_a_table_is_not_commanded_without_one(ros, ros_env, tmp_path):
+    """A scenario without an abort table: each command is refused with the reason."""
+    assurance = ros.node('rpo_safety', 'assurance', scenario='assured')
+    with steering() as hand:
+        for name in ('arm', 'abort'):
+            answer = Operator(hand).asks(f'assurance/{name}')
+            assert answer == 'no scenario with `assurance.abort` is here'
+    assert assurance.stop() == 0

@@ -1,0 +1,88 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Guidance as a node, beside every other stage: flown, commanded by its services, verified."""
+
+from __future__ import annotations
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
+from std_srvs.srv import Trigger
+
+from rpo_core import files, interfaces, scenario
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
+from rpo_log.read.run_log import read_run
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.verify import verify
+from rpo_nav.navigation_node import NavigationNode
+from rpo_ros import conversions, qos
+from rpo_safety.assurance_node import AssuranceNode
+from rpo_sim.plant_node import PlantNode
+
+LEGS = [
+    {'name': 'wait', 'kind': 'hold', 'dwell_s': 5.0, 'go': 'command', 'within_m': 3.0,
+     'within_m_s': 0.3},
+    {'name': 'in', 'kind': 'straight', 'to_m': [0.0, -20.0, 0.0], 'speed_m_s': 0.2},
+]  # fmt: skip
+ASSURANCE = {
+    'keep_out_m': 10.0, 'position_error_m': 0.2, 'velocity_error_m_s': 0.02,
+    'disturbance_n': 0.05, 'thrust_error': 0.1,
+}  # fmt: skip
+
+
+def written(path, duration_s=60.0):
+    """Write a scenario with a section for every place of the chain."""
+    plan = yaml.safe_load(files.read_text(files.find('scenario', 'hold_points')))
+    world = yaml.safe_load(files.read_text(files.find('scenario', 'world_leo')))
+    plan['guidance'] |= {'legs': LEGS, 'retreat_m': [0.0, -40.0, 0.0]}
+    plan |= {name: world[name] for name in ('thrusters', 'sensors', 'estimator')}
+    plan |= {'initial_position_m': [0.0, -30.0, 0.0], 'duration_s': duration_s}
+    plan |= {'assurance': ASSURANCE}
+    del plan['requirements']
+    path.write_text(yaml.safe_dump(plan))
+    return scenario.load_scenario(path)
+
+
+def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
+    """The controller could not take several inputs: every guided flight on ROS broke."""
+    path = tmp_path / 'whole.yaml'
+    written(path)
+    phases: list[str] = []
+
+    def hear(status: DiagnosticStatus) -> None:
+        phases.append(conversions.values_of(status)['phase'])
+
+    def call(name):
+        answer = inner.call(Trigger, f'/guidance/{name}', Trigger.Request())
+        return answer.success, answer.message
+
+    with inside() as inner:
+        topic = interfaces.GUIDANCE_STATUS
+        inner.user.create_subscription(DiagnosticStatus, topic, hear, qos.LATCHED_QUEUE)
+        chosen = {'scenario': str(path)}
+        inner.start(ControllerNode({'controller': 'trained'}))
+        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
+            inner.start(kind(chosen))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        plant = inner.start(
+            PlantNode({**chosen, 'wait_for_recorder': True, 'real_time_factor': 15.0})
+        )
+        inner.until(lambda: 'wait' in phases and plant.pacing.plant.tick > 0)
+        success, message = call('go')
+        assert not success and '`dwell_s` = 5 s is not over' in message
+        inner.until(lambda: plant.pacing.plant.tick > 80)
+        assert call('go')[0]
+        inner.until(lambda: phases[-1] == 'in')
+        assert call('hold')[0]
+        inner.until(lambda: phases[-1] == 'stopped')
+        assert call('retreat')[0]
+        inner.until(lambda: phases[-1] == 'retreating')
+        inner.until(lambda: recorder.done)
+    assert recorder.exit_code == 0
+    log = read_run(tmp_path / 'run')
+    told = [e.values['state'] for e in log.events if e.values.get('stage') == 'guidance']
+    assert told == ['go', 'hold', 'retreat']
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0, found.sentence()
+    assert all(name in found.sentence() for name in ('estimator', 'guidance', 'assurance'))

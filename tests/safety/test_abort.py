@@ -1,0 +1,266 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The abort table in flight: rows, reactions, commands, a lost command, a stuck thruster."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from scipy.linalg import expm
+
+from rpo_core import files, scenario
+from rpo_core.chain import Chain
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.interfaces import COMMAND, RELATIVE_STATE
+from rpo_core.stage import WITHOUT_COMMAND, Place
+from rpo_core.thrusters import Failure, Pulses, Thrusters
+from rpo_core.validation import InputError
+from rpo_safety.abort_table import AbortTable, Row
+from rpo_safety.assurance import ASSURED_FORCE
+from rpo_safety.settings import Assurance
+
+AROUND, GUARDED = scenario.load_scenario('around'), scenario.load_scenario('guarded')
+SETTINGS = GUARDED.section(Assurance)
+SHIPPED = SETTINGS.abort
+TABLE = replace(  # `around` passes beside the corridor
+    SHIPPED, table=tuple(row for row in SHIPPED.table if row.quantity != 'off_corridor_m')
+)
+AT = 3000
+"""Tick at which `around` is beside the target, behind it, 23 m away."""
+
+
+def with_table(base=AROUND, **changes):
+    """Return a scenario with the shipped assurance, its abort table changed."""
+    return base.equipped(replace(SETTINGS, abort=replace(TABLE, **changes)))
+
+
+class Flight:
+    """A flight tick by tick; events as nodes tell of them."""
+
+    def __init__(self, chosen, *events):
+        self.chain = Chain.of(chosen, load_controller('allround'))
+        self.stage = next(x.stage for x in self.chain.links if x.place is Place.ASSURANCE)
+        self.signals, self.tick = {RELATIVE_STATE: chosen.start}, 0
+        self.states, self.forces = [], []
+        for tick, state in events:
+            self.stage.take_event(tick, state)
+
+    def until(self, tick):
+        for now in range(self.tick, tick):
+            self.states.append(self.signals[RELATIVE_STATE])
+            self.chain.step(now, self.signals)
+            self.forces.append(self.signals[ASSURED_FORCE])
+        self.tick = tick
+        return self
+
+    @property
+    def said(self):
+        return [change.state for change in self.stage.abort.changes]
+
+    def ranges(self, since=0):
+        return np.linalg.norm(np.array(self.states)[since:, :3], axis=1)
+
+
+def test_a_table_that_finds_nothing_changes_no_bit():
+    """Nor does assurance: the plan keeps the sets."""
+    plain, watched = fly(AROUND, load_controller('allround')), Flight(with_table())
+    watched.until(AROUND.ticks)
+    assert (np.array(watched.states) == plain.states[:-1]).all()
+    assert watched.said == []
+
+
+def test_a_file_is_read_back_the_same():
+    again = scenario.parse(yaml.safe_load(scenario.dumps(GUARDED)))
+    assert again == GUARDED and again.section(Assurance).abort == SHIPPED
+
+
+def test_a_hold_stops_and_stays():
+    flight = Flight(with_table(), (AT, 'hold')).until(AT + 1500)
+    end = np.array(flight.states)
+    assert np.linalg.norm(end[-1, 3:]) < 1e-4
+    assert np.linalg.norm(end[-1, :3] - end[-500, :3]) < 0.01
+    assert np.linalg.norm(end[-1, :3] - end[AT, :3]) < 5.0
+    assert flight.said == ['holding']
+
+
+def test_a_retreat_goes_around_the_sphere():
+    """From behind the target to a point ahead of it."""
+    flight = Flight(with_table(), (1000, 'retreat')).until(7000)
+    end = np.array(flight.states[-1])
+    assert end[:3] == pytest.approx(TABLE.retreat_m, abs=0.05)
+    assert flight.ranges().min() > 12.0
+
+
+def drift(state, n, along):
+    """Return the least distance of a drift for two orbits, by the matrix exponential."""
+    a = np.zeros((7, 7))
+    a[:3, 3:6] = np.eye(3)
+    a[3, 0], a[3, 4], a[4, 3], a[5, 2], a[4, 6] = 3 * n * n, 2 * n, -2 * n, -n * n, along
+    step, x, nearest = expm(a * 4.0), np.array([*state, 1.0]), np.inf
+    for _ in range(math.ceil(4.0 * math.pi / n / 4.0)):
+        nearest = min(nearest, np.linalg.norm(x[:3]))
+        x = step @ x
+    return nearest
+
+
+@pytest.mark.parametrize('when', [500, AT, 4500, 4900, 5850], ids='{}'.format)
+def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
+    """From the plan, and from inside the corridor, 3 m from the port."""
+    flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
+    assert flight.said[0] == 'aborting' and flight.said[-1] == 'drifting'
+    assert not np.any(flight.forces[-1])
+    n = AROUND.mean_motion_rad_s
+    for along in (-1.2e-6, 1.2e-6):
+        assert drift(flight.states[-1], n, along) > 10.0
+    if when < 5000:
+        assert flight.ranges(when).min() > 10.0
+
+
+@pytest.mark.parametrize('thruster', ['x+', 'x-', 'y+', 'y-', 'z+', 'z-'])
+def test_a_stuck_thruster_is_found_and_the_path_stays_clear(thruster):
+    """Stuck on for 30 s, known to nobody: the table finds a force that no command explains."""
+    begin = AROUND.time_s(AT)
+    failure = Failure(thruster=thruster, stuck='on', from_s=begin, until_s=begin + 30.0)
+    pulses = Pulses(count=6, modulation='sigma_delta', minimum_on_time_s=0.0, failures=(failure,))
+    sure = replace(SETTINGS, thrust_error=0.05, abort=TABLE)
+    chosen = AROUND.equipped(Thrusters(pulses=pulses), sure)
+    flight = Flight(chosen).until(AT + 1500)
+    changes = flight.stage.abort.changes
+    assert changes[0].state == 'aborting' and changes[0].reason.startswith('unexplained_n above')
+    assert AT < changes[0].tick <= AT + 20
+    assert changes[-1].state == 'drifting'
+    assert flight.ranges(AT).min() > 10.0
+    for along in (-1.2e-6, 1.2e-6):
+        assert drift(flight.states[-1], AROUND.mean_motion_rad_s, along) > 10.0
+
+
+def lose_the_command(flight, ticks):
+    """Tell the stage that no command came, and hand it zeros, as a node does."""
+    link = next(x for x in flight.chain.links if x.stage is flight.stage)
+    plain = flight.stage.step
+
+    def step(tick, *inputs):
+        if tick in ticks:
+            if not flight.stage.goes_without(tick):
+                flight.stage.take_event(tick, WITHOUT_COMMAND)
+            wide = zip(link.stage.inputs, inputs, strict=True)
+            inputs = [(0.0,) * len(v) if n in flight.stage.may_miss else v for n, v in wide]
+        return plain(tick, *inputs)
+
+    flight.stage.step = step
+
+
+def test_a_lost_command_is_a_hold_and_then_an_abort():
+    flight = Flight(with_table(hold_s=20.0))
+    assert COMMAND in flight.stage.may_miss
+    lose_the_command(flight, range(AT, 10_000))
+    flight.until(AT + 1000)
+    changes = flight.stage.abort.changes
+    assert [c.state for c in changes] == ['holding', 'aborting', 'drifting']
+    assert changes[0].tick == AT + 2 and changes[1].tick == AT + 202
+    assert flight.ranges(AT).min() > 10.0
+
+
+def test_two_lost_commands_are_no_fault():
+    flight = Flight(with_table())
+    lose_the_command(flight, (AT, AT + 1))
+    assert flight.until(AT + 100).said == []
+
+
+def test_inhibited_the_table_warns_only_and_armed_it_acts():
+    rows = (Row(quantity='speed_m_s', most=0.05, count=5, window=5, reaction='hold'),)
+    flight = Flight(with_table(table=rows, armed=False), (900, 'arm'), (950, 'inhibit'))
+    flight.until(2000)
+    assert flight.said == ['warned', 'armed', 'holding', 'inhibited', 'warned']
+    # a hold of an inhibited table does not become an abort
+    assert flight.until(4000).said[-1] == 'warned'
+
+
+def test_resume_gives_the_command_back_when_no_fault_holds():
+    flight = Flight(with_table(), (AT, 'hold'), (AT + 5, 'resume')).until(AT + 100)
+    assert flight.said == ['holding', 'resumed']
+    assert flight.stage.abort.refusal('resume').startswith('`resume` ends a hold')
+    rows = (Row(quantity='range_m', most=50.0, reaction='hold'),)
+    held = Flight(with_table(table=rows)).until(100)
+    assert held.stage.abort.command('resume') == 'a fault holds: range_m hold'
+    assert held.stage.abort.command('drift') == ''
+
+
+def test_an_abort_is_not_taken_back():
+    flight = Flight(with_table(), (AT, 'abort')).until(AT + 10)
+    machine = flight.stage.abort
+    for name in ('resume', 'hold', 'retreat', 'drift', 'abort'):
+        assert 'the phase is aborting' in machine.refusal(name)
+    assert machine.refusal('inhibit') == ''
+
+
+def test_the_worst_reaction_acts():
+    rows = tuple(
+        Row(quantity='range_m', most=50.0, reaction=reaction)
+        for reaction in ('warn', 'abort', 'hold')
+    )
+    flight = Flight(with_table(table=rows)).until(5)
+    assert flight.said == ['warned', 'aborting']
+
+
+def test_each_quantity_is_looked_at():
+    """A row for each, of any value: all of them are over it, but those that need a fault."""
+    found = Flight(with_table(table=())).until(3).stage.abort
+    quantities = found._quantities(2, found_seen())
+    assert set(quantities) == {
+        'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
+        'tracking_error_m_s', 'intervention', 'sigma_m', 'sigma_m_s', 'missed', 'impulse_n_s',
+        'unexplained_n',
+    }  # fmt: skip
+    assert quantities['range_m'] == pytest.approx(math.hypot(3.0, 15.0))
+    assert quantities['tracking_error_m'] == pytest.approx(5.0)
+    assert quantities['tracking_error_m_s'] == pytest.approx(0.1)
+    # the corridor at 14 m from the port is 0.07 m + 14 m x tan 10 deg / sqrt 2 wide
+    width = 0.07 + 14.0 * math.tan(math.radians(10.0)) / math.sqrt(2.0)
+    assert quantities['off_corridor_m'] == pytest.approx(3.0 - width, abs=1e-3)
+    assert quantities['intervention'] == 1.0
+    assert (quantities['sigma_m'], quantities['sigma_m_s']) == (0.5, 0.01)
+
+
+def found_seen():
+    from rpo_safety.abort import Seen
+
+    state = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0)
+    reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
+    return Seen(state, state, reference, 0.5, 0.01, True, (0.0, 0.0, 0.0), False)
+
+
+@pytest.mark.parametrize(
+    ('change', 'sentence'),
+    [
+        ({'table': [{'quantity': 'warp', 'most': 1.0, 'reaction': 'hold'}]},
+         '`quantity` must be one of range_m'),
+        ({'table': [{'quantity': 'range_m', 'most': 1.0, 'reaction': 'pray'}]},
+         '`reaction` must be one of warn, hold, retreat, drift, abort'),
+        ({'table': [{'quantity': 'range_m', 'most': 1.0, 'reaction': 'hold', 'count': 3}]},
+         '`count` must be a whole number >= 1 and <= 1'),
+        ({'table': [{'quantity': 'sigma_m', 'most': 1.0, 'reaction': 'hold'}]},
+         'sigma_m needs section `estimator`; got guidance, assurance'),
+        ({'table': [{'quantity': 'range_m', 'most': 1.0, 'reaction': 'retreat'}],
+          'retreat_m': None}, '`retreat_m` is missing; the row of range_m needs it'),
+        ({'retreat_m': [0.0, 9.0, 0.0]}, 'exclude each other: it is 9 m from the target'),
+        ({'hold_s': 0.0}, '`hold_s` must be'),
+    ],
+)  # fmt: skip
+def test_a_bad_table_is_refused_in_one_sentence(change, sentence):
+    document = yaml.safe_load(files.find('scenario', 'guarded').read_text())
+    document['assurance']['abort'].update(change)
+    with pytest.raises(InputError) as refused:
+        scenario.parse(document)
+    assert sentence in str(refused.value) and '\n' not in str(refused.value)
+
+
+def test_two_rows_of_one_reaction_are_refused():
+    row = Row(quantity='range_m', most=1.0, reaction='hold')
+    with pytest.raises(InputError, match='one row for range_m with reaction hold'):
+        AbortTable(table=(row, row))

@@ -1,0 +1,166 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Collision avoidance beside flights by SciPy's matrices, each thruster stuck in turn."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from rpo_core import cw, scenario
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_safety import manoeuvre
+from rpo_safety.manoeuvre import World
+
+AROUND = scenario.load_scenario('around')
+N, MASS, LIMIT = AROUND.mean_motion_rad_s, 10.0, 0.5
+TWO_ORBITS, DRAG, STUCK_S, RADIUS = 4.0 * math.pi / N, 1.2e-6, 30.0, 10.0
+ERROR, DONE = 0.0005, 0.0005
+WORLD = World(N, MASS, LIMIT, STUCK_S, STUCK_S + 90.0, TWO_ORBITS, DRAG, ERROR, DONE)
+STEP = cw.discretise(N, MASS, manoeuvre.STEP_S)
+CASES = [(axis, side) for axis in range(3) for side in (1.0, -1.0)]
+
+A = np.zeros((9, 9))  # state, then acceleration from outside
+A[:3, 3:6], A[3:6, 6:] = np.eye(3), np.eye(3)
+A[3, 0], A[3, 4], A[4, 3], A[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
+
+
+def burnt(states, wanted, stuck, tick_s=0.1):
+    """Fly the law to a velocity; return the states (n, 6) after it and the least distances."""
+    step = expm(A * tick_s)[:6].T
+    nearest = np.full(len(states), np.inf)
+    burning = np.ones(len(states), dtype=bool)
+    for tick in range(round(WORLD.burn_s / tick_s)):
+        x, v = states[:, :3], states[:, 3:]
+        off = np.linalg.norm(wanted - v, axis=1)
+        burning &= (tick * tick_s < STUCK_S) | (off > DONE)
+        if not burning.any():
+            break
+        pull = np.column_stack(
+            [3 * N * N * x[:, 0] + 2 * N * v[:, 1], -2 * N * v[:, 0], -N * N * x[:, 2]]
+        )
+        force = np.clip(MASS * (wanted - v - pull), -LIMIT, LIMIT)
+        if stuck is not None and tick * tick_s < STUCK_S:
+            axis, side = stuck
+            force[:, axis] = side * LIMIT + side * np.minimum(side * force[:, axis], 0.0)
+        force[~burning] = 0.0
+        after = np.concatenate([states, force / MASS], axis=1) @ step
+        states = np.where(burning[:, None], after, states)
+        nearest = np.minimum(nearest, np.linalg.norm(states[:, :3], axis=1))
+    return states, nearest
+
+
+def drifted(states, along):
+    """Return the least distances (n,) of drifts for two orbits, looked at every 4 s."""
+    seconds = 4.0
+    step = expm(A * seconds)[:6].T
+    outside = np.broadcast_to([0.0, along, 0.0], (len(states), 3))
+    nearest = np.linalg.norm(states[:, :3], axis=1)
+    for _ in range(math.ceil(TWO_ORBITS / seconds)):
+        states = np.concatenate([states, outside], axis=1) @ step
+        nearest = np.minimum(nearest, np.linalg.norm(states[:, :3], axis=1))
+    return nearest
+
+
+def shell(count, least, most, seed):
+    """Return states (count, 6) in a shell that can stop before the sphere."""
+    random = np.random.default_rng(seed)
+    found = []
+    while len(found) < count:
+        e, u = random.normal(size=(2, 3))
+        e, u = e / np.linalg.norm(e), u / np.linalg.norm(u)
+        rho = random.uniform(least, most)
+        v = u * random.uniform(0.0, min(0.12 + math.sqrt(2 * 0.023 * rho), 0.8))
+        closing = -v @ e
+        if closing <= 0.0 or closing**2 / (2 * 0.045) <= rho - RADIUS:
+            found.append([*(rho * e), *v])
+    return np.array(found)
+
+
+def chosen(states):
+    """Return velocities (n, 3) and margins (n,) of the manoeuvres."""
+    found = [manoeuvre.choose(tuple(s), RADIUS, STEP, WORLD) for s in states.tolist()]
+    return np.array([f.velocity_m_s for f in found]), np.array([f.margin_m for f in found])
+
+
+def flown(states, wanted):
+    """Return the least distance of the paths from each state, whatever is stuck, with drag."""
+    worst = np.full(len(states), np.inf)
+    for stuck in (None, *CASES):
+        after, nearest = burnt(states, wanted, stuck)
+        worst = np.minimum(worst, nearest)
+        for side in (-1.0, 1.0):
+            off = after.copy()
+            off[:, 4] += side * ERROR
+            for along in (-DRAG, DRAG):
+                worst = np.minimum(worst, drifted(off, along))
+    return worst
+
+
+def test_what_is_clear_stays_out_whatever_is_stuck():
+    """600 random states and 200 of the shipped plan: no path of a clear manoeuvre enters."""
+    flight = fly(AROUND, load_controller('allround'))
+    outside = flight.states[np.linalg.norm(flight.positions_m, axis=1) > RADIUS]
+    plan = outside[:: len(outside) // 200][:200]
+    states = np.concatenate([shell(300, 10.0, 20.0, 1), shell(300, 20.0, 200.0, 2), plan])
+    wanted, margins = chosen(states)
+    worst = flown(states, wanted)
+    clear = margins >= 0.0
+    assert (worst[clear] >= RADIUS).all()
+    assert clear[300:600].all()  # from 20 m on there is always one
+    assert clear[:300].mean() > 0.97
+    assert clear[600:].mean() > 0.97
+    # the margin is not idle talk: it is what the flights have, to a metre
+    assert np.abs(worst[clear] - RADIUS - margins[clear]).max() < 5.0
+
+
+def test_without_the_manoeuvre_they_would_not_be_clear():
+    """Silence while a thruster is stuck: the trial above can fail."""
+    states, worst = shell(200, 20.0, 60.0, 3), np.full(200, np.inf)
+    for axis, side in CASES:
+        push = np.zeros((200, 3))
+        push[:, axis] = side * LIMIT / MASS
+        pushed = np.concatenate([states, push], axis=1) @ expm(A * STUCK_S)[:6].T
+        worst = np.minimum(worst, drifted(pushed, 0.0))
+    assert (worst < RADIUS).mean() > 0.05
+
+
+def test_a_stuck_thruster_matters():
+    """Of the velocities that are clear with sound thrusters, some are not with a stuck one."""
+    states = shell(100, 12.0, 25.0, 4)
+    sound = WORLD._replace(stuck_s=0.0)
+    lost = 0
+    for state in states.tolist():
+        wanted = manoeuvre.choose(tuple(state), RADIUS, STEP, sound).velocity_m_s
+        lost += manoeuvre.margin(tuple(state), wanted, STEP, WORLD, 0.0) < RADIUS
+    assert lost > 3
+
+
+@pytest.mark.parametrize('along', [-DRAG, DRAG])
+def test_two_bodies_with_drag_agree(along):
+    """The drift after a manoeuvre by the nonlinear equation: clear too."""
+    states = shell(8, 12.0, 60.0, 5)
+    wanted, margins = chosen(states)
+    after, _ = burnt(states, wanted, CASES[0])
+    radius = AROUND.orbit_radius_m
+    mu = N * N * radius**3
+
+    def field(_t, s):
+        x, y, z, vx, vy, vz = s
+        d3 = ((radius + x) ** 2 + y * y + z * z) ** 1.5
+        return [
+            vx, vy, vz,
+            2 * N * vy + N * N * x + mu / radius**2 - mu * (radius + x) / d3,
+            -2 * N * vx + N * N * y - mu * y / d3 + along,
+            -mu * z / d3,
+        ]  # fmt: skip
+
+    times = np.linspace(0.0, TWO_ORBITS, 4000)
+    for state, clear in zip(after, margins >= 0.0, strict=True):
+        found = solve_ivp(field, (0.0, TWO_ORBITS), state, 'DOP853', times, rtol=1e-10, atol=1e-8)
+        assert not clear or np.linalg.norm(found.y[:3], axis=0).min() >= RADIUS

@@ -1,0 +1,194 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Reports of flights with guidance, assurance, an estimator and pulses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from log_runs import chain_run
+from test_report import check_page, refuse_optima
+
+from rpo_core import cdr, files, scenario
+from rpo_core.controller import load_controller
+from rpo_core.zones import zones_of
+from rpo_guidance.stages import GuidanceStage
+from rpo_log.read.run_log import flight_of, read_run
+from rpo_log.verify import verify
+from rpo_nav.estimator import EstimatorStage
+from rpo_safety.assurance import AssuranceStage
+from rpo_training.report import approach, assured, guided, logged, navigation, page, run, run_plots
+from rpo_training.report.blocks import Table
+
+LEGS = [
+    {'name': 'wait', 'kind': 'hold', 'dwell_s': 2.0, 'go': 'command', 'within_m': 3.0,
+     'within_m_s': 0.5},
+    {'name': 'in', 'kind': 'straight', 'to_m': [0.0, 15.0, 0.0], 'speed_m_s': 0.3},
+]  # fmt: skip
+GO, HOLD = 30, 130
+
+
+def whole():
+    """Return a scenario with a section for every place of the chain, of 20 s."""
+    plan = yaml.safe_load(files.read_text(files.find('scenario', 'hold_points')))
+    world = yaml.safe_load(files.read_text(files.find('scenario', 'world_leo')))
+    plan['guidance'] |= {'legs': LEGS}
+    plan |= {name: world[name] for name in ('thrusters', 'sensors', 'estimator')}
+    plan |= {'initial_position_m': [0.0, 18.0, 0.0], 'duration_s': 20.0}
+    plan['estimator'] |= {'position_sigma_m': 0.1}
+    plan['assurance'] = {
+        'keep_out_m': 10.0, 'speed': {'speed_m_s': 0.1}, 'position_error_m': 0.2,
+        'velocity_error_m_s': 0.02, 'disturbance_n': 0.02, 'thrust_error': 0.1,
+    }  # fmt: skip
+    return scenario.parse(plan)
+
+
+def said(name, tick):
+    values = {'stage': 'guidance', 'state': name, 'tick': str(tick), 'reason': 'test'}
+    return '/stage_status', tick, cdr.encode_status(1, 'guidance', name, 'none', values)
+
+
+@pytest.fixture(scope='module')
+def flown(tmp_path_factory):
+    """The log of a flight that an operator commanded, and the flight."""
+    reset, flown = GuidanceStage.reset, whole()
+
+    def commanded(stage):
+        reset(stage)
+        stage.commands |= {GO: 'go', HOLD: 'hold'}
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(GuidanceStage, 'reset', commanded)
+        events = (said('go', GO), said('hold', HOLD))
+        made = chain_run(flown, load_controller('trained'), events=events)
+    path = tmp_path_factory.mktemp('whole')
+    made.write(path)
+    return read_run(path), made.flight
+
+
+def test_the_log_is_that_of_the_chain(flown):
+    log, _ = flown
+    found = verify(log.path)
+    assert found.exit_code == 0, found.sentence()
+    for name in ('estimator', 'guidance', 'controller', 'assurance', 'thrusters'):
+        assert name in found.sentence()
+
+
+def test_stages_run_again_give_what_was_logged(flown):
+    """The estimator read the command before assurance, and its errors were those of no flight."""
+    log, made = flown
+    for kind in (GuidanceStage, EstimatorStage, AssuranceStage):
+        rows = list(logged.steps_again(log, flight_of(log), kind))
+        assert [tick for tick, _, _ in rows] == list(range(len(made.states)))
+        for i, name in enumerate(rows[0][1].outputs):
+            np.testing.assert_array_equal([row[2][i] for row in rows], made.signals[name])
+    assert (made.signals['assured_force'] != made.forces_n).any(), 'else it proves less'
+
+
+def test_phases_and_interventions_are_told_as_they_were(flown):
+    log, made = flown
+    flight = flight_of(log)
+    phases = guided.phases_of(log, flight)
+    assert [(p.name, p.begin) for p in phases] == [('wait', 0), ('in', GO), ('stopped', HOLD)]
+    assert [p.end for p in phases] == [GO, HOLD, len(made.states)]
+    acted = assured.decided(log, flight)
+    changed = np.linalg.norm(made.signals['assured_force'] - made.forces_n, axis=1)
+    np.testing.assert_allclose(acted.changed_n, changed, atol=1e-12)
+    ticks = np.zeros(len(changed), dtype=bool)
+    for one in assured.interventions(acted.constraints):
+        ticks[one.begin : one.end] = True
+    assert ticks[changed > 0.0].all() and ticks.any() and not ticks.all()
+    assert (acted.margins[ticks].min(axis=1) < 0.0).all(), 'a margin is why it acts'
+
+
+def test_interventions_are_runs_of_ticks_of_one_constraint():
+    names = ['', 'speed', 'speed', 'keep_out', '', 'keep_out']
+    assert assured.interventions(names) == [('speed', 1, 3), ('keep_out', 3, 4), ('keep_out', 5, 6)]
+    assert assured.interventions(['', '']) == []
+
+
+@pytest.fixture(scope='module')
+def made(flown):
+    with pytest.MonkeyPatch.context() as patch:
+        refuse_optima(patch)
+        return run.report_of(flown[0].path)[0]
+
+
+def table(made, caption):
+    blocks = [block for section in made.sections for block in section.blocks]
+    return next(b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption))
+
+
+def test_the_page_has_a_part_for_each_stage(made, flown):
+    text = check_page(page.html(made), made).all('main')[0].text
+    titles = [section.title for section in made.sections]
+    assert titles[2:5] == ['Approach', 'Guidance', 'Assurance'] and 'Navigation' in titles
+    names = [p.name for p in made.pictures]
+    assert {'zones', 'guidance', 'assurance', 'pulses', 'navigation'} <= set(names)
+    assert [row[0] for row in table(made, 'Phases').rows] == ['wait', 'in', 'stopped']
+    who = table(made, 'Who acted').rows[0]
+    acted = assured.decided(flown[0], flight_of(flown[0]))
+    assert who[0] == 'speed' and float(who[2]) == pytest.approx(
+        0.1 * acted.constraints.count('speed')
+    )
+    assert dict(table(made, 'Passage of the zones').rows)['enters the keep-out sphere of 10 m'] == (
+        'never'
+    )
+    assert 'relative to the reference' in text
+
+
+def test_phases_stand_on_the_time_axis(made):
+    for name in ('time_histories', 'guidance', 'assurance'):
+        picture = next(p for p in made.pictures if p.name == name)
+        first = picture.figure.axes[0]
+        assert {'wait', 'in', 'stopped'} <= {t.get_text() for t in first.texts}
+        lines = [line.get_xdata()[0] for line in first.lines]
+        assert {0.1 * GO, 0.1 * HOLD} <= {round(float(x), 6) for x in lines}
+
+
+def test_the_filter_is_consistent_under_assurance(flown):
+    """NEES was some hundreds while assurance acted."""
+    found = navigation.filtered(flown[0], flight_of(flown[0]))
+    assert found.nees.mean() < 20.0
+
+
+def test_a_flight_without_these_stages_has_no_such_part():
+    paper = scenario.load_scenario('paper_test')
+    assert zones_of(paper) == []
+
+
+def straight(start, end, ticks=200):
+    """Return a flight of `hold_points` along a line, whatever its dynamics."""
+    base = scenario.load_scenario('hold_points')
+    share = np.linspace(0.0, 1.0, ticks + 1)[:, None]
+    positions = (1.0 - share) * np.array(start) + share * np.array(end)
+    velocity = (np.array(end) - np.array(start)) / (ticks * base.dt_s)
+    zeros = np.zeros((ticks + 1, 3))
+    return run.Flight(
+        replace(base, duration_s=ticks * base.dt_s, initial_position_m=tuple(start)),
+        np.hstack([positions, np.tile(velocity, (ticks + 1, 1))]), zeros, zeros,
+    )  # fmt: skip
+
+
+def test_passage_of_zones_on_straight_lines():
+    (zones,) = zones_of(scenario.load_scenario('hold_points'))
+    inside = dict(approach.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0]), zones))
+    assert inside['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
+    # 1 m/s from 21 m: at 11 s it is at 10 m, and the sphere begins below
+    assert inside['enters the keep-out sphere of 10 m at'] == '11.1 s'
+    assert inside['closing speed at the entry'] == '1 m/s'
+    beside = dict(approach.zone_passage(straight([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
+    assert beside['ticks in the keep-out sphere of 10 m outside the corridor'] == '90 of 201'
+    away = dict(approach.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
+    assert away['enters the keep-out sphere of 10 m'] == 'never'
+
+
+def test_a_plane_shows_zones_of_the_scenario_and_no_aids():
+    flight = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
+    figure = run_plots.approach(flight, {}, run_plots.Drawn(zones_of(flight.scenario)))
+    labels = {line.get_label() for axes in figure.axes for line in axes.lines}
+    assert {'corridor', 'keep-out sphere', 'holds, retreat'} <= labels
+    assert not any('aid' in label for label in labels)
