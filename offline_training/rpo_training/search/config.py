@@ -110,18 +110,18 @@ PRESETS = {
     'world': TrainingConfig(
         name='world',
         algorithm='cmaes',
-        start=('trained',),
+        start=('allround',),
         genes=_READABLE,
         fitness=FitnessSettings(
             penalty='graded',
-            margin=0.005,
+            margin=0.01,
             damping=20.0,
             drawn=DrawnSettings(
                 100.0, ('world_leo_stuck',), 0.1, pool=0, openings=0.003, propellant=200.0
             ),
         ),
         cmaes=CmaSettings(
-            population=14, sigma=0.02, evaluations=1400, descents=9, tolerance=0.02, patience=420
+            population=14, sigma=0.025, evaluations=1400, descents=9, tolerance=0.02, patience=420
         ),
     ),
     'mission': TrainingConfig(
@@ -143,7 +143,7 @@ PRESETS = {
 }
 """`paper`: GA and fitness of the paper. `best`: made the controller `trained`. `robust`: as `best`,
 with the limits of the paper under dispersions. `allround`: from `robust`, judged by drawn flights,
-with a margin to every condition. `world`: from `trained`, judged by flights with sensors, a filter
+with a margin to every condition. `world`: from `allround`, judged by flights with sensors, a filter
 and pulses, where valve openings and propellant cost. `mission`: in minutes, for a scenario of one's
 own (`search.fitting`). `front`: a Pareto front."""
 
