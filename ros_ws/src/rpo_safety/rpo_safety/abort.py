@@ -26,7 +26,7 @@ from rpo_safety.abort_table import (
 )
 from rpo_safety.corridor import in_corridor
 from rpo_safety.guard import Proof
-from rpo_safety.kernels import closing, speed_limit
+from rpo_safety.kernels import Guard, closing, speed_limit
 from rpo_safety.limit_checker import LimitChecker, Rule
 from rpo_safety.manoeuvre import World
 
@@ -67,6 +67,7 @@ class Seen(NamedTuple):
     intervened : whether the filter changed the command of the tick before
     acting_n : (3,) force [N] that the chaser had since the tick before, as far as is known
     enclosed : whether the chaser is inside the corridor
+    guard : numbers of the filter, with the errors that the estimate has now
     """
 
     state: State
@@ -77,6 +78,7 @@ class Seen(NamedTuple):
     intervened: bool
     acting_n: Vector
     enclosed: bool
+    guard: Guard
 
 
 class AbortMachine:
@@ -93,11 +95,10 @@ class AbortMachine:
         self._dt_s, self._step = scenario.dt_s, scenario.step
         n = scenario.mean_motion_rad_s
         self._long = cw.discretise(n, scenario.mass_kg, manoeuvre.STEP_S)
+        self._burn_error_m_s = disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S + BURN_DONE_M_S
         self._world = World(
             n, guard.mass_kg, guard.limit_n, table.stuck_s, table.stuck_s + BURN_S,
-            table.orbits * 2.0 * pi / n, table.drag_m_s2,
-            guard.here_m_s + BURN_DONE_M_S + disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S,
-            BURN_DONE_M_S,
+            table.orbits * 2.0 * pi / n, table.drag_m_s2, 0.0, BURN_DONE_M_S,
         )  # fmt: skip
         self._rows = {f'{row.quantity} {row.reaction}': row for row in table.table}
         self.reset()
@@ -269,19 +270,25 @@ class AbortMachine:
 
     def _plan(self, tick: int, seen: Seen) -> str:
         """Choose a manoeuvre; return how clear its path is, in words."""
-        state, guard = seen.ahead, self._guard
+        state, guard = seen.ahead, seen.guard
         rho = closing(state)[0]
         radius, only = self._keep_out_m, None
         if rho <= radius:
             radius = guard.port_m
             only = self._outward() if seen.enclosed else None
         limit = 0.9 * speed_limit(rho, guard)
-        found = manoeuvre.choose(state, radius + guard.here_m, self._long, self._world, limit, only)
+        found = manoeuvre.choose(
+            state, radius + guard.here_m, self._long, self._known(guard), limit, only
+        )
         self._wanted, self._since = found.velocity_m_s, tick
         self._attempts += 1
         size = f'{abs(found.margin_m):.3g} m'
         clear = f'clear by {size}' if found.margin_m >= 0.0 else f'not clear: {size} in the zone'
         return f'to {norm(*found.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
+
+    def _known(self, guard: Guard) -> World:
+        """Return what a path is computed with: the velocity is known as well as it is now."""
+        return self._world._replace(error_m_s=guard.here_m_s + self._burn_error_m_s)
 
     def _outward(self) -> Vector:
         side, axis = self._guard.side, self._guard.axis
@@ -309,7 +316,7 @@ class AbortMachine:
         there = there and closing(seen.ahead)[0] > self._keep_out_m
         if burnt_s < self._world.stuck_s or (burnt_s < self._world.burn_s and not there):
             return manoeuvre.towards(seen.ahead, wanted, manoeuvre.RESPONSE_S, self._world)
-        near = manoeuvre.drift_margin(seen.ahead, self._world, 0.0) - self._guard.here_m
+        near = manoeuvre.drift_margin(seen.ahead, self._known(seen.guard), 0.0) - seen.guard.here_m
         radius = self._keep_out_m if closing(seen.ahead)[0] > self._keep_out_m else 0.0
         if near < radius and self._attempts < ATTEMPTS:
             why = f'the drift would come to {near:.3g} m'

@@ -39,6 +39,8 @@ CONSTRAINTS = {
     filters.CORRIDOR: 'corridor',
     filters.NOT_FINITE: 'not_finite',
 }
+COVARIANCE = 'covariance'
+"""Constraint of a stop because an estimate became worse than any admissible set allows for."""
 
 
 class Decision(NamedTuple):
@@ -146,9 +148,16 @@ class AssuranceStage(Stage):
 
     def trouble(self) -> str:
         """Return what is wrong: the estimate is worse than any speed is safe with."""
-        if not self._estimated or self._level < len(self._proofs):
+        if not self._lost:
             return ''
-        return 'the covariance of the estimate is larger than any admissible set allows for'
+        return (
+            'the covariance of the estimate is larger than any admissible set allows for: stopping'
+        )
+
+    @property
+    def _lost(self) -> bool:
+        """Whether the state is known worse than any admissible set allows for."""
+        return self._level == len(self._proofs)
 
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
@@ -173,8 +182,11 @@ class AssuranceStage(Stage):
         state, command = self.ahead(inputs[0]), inputs[1]
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state)
-        if self.abort is not None:
-            command = self._interrupted(tick, state, inputs, sigmas)
+        own = self._interrupted(tick, state, inputs, sigmas)
+        if own is not None:
+            command = own
+        elif self._lost:
+            command = filters.backup(state, self._mode, self.guard)
         assure = self._filters[min(self._level, len(self._filters) - 1)]
         fx, fy, fz, mode, acted, metres, speed = assure(state, command, self._last, self._mode)
         force = (fx, fy, fz)
@@ -186,7 +198,8 @@ class AssuranceStage(Stage):
             if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
-        self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)
+        constraint = CONSTRAINTS[acted] or (COVARIANCE if self._lost and own is None else '')
+        self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
     def _uncertain(self, covariance: Signal) -> tuple[float, float]:
@@ -207,22 +220,20 @@ class AssuranceStage(Stage):
 
     def _interrupted(
         self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]
-    ) -> Signal:
-        """Return the command, or the force of the abort table instead."""
+    ) -> Signal | None:
+        """Return the force of the abort table instead of the command; None: the command stands."""
         machine, decision = self.abort, self.decision
         if machine is None:
-            return inputs[1]
+            return None
         reference = inputs[2] if interfaces.REFERENCE_STATE in self.inputs else ()
         enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
         missed = machine.missed(tick)
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
-            decision is not None and bool(decision.constraint), self._acting, enclosed,
+            decision is not None and bool(decision.constraint), self._acting, enclosed, self.guard,
         )  # fmt: skip
         own = machine.step(tick, seen)
-        if own is not None:
-            return own
-        return ZERO if missed else inputs[1]
+        return ZERO if own is None and missed else own
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:
