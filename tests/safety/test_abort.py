@@ -212,7 +212,7 @@ def test_the_worst_reaction_acts():
 def test_each_quantity_is_looked_at():
     """Each number beside its own computation."""
     found = Flight(with_table(table=())).until(3).stage.abort
-    quantities = found._quantities(2, looked_at(found._guard))
+    quantities = found._quantities(2, looked_at(found.guard))
     assert set(quantities) == {
         'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
         'tracking_error_m_s', 'intervention', 'sigma_m', 'sigma_m_s', 'missed', 'impulse_n_s',
