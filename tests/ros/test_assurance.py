@@ -61,6 +61,7 @@ def test_the_covariance_of_an_estimate_reaches_assurance(ros_env, tmp_path):
         velocity_error_m_s=0.02,
         disturbance_n=0.02,
         thrust_error=0.1,
+        sigmas=4.0,
     )
     found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=15.0)
     path, folder = tmp_path / 'world.yaml', tmp_path / 'run'

@@ -30,6 +30,7 @@ SETTINGS = Assurance(
     velocity_error_m_s=0.02,
     disturbance_n=0.02,
     thrust_error=0.1,
+    sigmas=4.0,
 )
 ASSURED = WORLD.equipped(SETTINGS)
 STATE = (0.0, 22.0, 0.0, 0.0, -0.25, 0.0)

@@ -104,7 +104,8 @@ class AssuranceStage(Stage):
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         places = {section_of(s).place for s in scenario.sections}
-        self._estimated = Place.ESTIMATOR in places
+        looks = settings.sigmas > 0.0 or settings.abort is not None
+        self._estimated = looks and Place.ESTIMATOR in places
         self._sigmas = settings.sigmas
         self._proofs = (
             grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
@@ -114,6 +115,8 @@ class AssuranceStage(Stage):
         self.numbers = self._filters[0].table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
         self.guard = self._proofs[0].guard
+        sides = [proof.guard.side for proof in self._proofs]
+        self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
         self.abort = None
         if settings.abort is not None:
             self.abort = AbortMachine(
@@ -157,7 +160,12 @@ class AssuranceStage(Stage):
     @property
     def _lost(self) -> bool:
         """Whether the state is known worse than any admissible set allows for."""
-        return self._level == len(self._proofs)
+        return self._level >= self._known_levels
+
+    @property
+    def _known_levels(self) -> int:
+        """How many sizes of errors there is a set for: in the corridor fewer."""
+        return self._narrow if self._mode == APPROACH else len(self._proofs)
 
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
@@ -187,7 +195,7 @@ class AssuranceStage(Stage):
             command = own
         elif self._lost:
             command = filters.backup(state, self._mode, self.guard)
-        assure = self._filters[min(self._level, len(self._filters) - 1)]
+        assure = self._filters[min(self._level, self._known_levels - 1)]
         fx, fy, fz, mode, acted, metres, speed = assure(state, command, self._last, self._mode)
         force = (fx, fy, fz)
         if self.abort is not None:
@@ -210,12 +218,12 @@ class AssuranceStage(Stage):
         position = sqrt(max(covariance[0] + covariance[4] + covariance[8], 0.0))
         velocity = sqrt(max(covariance[9] + covariance[13] + covariance[17], 0.0))
         self._level = 0
-        for proof in self._proofs:
+        for proof in self._proofs if self._sigmas > 0.0 else ():
             enough = self._sigmas * position <= proof.errors.position_m
             if enough and self._sigmas * velocity <= proof.errors.velocity_m_s:
                 break
             self._level += 1
-        self.guard = self._proofs[min(self._level, len(self._proofs) - 1)].guard
+        self.guard = self._proofs[min(self._level, self._known_levels - 1)].guard
         return position, velocity
 
     def _interrupted(
