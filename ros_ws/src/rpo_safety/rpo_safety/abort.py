@@ -37,6 +37,8 @@ ARMED, INHIBITED, RESUMED, WARNED = 'armed', 'inhibited', 'resumed', 'warned'
 PHASES = {HOLD: 'holding', RETREAT: 'retreating', DRIFT: 'drifting', ABORT: 'aborting'}
 """Reaction -> what `stage_status` says when it begins; nobody reads the controller's command."""
 
+DECISIONS = (ARMED, INHIBITED, RESUMED, WARNED, *PHASES.values())
+
 OF_THE_COMMAND = ('missed', 'tracking_error_m', 'tracking_error_m_s')
 """Quantities that are not looked at while the controller's command is not read."""
 
@@ -93,9 +95,10 @@ class AbortMachine:
     def __init__(self, table: AbortTable, proof: Proof, keep_out_m: float, scenario: Any) -> None:
         guard, disturbance_n = proof.guard, proof.errors.disturbance_n
         self.table, self.guard, self.keep_out_m = table, guard, keep_out_m
-        self._dt_s, self._step = scenario.dt_s, scenario.step
-        n = scenario.mean_motion_rad_s
-        self._long = cw.discretise(n, scenario.mass_kg, manoeuvre.STEP_S)
+        self._dt_s, n = scenario.dt_s, scenario.mean_motion_rad_s
+        self._step, self._long = (
+            cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
+        )
         self._burn_error_m_s = disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S + BURN_DONE_M_S
         self._world = World(
             n, guard.mass_kg, guard.limit_n, table.stuck_s, table.stuck_s + BURN_S,

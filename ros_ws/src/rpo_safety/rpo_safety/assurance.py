@@ -15,7 +15,7 @@ from rpo_core.stage import Place, Signal, Stage, section_of
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
 from rpo_safety import filters, kernels
-from rpo_safety.abort import AbortMachine, Seen
+from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
 from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import grown, proof_of
@@ -100,6 +100,7 @@ class AssuranceStage(Stage):
     name = 'assurance'
     inputs: tuple[str, ...] = (interfaces.STATE, interfaces.COMMAND)
     outputs = (ASSURED_FORCE,)
+    decides = DECISIONS
     counts_ticks = False
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
@@ -144,6 +145,11 @@ class AssuranceStage(Stage):
         """Take a command to the abort table, or word of a missing one."""
         if self.abort is not None:
             self.abort.take_event(tick, state)
+
+    def told(self) -> list[tuple[int, str]]:
+        """Return what the abort table decided: tick and state of each change."""
+        changes = self.abort.changes if self.abort is not None else []
+        return [(change.tick, change.state) for change in changes]
 
     def goes_without(self, tick: int) -> bool:
         """Return whether it steps without a command: none came, or nobody would read it."""
