@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError
 from rpo_training.commands.shared import Set, interruptible
 
@@ -30,6 +31,11 @@ Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --con
 
 DRIFT_EXAMPLES = """
 Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
+"""
+
+ABORT_EXAMPLES = """
+Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 --set
+assurance.abort.stuck_s=60`
 """
 
 LEGEND = (
@@ -172,3 +178,39 @@ def drift(
     heads = ('controller', 'flights', 'unprotected', 'of the time')
     title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
     print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2')
+
+
+@safety.command(epilog=ABORT_EXAMPLES)
+def abort(
+    scenario: Name = 'guarded',
+    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    states: Annotated[int, typer.Option(min=6, max=1_000_000, help='random states')] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help='of the random states')] = 1,
+    changes: Set = None,
+) -> None:
+    """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
+    from rpo_core import overrides
+    from rpo_core.controller import load_controller
+    from rpo_guidance.plan import Guidance
+    from rpo_training.display import print_table
+    from rpo_training.safety import leaving
+
+    found = overrides.load(scenario, changes or [])
+    machine = leaving.machine_of(found)
+    name = 'plan' if found.section(Guidance) else f'flight of {controller}'
+    rows = []
+    for kind, looked in (
+        (name, leaving.of_flight(found, load_controller(controller))),
+        ('random', leaving.at_random(machine, states, seed)),
+    ):
+        for band in leaving.bands(machine, looked):
+            if band.states:
+                share = f'{band.clear} of {band.states}'
+                beyond = f'{band.least_m:g} to {band.most_m:g} m'
+                rows.append((kind, beyond, share, f'{band.margin_m:.2f} m'))
+    table = machine.table
+    title = f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '
+    title += (
+        f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
+    )
+    print_table(('states', 'range', 'clear', 'least margin'), rows, title)

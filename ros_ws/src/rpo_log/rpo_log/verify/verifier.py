@@ -56,6 +56,7 @@ from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.previous import PreviousSignals
 from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
 from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.told import Told
 from rpo_log.verify.verification import Verification
 
 _APPLIED = {
@@ -104,6 +105,8 @@ class _Verifier:
         self._following: tuple[int, Floats] | None = None  # state computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
         self.statuses = Statuses(self.scenario, status, self.free)
+        said = self.topics.get(interfaces.STAGE_STATUS)
+        self.told = Told(self.stages, said.name if said else interfaces.STAGE_STATUS)
         self.decisions = self._decisions(reader, controller)
         self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
         self._controller_known = known
@@ -170,6 +173,8 @@ class _Verifier:
         if len(block.ticks):
             found += self._compare(block)
         found += [self.statuses.difference(event) for event in block.events]
+        for event in block.events:
+            self.told.take(event)
         order = {row.name: index for index, row in enumerate(interfaces.rows())}
         return min(
             (d for d in found if d is not None),
@@ -337,7 +342,16 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
             return Verification(
                 reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
             )
-    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+    difference = verifier.told.difference()
+    if difference is not None:
+        return Verification(
+            reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
+        )
+    gaps = [
+        *completeness.gaps(reader.damage),
+        *verifier.gaps,
+        *verifier.told.gaps(completeness.last),
+    ]
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
     evidence.of_log(verifier.statuses, free=verifier.free)
