@@ -151,8 +151,10 @@ def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list
         'from [s]', 'to [s]', 'constraint', 'mode', 'phase of the plan', 'least margin [m]',
         'least margin [m/s]', 'largest change [N]',
     )  # fmt: skip
-    name = 'Interventions' if len(acted) <= MOST_ROWS else f'The {MOST_ROWS} longest interventions'
-    return Table(f'{name} of {len(acted)}', columns, tuple(rows))
+    name = f'Interventions: {len(acted)}'
+    if len(acted) > MOST_ROWS:
+        name += f'; the {MOST_ROWS} longest'
+    return Table(name, columns, tuple(rows))
 
 
 def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: list[Phase]) -> Any:
