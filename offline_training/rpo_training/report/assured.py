@@ -26,6 +26,8 @@ from rpo_training.report.logged import steps_again
 Floats = NDArray[np.float64]
 
 MOST_ROWS = 20
+_LEAST_CHANGE_N = 0.01
+"""So far the axis of the change of a command goes at least."""
 _COLOURS = {
     'keep_out': 'y', 'speed': 'x', 'corridor': 'z', 'force': 'small_positive',
     'slew': 'small_negative', 'not_finite': 'bad',
@@ -115,7 +117,8 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
             _picture(flight, found, acted, phases),
             'Margin to the constraint of position (stopping distance to the keep-out sphere, or '
             'to the walls of the corridor) and to the limit of speed, that the command as it came '
-            'would leave; change of the command. Coloured: a constraint acts.',
+            'would leave; change of the command. Coloured: a constraint acts. Margins jump where '
+            'the chaser goes from the open set to that of the corridor, and end at contact.',
             f'Margins over time, at least {least_m:.3g} m and {least_m_s:.3g} m/s; assurance acts '
             f'{len(acted)} times.',
         )
@@ -148,8 +151,10 @@ def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list
         'from [s]', 'to [s]', 'constraint', 'mode', 'phase of the plan', 'least margin [m]',
         'least margin [m/s]', 'largest change [N]',
     )  # fmt: skip
-    name = 'Interventions' if len(acted) <= MOST_ROWS else f'The {MOST_ROWS} longest interventions'
-    return Table(f'{name} of {len(acted)}', columns, tuple(rows))
+    name = f'Interventions: {len(acted)}'
+    if len(acted) > MOST_ROWS:
+        name += f'; the {MOST_ROWS} longest'
+    return Table(name, columns, tuple(rows))
 
 
 def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: list[Phase]) -> Any:
@@ -173,6 +178,7 @@ def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: 
                 label=f'acts: {name}',
             )  # fmt: skip
     panels[-1].set_xlabel('time [s]')
+    panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
     if acted:
         style.legend_below(figure, panels[0])
     guided.mark(figure, phases, flight)

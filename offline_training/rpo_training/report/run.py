@@ -175,8 +175,10 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
     zones = zones_of(flight.scenario)
     if zones:
         drawn = run_plots.Drawn(zones)
-        found = [row for zone in zones for row in zone_passage(flight, zone)]
-        found, caption = list(dict.fromkeys(found)), 'Passage of the zones'
+        each = [(zone.name, row) for zone in zones for row in zone_passage(flight, zone)]
+        said = [f'{name}: {what}' if len(zones) > 1 else what for name, (what, _) in each]
+        found = [(what, value) for what, (_, (_, value)) in zip(said, each, strict=True)]
+        caption = 'Passage of the zones'
     else:
         aids = Aids.of(flight)
         drawn, found = run_plots.Drawn([aids.zones], ' (aid)'), passage(flight, aids)
