@@ -265,3 +265,15 @@ def test_a_known_disturbance_is_part_of_the_tube():
         assert last == base.ticks
         states = flight.states[:, list(chosen)]
         assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
+
+
+def test_a_proof_of_one_claim(tmp_path):
+    """No cell is halved for another, and no other is listed; an unknown one is refused."""
+    settings = replace(problem_of('robust', half=BOX).settings, claims=('hold_error_per_axis_m',))
+    problem = Problem.of(load_controller('robust'), load('paper_training').base, settings)
+    folder = Folder.create(tmp_path / 'proof', problem)
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    assert list(Folder.open(folder.path).summary()['claims']) == ['hold_error_per_axis_m']
+    assert not check.check(folder, check.Sample(starts=1, ticks=1, surface=1))
+    with pytest.raises(InputError, match='`claim` must be one of'):
+        Problem.of(load_controller('robust'), problem.scenario, replace(settings, claims=('x',)))

@@ -8,7 +8,7 @@ import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -54,6 +54,10 @@ def prove(
     cell_velocity: Annotated[
         float, typer.Option(help='half-width of the first cells in velocity [m/s]')
     ] = 0.025,
+    claim: Annotated[
+        list[str] | None,
+        typer.Option(help='requirement to prove, may be repeated  [all of the scenario]'),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option('--output', '-o', help='folder  [runs/proof_NAME]')
     ] = None,
@@ -97,6 +101,7 @@ def prove(
         'any_n': any_disturbance,
         'cell_m': cell,
         'cell_m_s': cell_velocity,
+        'claims': tuple(claim or ()),
     }
     problem = _problem(controller, scenario, half, velocity, options)
     folder = output or Path('runs') / f'proof_{problem.controller.name}'
@@ -108,7 +113,7 @@ def _problem(
     scenario: str,
     position: Sequence[float] | None,
     velocity: float,
-    options: dict[str, float],
+    options: dict[str, Any],
 ) -> Problem:
     from rpo_core.controller import load_controller
     from rpo_core.scenario import ScenarioSet, load

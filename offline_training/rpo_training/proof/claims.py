@@ -16,14 +16,12 @@ from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
 from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
 from rpo_training.proof.cells import Found
-from rpo_training.proof.problem import HOLD_ERROR_M, Problem
+from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.tube import Rest
 
 Floats = NDArray[np.float64]
 Groups = Mapping[str, Found]
 """Planar and vertical cells."""
-
-HOLD = 'hold_error_per_axis_m'
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,9 @@ class Claim:
 
 
 def limits_of(problem: Problem) -> dict[str, float]:
-    """Return requirement -> limit: those of the scenario, and to hold the error at its end."""
-    required = problem.scenario.requirements
-    found = {} if required is None else dict(required.limits)
-    found.setdefault(HOLD, HOLD_ERROR_M)
-    return found
+    """Return requirement -> limit, of what the proof is about."""
+    asked = problem.settings.claims
+    return {k: v for k, v in problem.all_limits.items() if not asked or k in asked}
 
 
 def _planar(name: str) -> Callable[[Groups], Floats]:
@@ -116,7 +112,8 @@ def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
     if HOLD not in found:
         late = flight.errors[problem.hold_tick :, :3]
         found[HOLD] = float(np.abs(late).max())
-    return {key: value for key, value in found.items() if key in BOUNDS}
+    asked = limits_of(problem)
+    return {key: value for key, value in found.items() if key in BOUNDS and key in asked}
 
 
 def claims_of(
@@ -157,14 +154,14 @@ def _open(groups: Groups, key: str, limit: float) -> int:
 
 def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
     """Whether every tube ends in a set of rest that is small enough to hold."""
-    if rest is None or rest.radius_m > limits_of(problem)[HOLD]:
+    if rest is None or rest.radius_m > problem.hold_error_m:
         return False
     return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
 
 
 def nowhere(problem: Problem) -> Rest:
     """Return an empty set of rest, for tubes that fly on to the end."""
-    return Rest(limits_of(problem)[HOLD], 0.06, 0.0)
+    return Rest(problem.hold_error_m, 0.06, 0.0)
 
 
 def worst(claims: Sequence[Claim]) -> str:

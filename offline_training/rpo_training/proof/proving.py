@@ -22,9 +22,9 @@ from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import probing
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import HOLD, Claim, claims_of, limits_of, nowhere
+from rpo_training.proof.claims import Claim, claims_of, limits_of, nowhere
 from rpo_training.proof.folder import Folder, joined
-from rpo_training.proof.problem import Problem
+from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
 from rpo_training.proof.tube import Rest
 
@@ -75,7 +75,7 @@ def prove(
     problem.__dict__['table'] = folder.table()
     limits = limits_of(problem)
     speed = limits.get('hold_speed_per_axis_m_s')
-    rest = rest_of(problem, limits[HOLD], speed)
+    rest = rest_of(problem, problem.hold_error_m, speed)
     asked = rest or nowhere(problem)
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
