@@ -19,6 +19,7 @@ from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
 from rpo_training.proof import cells, check, check_ticks, laws, probing, proving, tables
+from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
 from rpo_training.proof.rest import rest_of
@@ -277,3 +278,39 @@ def test_a_proof_of_one_claim(tmp_path):
     assert not check.check(folder, check.Sample(starts=1, ticks=1, surface=1))
     with pytest.raises(InputError, match='`claim` must be one of'):
         Problem.of(load_controller('robust'), problem.scenario, replace(settings, claims=('x',)))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+def test_a_local_cluster_proves_the_same_bytes(tmp_path):
+    alone = small_proof(tmp_path / 'alone')
+    together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
+    proving.prove(together, 2, 'local', lambda *_: None, probes=20)
+    for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
+        assert (alone.path / name).read_bytes() == (together.path / name).read_bytes()
+
+
+def test_an_estimate_is_of_the_proof_itself(tmp_path):
+    """All first cells drawn: the bounds of the proof, and its number of cells."""
+    problem = problem_of('robust', half=BOX)
+    summary = small_proof(tmp_path / 'proof').summary()
+    found = estimate(problem, 1000, lambda *_: None)
+    assert found.cells == found.sampled and found.hours > 0.0
+    assert {k: c['bound'] for k, c in summary['claims'].items()} == found.bounds
+    assert found.tubes == 2 * summary['cells']['planar'] - found.sampled
+    run = CliRunner().invoke(app, ['prove', 'lqr', '--estimate', '1'])
+    assert run.exit_code == 2
+
+
+def test_the_energy_of_flights_is_in_its_range(tmp_path):
+    """Of each flight, and the mean of many starts, to within what their number lets expect."""
+    folder = small_proof(tmp_path / 'proof')
+    ranges, problem = folder.summary()['ranges'], folder.problem
+    energies = []
+    for start in probing.anywhere(problem, 300, 5):
+        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        energies.append(float((flight.forces_n[:-1] ** 2).sum()) * problem.scenario.dt_s)
+    low, high = ranges['energy_n2s']['low'], ranges['energy_n2s']['high']
+    assert low <= min(energies) and max(energies) <= high
+    mean, off = np.mean(energies[8:]), 4.0 * np.std(energies[8:]) / 292**0.5
+    assert ranges['mean_energy_n2s']['low'] - off <= mean <= ranges['mean_energy_n2s']['high'] + off

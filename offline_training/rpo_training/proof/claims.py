@@ -159,6 +159,48 @@ def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
     return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
 
 
+@dataclass(frozen=True)
+class Range:
+    """What the tubes say of every flight beside the claims.
+
+    low, high : no flight is outside; infinite where a tube does not last
+    """
+
+    statement: str
+    unit: str
+    low: float
+    high: float
+
+
+def ranges_of(groups: Groups) -> dict[str, Range]:
+    """Return what the tubes say of every flight: energy, its mean, force, speed, arrival.
+
+    The mean is over starts that are equally likely everywhere in the box; cells overlap by less
+    than is added here.
+    """
+    low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
+    for found in groups.values():
+        least, most = found.column('energy_low_n2s'), found.column('energy_high_n2s')
+        least = np.where(np.isfinite(least), least, 0.0)
+        low, high = low + float(least.min()), high + float(most.max())
+        sides = np.where(found.half > 0.0, found.half, 1.0)
+        share = sides.prod(axis=1) / sides.prod(axis=1).sum()
+        mean_low, mean_high = mean_low + float(share @ least), mean_high + float(share @ most)
+
+    def greatest(name: str) -> float:
+        return max(float(found.column(name).max()) for found in groups.values())
+
+    return {
+        'energy_n2s': Range('energy of each flight', 'N^2 s', low, high),
+        'mean_energy_n2s': Range(
+            'energy, mean over the box', 'N^2 s', mean_low * (1.0 - 1e-9), mean_high * (1.0 + 1e-9)
+        ),
+        'force_n': Range('force per axis', 'N', 0.0, greatest('force_n')),
+        'speed_m_s': Range('speed per axis, on the way', 'm/s', 0.0, greatest('speed_m_s')),
+        'arrival_s': Range('within 0.5 m per axis from', 's', 0.0, greatest('arrival_s')),
+    }
+
+
 def nowhere(problem: Problem) -> Rest:
     """Return an empty set of rest, for tubes that fly on to the end."""
     return Rest(problem.hold_error_m, 0.06, 0.0)

@@ -22,7 +22,7 @@ from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import probing
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import Claim, claims_of, limits_of, nowhere
+from rpo_training.proof.claims import Claim, claims_of, limits_of, nowhere, ranges_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
@@ -215,4 +215,5 @@ def summary_of(outcome: Outcome) -> dict[str, Any]:
             }
             for claim in outcome.claims
         },
+        'ranges': {key: vars(found) for key, found in ranges_of(outcome.groups).items()},
     }
