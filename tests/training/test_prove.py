@@ -18,7 +18,7 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
-from rpo_training.proof import cells, check, check_ticks, laws, probing, proving, tables
+from rpo_training.proof import cells, check, check_ticks, kept, laws, probing, proving, tables
 from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
@@ -314,3 +314,21 @@ def test_the_energy_of_flights_is_in_its_range(tmp_path):
     assert low <= min(energies) and max(energies) <= high
     mean, off = np.mean(energies[8:]), 4.0 * np.std(energies[8:]) / 292**0.5
     assert ranges['mean_energy_n2s']['low'] - off <= mean <= ranges['mean_energy_n2s']['high'] + off
+
+
+def test_a_table_is_found_in_the_cache(tmp_path, monkeypatch):
+    """Once made it is read; a damaged file, or one of other numbers, is not taken."""
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    problem = problem_of('robust', half=BOX)
+    made = kept.table_of(problem)
+    (path,) = (tmp_path / 'rpo' / 'tables').iterdir()
+    monkeypatch.setattr(Problem, 'table_anew', lambda self: pytest.fail('made again'))
+    found = kept.table_of(problem)
+    for name, ours, theirs in zip(made._fields, made, found, strict=True):
+        assert name == 'fis' or np.array_equal(ours, theirs)
+    path.write_bytes(path.read_bytes()[:-100])
+    monkeypatch.setattr(Problem, 'table_anew', lambda self: made)
+    assert kept.table_of(problem) is made
+    heavier = replace(problem, scenario=replace(problem.scenario, mass_kg=11.0))
+    kept.table_of(heavier)
+    assert len(list(path.parent.iterdir())) == 2

@@ -204,7 +204,7 @@ def _box(problem: Problem) -> str:
 def _check(folder: Folder, cells: int, flights: int) -> None:
     from rpo_training.display import progress
     from rpo_training.proof.check import Sample, check
-    from rpo_training.proof.folder import code_digest
+    from rpo_training.proof.kept import code_digest
 
     if folder.stamped['code_sha256'] != code_digest():
         echo(
