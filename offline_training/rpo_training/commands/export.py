@@ -35,7 +35,7 @@ def export(
     The Python and the C function need nothing else, and give the bits of the flown controller. The
     header beside the C file shows how to call and compile it.
     """
-    from rpo_core.controller import load_controller, only_fuzzy
+    from rpo_core.controller import load_controller
     from rpo_training.export import SUFFIXES, c, text_of
     from rpo_training.export.parts import identifier
     from rpo_training.outputs import make_folder, writing
@@ -49,7 +49,7 @@ def export(
     make_folder(path.parent)
     written = {path: text}
     if to == 'c':
-        written[path.with_suffix('.h')] = c.header(only_fuzzy(loaded), path.name)
+        written[path.with_suffix('.h')] = c.header(loaded, path.name)
     for name, content in written.items():
         with writing(name):
             name.write_text(content, encoding='utf-8')
