@@ -27,6 +27,7 @@ ALLOWED_SKIPS = {
     'tests/log/test_other_readers.py::test_rerun': 'rerun is not installed',
     'tests/ros/test_recorder.py::test_a_full_disk*': 'a tmpfs can be mounted by root only',
     'tests/training/test_export_c.py::*': 'cc is not installed',
+    'tests/safety/test_export_assured.py::*': 'cc is not installed',
     'tests/training/test_cluster.py::test_with_tls*': 'openssl is not installed',
     'tests/training/test_report_browser.py::*': 'chromium is not installed',
     'tests/ros/test_view_live.py::test_the_page*': 'chromium is not installed',

@@ -78,7 +78,31 @@ def read(function: Callable[..., Any], constants: Mapping[type, Any]) -> Read:
     for argument in node.args.args:
         argument.annotation = None
     known = {name: constants[kind] for name, kind in hints.items() if kind in constants}
-    return Read(_Decided(node, known, function.__globals__).tree, hints, function.__globals__)
+    tree = _Decided(node, known, function.__globals__).tree
+    while _Unread(tree).found:
+        pass
+    return Read(tree, hints, function.__globals__)
+
+
+class _Unread(ast.NodeTransformer):
+    """Takes out what is stored and never read: its reader was excluded."""
+
+    def __init__(self, tree: ast.FunctionDef) -> None:
+        self._loaded = {
+            part.id
+            for part in ast.walk(tree)
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Load)
+        }
+        self.found = False
+        self.visit(tree)
+
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign | None:
+        """Return None for a variable that nothing reads."""
+        target = node.targets[0]
+        if len(node.targets) > 1 or not isinstance(target, ast.Name) or target.id in self._loaded:
+            return node
+        self.found = True
+        return None
 
 
 class _Decided(ast.NodeTransformer):
