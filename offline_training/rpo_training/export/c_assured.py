@@ -9,7 +9,7 @@ thrusters, the last force, the mode. docs/safety.md has the proof; it is about t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
