@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers of a family (`rpo_core.family`) as JSON, Python, and FuzzyLite's Takagi-Sugeno."""
+"""Controllers of a family (`rpo_core.family`) as JSON, Python, C, and FuzzyLite's Takagi-Sugeno."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rpo_core.more_words import MoreWords
 from rpo_core.pace import DISTANCES, PACES, Pace
 from rpo_core.time_to_go import TimeToGo
 from rpo_core.validation import InputError, choice
-from rpo_training.export import parts
+from rpo_training.export import c, parts
 from rpo_training.export.python import source
 
 _KERNELS: tuple[Callable[..., Any], ...] = (
@@ -59,18 +59,13 @@ def force_n(position_m, velocity_m_s, tick=0):
 '''
 
 
-def _facts(controller: Family) -> list[str]:
-    lines = [f'{controller.name}: {controller.description}', 'exported by rpo export']
-    return [parts.one_line(line) for line in lines]
-
-
 def _python(controller: Family) -> str:
     law = controller.law
     if not controller.alike:
         raise InputError(f'`--to python` needs a law that treats all axes alike; {controller.name}')
     gains = np.asarray(law.gains, dtype=np.float64).reshape(-1, baseline_kernels.GAINS)[:, [0, 3]]
     return _MODULE.format(
-        facts='\n'.join(f'# {line}' for line in _facts(controller)),
+        facts='\n'.join(f'# {line}' for line in parts.named(controller)),
         name=parts.one_line(controller.name),
         gains=parts.listed(gains.ravel().tolist(), 4, 88),
         tables='\n'.join(
@@ -86,7 +81,7 @@ def _python(controller: Family) -> str:
 def _json(controller: Family) -> str:
     tables = [table._asdict() for table in controller.tables()]
     document = {
-        'about': _facts(controller),
+        'about': parts.named(controller),
         'controller': to_document(controller),
         'rules': tables,
         'claims': [claim._asdict() for claim in controller.claims()],
@@ -95,7 +90,7 @@ def _json(controller: Family) -> str:
 
 
 def _fll(controller: Family) -> str:
-    lines = [f'# {line}' for line in _facts(controller)]
+    lines = [f'# {line}' for line in parts.named(controller)]
     if isinstance(controller, Pace):
         return '\n'.join([*lines, *_pace(controller)]) + '\n'
     if isinstance(controller, MoreWords):
@@ -199,7 +194,12 @@ def _output(name: str, terms: list[str]) -> list[str]:
     ]
 
 
-FORMATS: dict[str, Callable[[Family], str]] = {'fll': _fll, 'json': _json, 'python': _python}
+FORMATS: dict[str, Callable[[Family], str]] = {
+    'fll': _fll,
+    'json': _json,
+    'python': _python,
+    'c': c.text,
+}
 
 
 def text(controller: Family, name: str) -> str:

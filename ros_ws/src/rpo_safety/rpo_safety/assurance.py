@@ -17,7 +17,6 @@ from rpo_core.validation import InputError
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
-from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import grown, proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN
 from rpo_safety.packed import Filter
@@ -183,12 +182,7 @@ class AssuranceStage(Stage):
 
     def mode_of(self, state: State) -> int:
         """Return the mode in which a flight begins, or goes on after a gap."""
-        g = self.guard
-        found = kernels.open_margins(state, 0.0, 0.0, g)
-        if g.side == 0.0 or min(found) >= 0.0:
-            return OPEN
-        found = approach_margins(state, 0.0, 0.0, g)
-        return APPROACH if min(found) >= 0.0 else OPEN
+        return filters.first_mode(state, self.guard)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the assured force (3,) [N]."""
