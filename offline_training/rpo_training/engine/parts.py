@@ -153,9 +153,9 @@ class Goal(NamedTuple):
 
 
 class Firing(NamedTuple):
-    """Thrusters that fire in pulses (`rpo_core.pulse_kernels`).
+    """Thrusters that fire in pulses, or spend propellant without (`rpo_core.pulse_kernels`).
 
-    shared : `Valves`, what is the same in all runs
+    shared : `Valves`, what is the same in all runs; None without pulses
     directions, failures : (40, valves, 3), (40, n, 5) of each run, with its matrix
     tanks : (40, 3) exhaust velocity, content, mass; memory : (40, MEMORY); on : (valves,) scratch
     """

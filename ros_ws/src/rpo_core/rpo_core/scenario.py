@@ -115,6 +115,8 @@ class Scenario:
             check = section_of(settings).check
             if check is not None:
                 check(settings, self)
+        if self.requirements is not None:
+            self.requirements.check_thrusters(self.thrusters)
 
     def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:

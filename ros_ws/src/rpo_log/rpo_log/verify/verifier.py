@@ -196,7 +196,7 @@ class _Verifier:
             self.states.tell(link.stage)
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
-            made, known = stage.run(block.ticks, reads, active, began)
+            made, known = stage.run(block.ticks, reads, active, began, self._answers(link, block))
             if link.place is Place.CONTROLLER:
                 made, known = self.controllers.any_of(
                     block, link.stage.outputs[0], (made, known),
@@ -226,6 +226,16 @@ class _Verifier:
             else:
                 seen = read - np.array(self.scenario.goal_state)
             yield self.decisions.difference(block.ticks, seen, forces_n, active)
+
+    def _answers(self, link: Link, block: TickBlock) -> list[Floats]:
+        """Return the outputs in the log of a stage that may have missed ticks in free running."""
+        outputs = link.stage.outputs
+        may_miss = self.free and link.place < Place.CONTROLLER
+        if not may_miss or not all(name in self.topics for name in outputs):
+            return []
+        return [
+            np.where(block.present[name][:, None], block.values[name], math.nan) for name in outputs
+        ]
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
