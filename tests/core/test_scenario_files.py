@@ -38,7 +38,7 @@ def test_shipped_names():
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
         'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
-        'on_command', *paper, 'quick', *worlds,
+        'on_command', *paper, 'passive_approach', 'quick', *worlds,
     ]  # fmt: skip
 
 

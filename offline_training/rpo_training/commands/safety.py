@@ -163,6 +163,9 @@ def drift(
     drag: Annotated[
         float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
     ] = 0.0,
+    more_drag: Annotated[
+        bool, typer.Option('--more-drag', help='it is known that the chaser has the more drag')
+    ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
     from rpo_core.controller import load_controller
@@ -170,14 +173,15 @@ def drift(
     from rpo_training.display import print_table
     from rpo_training.safety.silence import silence
 
-    found = load(scenario)
+    found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
     for name in controller or ['trained', 'robust']:
-        f = silence(found, load_controller(name), radius, beyond, orbits, drag)
+        f = silence(found, load_controller(name), radius, beyond, orbits, bounds)
         rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
     heads = ('controller', 'flights', 'unprotected', 'of the time')
     title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
-    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2')
+    whose = ' more of the chaser' if more_drag else ''
+    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2{whose}')
 
 
 @safety.command(epilog=ABORT_EXAMPLES)
