@@ -63,7 +63,7 @@ def test_the_covariance_of_an_estimate_reaches_assurance(ros_env, tmp_path):
         thrust_error=0.1,
         sigmas=4.0,
     )
-    found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=15.0)
+    found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=5.0)
     path, folder = tmp_path / 'world.yaml', tmp_path / 'run'
     path.write_text(scenario.dumps(found))
     with node_processes(ros_env, tmp_path) as ros:
