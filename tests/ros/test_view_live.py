@@ -107,6 +107,7 @@ def test_the_page_follows_a_flight(ros_env, tmp_path):
 @pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
 def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
     """And nothing of stages that the flight has not: here an estimator and pulses."""
+    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
         web = ros.node('rpo_view', 'web', port=0)
         web.says('is shown at')
@@ -115,10 +116,11 @@ def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
         page.call('Page.navigate', url=url)
         ros.node(
             'rpo_bringup', 'final_approach', '--scenario', 'on_command', '--real-time-factor',
-            '20', '--no-report', '--output', str(tmp_path / 'run'),
+            '40', '--no-report', '--output', str(tmp_path / 'run'),
         )  # fmt: skip
         until(page, 'typeof now !== "undefined" && now && now.guidance && now.assurance')
-        until(page, 'now.miss_m !== null && now.time_s > 20')
+        until(page, 'now.miss_m !== null && now.time_s > 150')
+        page.screenshot(pictures / 'live_guided.png')
         shown = 'el("said-%s").closest("tr").getClientRects().length'
         for name in ('guidance', 'assurance', 'estimate'):  # an error of navigation, no filter
             assert page.evaluate(shown % name), name
