@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven
 
+from rpo_core import controller_file
 from rpo_core.baselines import Pd
 from rpo_core.controller import load_controller
+from rpo_core.family import Family, Mission, family_of
 from rpo_core.kernels import State, Vector, saturate
 from rpo_core.validation import InputError
 from rpo_training.export import c, text_of
@@ -38,6 +40,10 @@ int main(void)
     return 0;
 }
 """
+
+
+def family_names():
+    return sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
 
 
 def states(count=3000):
@@ -75,6 +81,13 @@ def check_bits(controller, folder, optimise):
 )  # fmt: skip
 def test_c99_gives_the_bits(name, optimise, tmp_path):
     check_bits(load_controller(name), tmp_path, optimise)
+
+
+@pytest.mark.parametrize('name', family_names())
+def test_every_family_is_c_where_a_search_begins(name, tmp_path):
+    kind = family_of(name)
+    start = {gene.name: gene.start for gene in kind.genes()}
+    check_bits(kind.of_values(name, start, Mission((1.0, 1.0, 1.0), 0.5, 0.1)), tmp_path, '-O2')
 
 
 def test_the_self_test_finds_another_arithmetic(tmp_path):
