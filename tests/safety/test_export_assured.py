@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import math
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
+from c_programs import bits, compiled, driven
 from typer.testing import CliRunner
 
 from rpo_core import interfaces
@@ -25,13 +25,9 @@ from rpo_training.export import c_assured
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
-FLAGS = [
-    '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',
-    '-Wstrict-prototypes', '-ffp-contract=off',
-]  # fmt: skip
 MAIN = """
 #include <stdio.h>
-#include "guarded.h"
+#include "exported.h"
 int main(void)
 {
     NAME_memory memory;
@@ -58,32 +54,11 @@ PAPER = load_scenario('paper_test')
 
 def program(controller, scenario, folder, optimise='-O2'):
     """Return the compiled driver."""
-    header = c_assured.header(controller, scenario, 'guarded.c')
-    (folder / 'guarded.c').write_text(c_assured.text(controller, scenario))
-    (folder / 'guarded.h').write_text(header)
+    header = c_assured.header(controller, scenario, 'exported.c')
     more = 'tick, ' if 'int tick' in header else ''
     more += 'reference, push, ' if 'reference_force_n' in header else ''
     main = MAIN.replace('NAME', controller.name).replace('MORE', more)
-    (folder / 'main.c').write_text(main)
-    built = subprocess.run(
-        ['cc', *FLAGS, optimise, '-o', 'program', 'guarded.c', 'main.c', '-lm'],
-        cwd=folder, capture_output=True, text=True, timeout=50,
-    )  # fmt: skip
-    assert built.returncode == 0, built.stderr
-    return folder / 'program'
-
-
-def driven(path, rows):
-    """Return forces, commands and constraints (n, 7) of rows (n, 20)."""
-    lines = '\n'.join(' '.join(map(repr, row)) for row in rows)
-    done = subprocess.run([path], input=lines, capture_output=True, text=True, timeout=50)
-    assert done.returncode == 0
-    return np.array(done.stdout.split(), dtype=np.float64).reshape(-1, 7)
-
-
-def same(found, expected):
-    found, expected = (np.ascontiguousarray(a, dtype=np.float64) for a in (found, expected))
-    return (found.view(np.uint64) == expected.view(np.uint64)).all()
+    return compiled(folder, c_assured.text(controller, scenario), header, main, optimise)
 
 
 @pytest.mark.parametrize(
@@ -101,8 +76,8 @@ def test_a_flight_has_the_bits_of_the_chain(name, scenario, ticks, tmp_path):
     rows = np.hstack([states, np.zeros((len(states), 3)), unread]).tolist()
     found = driven(program(controller, flown, tmp_path), [[k, 0, *r] for k, r in enumerate(rows)])
     assert len(found) == ticks + 1
-    assert same(found[:, :3], flight.signals[ASSURED_FORCE])
-    assert same(found[:, 3:6], flight.forces_n)
+    assert bits(found[:, :3]) == bits(flight.signals[ASSURED_FORCE])
+    assert bits(found[:, 3:6]) == bits(flight.forces_n)
 
 
 def hostile(seed, count=4000):
@@ -145,7 +120,7 @@ def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed
             stage.reset()
         forces.append(stage.step(tick, tuple(state), tuple(command))[0])
         acted.append(numbers[stage.decision.constraint])
-    assert same(found[:, :3], forces)
+    assert bits(found[:, :3]) == bits(forces)
     assert found[:, 6].tolist() == acted
     assert len(set(acted)) >= 4  # several constraints were at work
 

@@ -6,16 +6,18 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pytest
+from c_programs import bits, compiled, driven
 
+from rpo_core import controller_file
 from rpo_core.baselines import Pd
 from rpo_core.controller import load_controller
+from rpo_core.family import Family, Mission, family_of
 from rpo_core.kernels import State, Vector, saturate
 from rpo_core.validation import InputError
 from rpo_training.export import c, text_of
@@ -23,14 +25,9 @@ from rpo_training.export.c_source import Source
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
-FLAGS = [
-    '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',
-    '-Wstrict-prototypes', '-ffp-contract=off',
-]  # fmt: skip
-
 MAIN = """
 #include <stdio.h>
-#include "force.h"
+#include "exported.h"
 int main(void)
 {
     int tick;
@@ -45,13 +42,8 @@ int main(void)
 """
 
 
-def compiled(folder, optimise='-O2'):
-    built = subprocess.run(
-        ['cc', *FLAGS, optimise, '-o', 'program', 'force.c', 'main.c', '-lm'],
-        cwd=folder, capture_output=True, text=True, timeout=50,
-    )  # fmt: skip
-    assert built.returncode == 0, built.stderr
-    return folder / 'program'
+def family_names():
+    return sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
 
 
 def states(count=3000):
@@ -64,28 +56,21 @@ def states(count=3000):
     return draw.integers(0, 2500, count).tolist(), found.tolist()
 
 
-def bits(forces: Sequence[Any]) -> Any:
-    return np.array(forces, dtype=np.float64).view(np.uint64).tolist()
-
-
-def answers(program, ticks, rows):
-    lines = '\n'.join(f'{t} ' + ' '.join(map(repr, s)) for t, s in zip(ticks, rows, strict=True))
-    done = subprocess.run([program], input=lines, capture_output=True, text=True, timeout=50)
-    assert done.returncode == 0
-    return np.array(done.stdout.split(), dtype=np.float64).reshape(len(rows), -1)
+def program(controller, folder, optimise, change=('', '')):
+    header = c.header(controller, 'exported.c')
+    main = MAIN.replace('NAME', controller.name)
+    main = main.replace('TICK', 'tick, ' if 'int tick' in header else '')
+    return compiled(folder, text_of(controller, 'c').replace(*change), header, main, optimise)
 
 
 def check_bits(controller, folder, optimise):
-    header = c.header(controller, 'force.c')
-    (folder / 'force.c').write_text(text_of(controller, 'c'))
-    (folder / 'force.h').write_text(header)
-    counts = 'int tick' in header
-    main = MAIN.replace('NAME', controller.name).replace('TICK', 'tick, ' if counts else '')
-    (folder / 'main.c').write_text(main)
     ticks, rows = states()
     stage = controller.stage(0.1)
     expected = [stage.step(t, tuple(s))[0] for t, s in zip(ticks, rows, strict=True)]
-    found = answers(compiled(folder, optimise), ticks, rows)
+    found = driven(
+        program(controller, folder, optimise),
+        [[t, *s] for t, s in zip(ticks, rows, strict=True)],
+    )
     assert bits(found) == bits(expected)
 
 
@@ -98,15 +83,16 @@ def test_c99_gives_the_bits(name, optimise, tmp_path):
     check_bits(load_controller(name), tmp_path, optimise)
 
 
+@pytest.mark.parametrize('name', family_names())
+def test_every_family_is_c_where_a_search_begins(name, tmp_path):
+    kind = family_of(name)
+    start = {gene.name: gene.start for gene in kind.genes()}
+    check_bits(kind.of_values(name, start, Mission((1.0, 1.0, 1.0), 0.5, 0.1)), tmp_path, '-O2')
+
+
 def test_the_self_test_finds_another_arithmetic(tmp_path):
-    controller = load_controller('trained')
-    source = text_of(controller, 'c').replace('0.122', '0.1220000000001')
-    (tmp_path / 'force.c').write_text(source)
-    (tmp_path / 'force.h').write_text(c.header(controller, 'force.c'))
-    (tmp_path / 'main.c').write_text(
-        '#include "force.h"\nint main(void) { return trained_self_test(); }'
-    )
-    assert subprocess.run([compiled(tmp_path)], timeout=50).returncode > 0
+    found = program(load_controller('trained'), tmp_path, '-O2', ('0.122', '0.1220000000001'))
+    assert subprocess.run([found], input='', text=True, timeout=50).returncode == 1
 
 
 class Bowl(NamedTuple):

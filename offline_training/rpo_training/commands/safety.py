@@ -38,6 +38,11 @@ Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 -
 assurance.abort.stuck_s=60`
 """
 
+PEERS_EXAMPLES = """
+Example: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
+offline_training/examples/benchmarks/vbar_approach.yaml`
+"""
+
 LEGEND = (
     'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
     'a changed command; nearest: the least distance of a path to the zone.'
@@ -218,3 +223,36 @@ def abort(
         f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
     )
     print_table(('states', 'range', 'clear', 'least margin'), rows, title)
+
+
+@safety.command(epilog=PEERS_EXAMPLES)
+def peers(
+    files: Annotated[
+        list[str], typer.Argument(help='arch_rendezvous.yaml, vbar_approach.yaml', metavar='FILE')
+    ],
+    controller: Annotated[
+        str, typer.Option(help='fuzzy, shipped name or file; its force is scaled')
+    ] = 'allround',
+    starts: Annotated[int, typer.Option(min=1, max=10_000, help='drawn starts of each')] = 20,
+    seed: Annotated[int, typer.Option(min=0, help='of the starts')] = 1,
+) -> None:
+    """Fly benchmarks of others, with our stack and with the controllers that they have.
+
+    Exit code 1 if our stack breaks a constraint.
+    """
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load_scenario
+    from rpo_core.validation import choice
+    from rpo_training.display import print_table
+    from rpo_training.safety import peers as benchmarks
+
+    ours, broken = load_controller(controller), 0
+    for file in files:
+        scenario = load_scenario(file)
+        known = choice('scenario', scenario.name, benchmarks.ROWS)
+        rows = benchmarks.ROWS[known](scenario, ours, starts, seed)
+        cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
+        print_table((*benchmarks.HEADINGS[known], 'constraints'), cells, scenario.name)
+        broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
+    if broken:
+        raise typer.Exit(1)
