@@ -38,7 +38,7 @@ test-slow:  ## the slow tests
 	$(SETUP) test
 	$(ENV) pytest -m slow $(ARGS)
 
-bench:  ## targets P1 to P4: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
+bench:  ## targets P1 to P5: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
 	$(SETUP) test train
 	$(ENV) rpo bench $(ARGS)
 

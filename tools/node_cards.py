@@ -154,6 +154,11 @@ CARDS = (
                        'exit code 2'),
         ('`go` without its conditions', 'refused with the reason'),
         _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'hold_points'}),
+    Card('rpo_guidance', 'operator', 'OperatorNode', (
+        _BAD_OUTCOME, ('`go` is refused', 'says it again until its conditions are met'),
+        ('another command is refused', 'one sentence with the reason, exit code 1'),
+        ('the phase does not come, or the run ends', 'one sentence, exit code 1'), _SIGNAL),
+         {**_CODES, 1: 'the command was not followed'}),
     Card('rpo_safety', 'assurance', 'AssuranceNode', (
         _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT,
         ('a command that would break a limit', 'is changed as little as the limit needs, or '

@@ -40,6 +40,7 @@ def main() -> None:
     fly_runs(config.load(_CAMPAIGN), 0, 1)
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
     fly_runs(config.load(config.find('world_leo')), 0, 1)
+    fly_runs(config.load(config.find('docking')), 0, 1)
     next(flights_of(controller, load_set('paper_training')))
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())

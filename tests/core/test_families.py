@@ -25,7 +25,7 @@ from rpo_core.time_to_go import WORDS, Rule, TimeToGo
 from rpo_core.validation import InputError
 
 PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
-FAMILIES = ('pace', 'time_to_go')
+FAMILIES = ('pace', 'time_to_go', 'more_words')
 APPROACH = load_scenario('approach')
 
 states = st.tuples(*[st.floats(-300, 300)] * 3, *[st.floats(-5, 5)] * 3)
@@ -40,10 +40,10 @@ def start_of(name, mission=PAPER):
     )
 
 
-PACE, TO_GO = start_of('pace'), start_of('time_to_go')
+PACE, TO_GO, MORE = map(start_of, FAMILIES)
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO], ids=FAMILIES)
+@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
 @settings(max_examples=60)
 @given(state=states, tick=st.integers(0, 4000))
 def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(law, state, tick):
@@ -69,11 +69,32 @@ def test_pace_is_the_bilinear_interpolation_of_its_table():
         assert PACE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize('v', [-1.0, -0.01, 0.01, 1.0])
-def test_pace_has_no_jump_at_the_target(v):
-    before, at, after = (PACE.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))
+def test_more_words_is_the_bilinear_interpolation_of_its_table():
+    creeping, *_, fast = MORE.speed_peaks_m_s
+    speeds = np.array([-fast, -creeping, 0.0, *MORE.speed_peaks_m_s])
+    rows = np.vstack([-MORE.damping_n_s_m * speeds, MORE.forces_n])
+    table = RegularGridInterpolator(([0.0, *MORE.distance_peaks_m], speeds), rows)
+    rng = np.random.default_rng(4)
+    for r, v in rng.uniform(-1, 1, (300, 2)) * np.array([100.0, 1.5]):
+        closing = np.clip(-np.sign(r) * v, -fast, fast)
+        pull = float(table((min(abs(r), MORE.distance_peaks_m[-1]), closing)))
+        expected = np.clip(-np.sign(r) * pull, -0.5, 0.5)
+        assert MORE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_peaks_of_more_words_never_cross_in_a_search():
+    genes = family_of('more_words').genes()
+    for even, odd in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
+        values = {g.name: g.value(odd if i % 2 else even) for i, g in enumerate(genes)}
+        assert family_of('more_words').of_values('x', values, PAPER).values() == values
+
+
+@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
+@pytest.mark.parametrize('v', [-0.8, -0.01, 0.01, 0.8])
+def test_a_table_has_no_jump_at_the_target(law, v):
+    before, at, after = (law.force_n((r, 0, 0), (v, 0, 0))[0] for r in (-1e-9, 0.0, 1e-9))
     assert before == pytest.approx(at, abs=1e-9) and after == pytest.approx(at, abs=1e-9)
-    assert PACE.force_n((0.0, 0, 0), (0.0, 0, 0))[0] == 0.0
+    assert law.force_n((0.0, 0, 0), (0.0, 0, 0))[0] == 0.0
     assert at * v < 0.0  # it brakes
 
 
@@ -141,19 +162,20 @@ def test_a_time_to_go_law_that_cannot_hold_is_not_proven():
     assert {c.name for c in TO_GO.claims() if c.holds} >= {'force', 'slew', 'hold'}
 
 
-def test_pace_holds_the_disturbance_that_it_claims():
-    statement = next(c.statement for c in PACE.claims() if c.name == 'held disturbance')
+@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
+def test_a_table_holds_the_disturbance_that_it_claims(law):
+    statement = next(c.statement for c in law.claims() if c.name == 'held disturbance')
     held = float(statement.split()[-2])
     a_d, b_d = cw.matrices(cw.discretise(0.0, 10.0, 0.1))
     state = np.zeros(6)
     for tick in range(6000):
-        force = np.array(PACE.force_n(state[:3], state[3:], tick))
+        force = np.array(law.force_n(state[:3], state[3:], tick))
         state = a_d @ state + b_d @ (force + np.array([0.99 * held, 0.0, 0.0]))
     assert abs(state[0]) <= 0.5 and abs(state[3]) < 1e-6
-    assert not [c for c in PACE.claims() if c.needed and not c.holds]
+    assert not [c for c in law.claims() if c.needed and not c.holds]
 
 
-@pytest.mark.parametrize('law', [PACE, TO_GO], ids=FAMILIES)
+@pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
 def test_a_file_holds_all_of_it_and_its_values_make_it_again(law):
     again = controller.parse(yaml.safe_load(controller.dumps(law)))
     assert again == law and controller.dumps(again) == controller.dumps(law)
@@ -177,13 +199,16 @@ def test_a_controller_of_another_mission_flies_the_same_flight_in_its_units(name
 
 def test_reasons_say_the_words_and_the_force_of_the_flight():
     state = (12.0, -40.0, 0.0, -0.3, 0.0, 0.0)
-    for law, tick in ((PACE, 0), (TO_GO, 1200)):
+    for law, tick in ((PACE, 0), (TO_GO, 1200), (MORE, 0)):
         found = reasons(law, state, (0.0, 0.0, 0.0), tick)
         forces = [dict(pairs)['force_n'] for _, pairs in found]
         assert tuple(forces) == law.force_n(state[:3], state[3:], tick)
         assert all(type(x) is float for _, pairs in found for _, x in pairs)
-    strengths = [x for name, x in reasons(PACE, state, state[:3])[0][1] if name.startswith('rule.')]
-    assert sum(strengths) == pytest.approx(1.0)
+    for law in (PACE, MORE):
+        pairs = reasons(law, state, state[:3])[0][1]
+        strengths = [x for name, x in pairs if name.startswith('rule.')]
+        assert sum(strengths) == pytest.approx(1.0)
+    assert 'the closing speed is resting (0 m/s)' in reasons(MORE, state, state[:3])[1][0]
     assert 'the pace is resting' in reasons(PACE, state, state[:3])[1][0]
     assert 'time to go is short' in reasons(TO_GO, state, state[:3], 1250)[0][0]
 
@@ -201,6 +226,9 @@ def changed(law, **changes):
         (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
         (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
         (PACE, {'lead_s': -1}, '`lead_s` must be'),
+        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 6 ascending numbers'),
+        (MORE, {'forces_n': [[1.0] * 9] * 6}, '`forces_n` must be 6 rows of 8 numbers'),
+        (MORE, {'damping_n_s_m': 0}, '`damping_n_s_m` must be'),
         (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
         (TO_GO, {'arrival_s': 0}, '`arrival_s` must be'),
     ],
@@ -216,7 +244,7 @@ def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
         replace(TO_GO, rules=tuple(rules))
     with pytest.raises(InputError, match=r'counts ticks of 0\.1 s; the scenario has 0\.05 s'):
         TO_GO.stage(0.05)
-    with pytest.raises(InputError, match='`family` must be one of pace, time_to_go'):
+    with pytest.raises(InputError, match='`family` must be one of pace, more_words, time_to_go'):
         family_of('mpc')
 
 

@@ -16,8 +16,9 @@ from rpo_core.disturbance import Disturbance
 from rpo_core.flight import Flight
 from rpo_core.requirements import LIMITS, Requirements
 from rpo_core.scenario import dumps, load, load_scenario, parse
+from rpo_core.thrusters import Propellant, Thrusters
 from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.verdicts import THRUST, verdicts
 
 
 def required(**limits):
@@ -58,6 +59,40 @@ def test_what_makes_no_sense_is_one_sentence(limits, sentence):
     with pytest.raises(InputError) as refused:
         required(**limits)
     assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ('limits', 'thrusters', 'what'),
+    [
+        ({'propellant_kg': 0.1}, None, 'thrusters with `propellant`; got none'),
+        ({'valve_openings': 9.0}, Thrusters(), 'thrusters with `pulses`; got none'),
+        ({'thruster_delta_v_m_s': 1.0}, None, '`pulses` or `propellant`; got none'),
+    ],
+)
+def test_what_thrusters_do_not_spend_cannot_be_required(limits, thrusters, what):
+    quick = load_scenario('quick')
+    equipped = quick if thrusters is None else quick.equipped(thrusters)
+    with pytest.raises(InputError, match=what):
+        replace(equipped, requirements=Requirements(**limits))
+
+
+def test_what_thrusters_spend_is_judged():
+    """One newton second of the x axis, at 10 kg and 2 s of specific impulse; no propellant else."""
+    limits = {'thruster_delta_v_m_s': 0.1, 'propellant_kg': 0.05}
+    tank = Thrusters(propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0))
+    quick = load_scenario('quick').equipped(tank)
+    forces = np.zeros((quick.ticks + 1, 3))
+    forces[:10, 0] = 0.5 if quick.dt_s == 0.2 else 0.1 / quick.dt_s
+    flown = replace(quick, requirements=Requirements(**limits))
+    states = np.zeros((quick.ticks + 1, 6))
+    found = {v.key: v for v in verdicts(Flight(flown, states, forces, np.zeros_like(forces)))}
+    impulse = np.clip(forces[:-1], -quick.max_force_n, quick.max_force_n).sum() * quick.dt_s
+    spent = found['propellant_kg']
+    assert spent.value == pytest.approx(impulse / (2.0 * 9.80665), rel=1e-12)
+    assert found['thruster_delta_v_m_s'].value == pytest.approx(
+        2.0 * 9.80665 * math.log(quick.mass_kg / (quick.mass_kg - spent.value)), rel=1e-6
+    )
+    assert spent.unit == 'kg' and spent.holds == (spent.value <= 0.05)
 
 
 def test_a_section_is_written_and_read_back_and_changes_no_flight():
@@ -139,7 +174,8 @@ SETTINGS = {
 
 def test_every_value_by_hand():
     found = verdicts(made_up(**SETTINGS, **dict.fromkeys(EVERYTHING, 0.01)))
-    assert [verdict.key for verdict in found] == list(LIMITS) == list(EVERYTHING)
+    assert [verdict.key for verdict in found] == list(EVERYTHING)
+    assert [name for name in LIMITS if name not in THRUST] == list(EVERYTHING)
     for verdict in found:
         assert verdict.value == pytest.approx(EVERYTHING[verdict.key], abs=1e-15), verdict.key
         assert verdict.word == 'MISSED', verdict.key

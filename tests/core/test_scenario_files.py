@@ -37,8 +37,8 @@ def test_shipped_names():
     paper = ['paper_box', 'paper_test', 'paper_test_phase', 'paper_training']
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
-        'approach', 'around', 'assured', 'docking', 'guarded', 'hold_points', *paper, 'quick',
-        *worlds,
+        'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
+        'on_command', *paper, 'passive_approach', 'quick', *worlds,
     ]  # fmt: skip
 
 

@@ -12,12 +12,17 @@ from log_runs import FORCE, STATE, STATUS, TOPICS, Run, make_run, rewrite
 from nav_scenarios import LIDAR, make
 
 from rpo_core import interfaces, scenario
+from rpo_core.chain import Chain
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.stage import Place
+from rpo_log.format.run import TimeBase
 from rpo_log.read import stream
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
+from rpo_log.write.writer import RunLogWriter
+from rpo_sim.free_running import FreeRunningPlant
 
 SCENARIO = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.01})
 MEASURED, ESTIMATE, PUSH = '/measurement', '/navigation_state', '/estimated_disturbance'
@@ -87,3 +92,71 @@ def test_one_bit_of_a_message_is_found(run, blocks, topic, place, check, tmp_pat
     rewrite(tmp_path / 'a' / 'run.mcap', tmp_path / 'b' / 'run.mcap', flip)
     found = verify(tmp_path / 'b').difference
     assert (found.check, found.tick, found.topic) == (check, 15, topic)
+
+
+class FreeNavigation:
+    """Navigation against the wall clock: it misses some ticks, and so does the controller."""
+
+    def __init__(self, missed=(), lost=()):
+        self.missed, self.lost = missed, lost
+        navigation = Chain.of(SCENARIO).part(Place.SENSOR, Place.ESTIMATOR)
+        law = load_controller('handmade')
+        plant = FreeRunningPlant(SCENARIO, ['control_force', 'disturbance_force'], 4)
+        self.messages, before = [], (0.0, 0.0, 0.0)
+        (previous,) = (name for name in navigation.inputs if name != 'relative_state')
+        for tick in range(SCENARIO.ticks + 1):
+            said = {'relative_state': plant.state}
+            if tick not in missed:
+                signals = {'relative_state': plant.state, previous: before}
+                navigation.step(tick, signals)
+                seen = signals['navigation_state']
+                said['control_force'] = law.force_n(seen[:3], seen[3:])
+                plant.answer('control_force', plant.stamp_ns, said['control_force'])
+                if tick not in lost:
+                    said |= {
+                        name: signals[name] for name in ('measurement', 'estimated_disturbance')
+                    }
+                    said['navigation_state'] = (*seen, *signals['navigation_covariance'])
+            said['applied_force'] = before = plant.applied('control_force')
+            said['applied_disturbance'] = plant.applied('disturbance_force')
+            self.messages += [(f'/{name}', tick, plant.stamp_ns, v) for name, v in said.items()]
+            if tick < SCENARIO.ticks:
+                plant.advance()
+
+    def write(self, folder, flip=None):
+        """Write the log."""
+        names = [*KEPT, '/applied_force', '/applied_disturbance']
+        parameters = b'plant: {mode: free_running, stale_after_ticks: 4}\n'
+        attached = make_run(2.0).attachments | {
+            'scenario.yaml': scenario.dumps(SCENARIO).encode(),
+            'parameters.yaml': parameters,
+        }
+        base = TimeBase(SCENARIO.epoch_ns, SCENARIO.dt_ns, SCENARIO.ticks)
+        writer = RunLogWriter(folder, base, names, attached)
+        order = [row.name for row in interfaces.rows()]
+        for name, tick, stamp, values in sorted(
+            self.messages, key=lambda m: (m[1], order.index(m[0][1:]))
+        ):
+            given = list(values)
+            if flip == (name, tick):
+                given[0] += 1e-9
+            row = interfaces.row_of(name[1:])
+            writer.write(name, tick, row.layout.encode(stamp, given))
+        writer.close()
+
+
+def test_a_tick_that_navigation_missed_is_recomputed_as_missed(blocks, tmp_path):
+    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'run')
+    verified = verify(tmp_path / 'run')
+    assert verified.difference is None, verified.sentence()
+    assert 'estimator could not' not in verified.sentence()
+    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'forged', flip=('/navigation_state', 25))
+    found = verify(tmp_path / 'forged').difference
+    assert (found.check, found.tick) == ('estimator', 25)
+
+
+def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(blocks, tmp_path):
+    FreeNavigation(lost=(10,)).write(tmp_path)
+    verified = verify(tmp_path)
+    assert verified.difference is None, verified.sentence()
+    assert 'estimator could not be recomputed at 20 ticks, the first is 11' in verified.sentence()

@@ -213,6 +213,30 @@ def test_it_estimates_a_constant_disturbance():
     assert np.abs(found[-1] - [0.002, -0.001, 0.003]).max() < 5e-4
 
 
+@pytest.mark.parametrize('goal', [[0.0, 0.0, 0.0], [0.0, -10.0, 0.0]])
+def test_a_controller_that_compensates_holds_closer(goal):
+    """A PD controller rests where its force balances the push: push / gain, here 0.7 m and more."""
+    push = [0.02, -0.01, 0.015]
+    errors = []
+    for compensate in (False, True):
+        flown = make(
+            ticks=4000,
+            goal_position_m=goal,
+            disturbance={'constant_n': push, 'harmonics': []},
+            estimator={'disturbance_sigma_n': 0.03, 'compensate': compensate},
+        )
+        flight = fly(flown, PD)
+        errors.append(np.abs(flight.errors[-500:, :3].mean(axis=0)))
+        found = flight.signals['estimated_disturbance'] if compensate else 0.0
+        seen = flight.signals['navigation_state'] - np.array(flown.goal_state)
+        holding = (0.0, 0.0, 0.0) if flown.goal is None else flown.goal.force_n
+        law = -PD.position_gain_n_m * seen[:, :3] - PD.velocity_gain_n_s_m * seen[:, 3:]
+        expected = law + holding - found
+        np.testing.assert_allclose(flight.forces_n[500:], expected[500:], rtol=1e-9, atol=1e-12)
+    assert (errors[0] > 0.5).all()
+    assert (errors[1] < 0.1 * errors[0]).all()
+
+
 def test_a_camera_alone_finds_the_distance_while_the_chaser_manoeuvres():
     camera = {'kind': 'bearing', 'bearing_noise_rad': 0.0005}
     flown = make([camera], ticks=600, estimator={'position_sigma_m': 3.0})
@@ -258,6 +282,8 @@ def test_of_missing_ticks_the_command_is_held():
         ({'navigation': {'position_noise_m': 0.1}}, '`navigation` makes a navigation state too'),
         ({'estimator': {'position_sigma_m': 0.0}}, '`position_sigma_m` must be a finite'),
         ({'estimator': {'disturbance_walk_n_s0_5': 0.1}}, '`disturbance_sigma_n` must be > 0 N'),
+        ({'estimator': {'compensate': True}}, '> 0 N to `compensate` the disturbance; got 0'),
+        ({'estimator': {'compensate': 1}}, '`compensate` must be true or false; got 1'),
         ({'units': [{**LIDAR, 'noise_floor_m': 0.0}]}, 'a covariance must be positive'),
         ({'units': [{**LIDAR, 'latency_ticks': 90}], 'ticks': 50}, 'the length of the flight'),
         ({'units': [{**LIDAR, 'outages_s': [[0.0, 99.0]]}]}, 'they leave none'),

@@ -21,6 +21,7 @@ from rpo_safety.assurance_node import AssuranceNode
 from rpo_safety.settings import Assurance
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
+from tools.node_processes import node_processes
 
 
 def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros_env, tmp_path):
@@ -50,3 +51,27 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0
     assert 'assurance' in found.sentence()
+
+
+def test_the_covariance_of_an_estimate_reaches_assurance(ros_env, tmp_path):
+    """It travels in `navigation_state`; where it is large, the node decides as the core does."""
+    sure = Assurance(
+        keep_out_m=15.0,
+        position_error_m=0.5,
+        velocity_error_m_s=0.02,
+        disturbance_n=0.02,
+        thrust_error=0.1,
+        sigmas=4.0,
+    )
+    found = replace(scenario.load_scenario('world_leo').equipped(sure), duration_s=5.0)
+    path, folder = tmp_path / 'world.yaml', tmp_path / 'run'
+    path.write_text(scenario.dumps(found))
+    with node_processes(ros_env, tmp_path) as ros:
+        options = ['--scenario', str(path), '--controller', 'pd', '--output', str(folder)]
+        node = ros.node('rpo_bringup', 'final_approach', *options, '--no-report')
+        assert node.wait() == 0, node.output
+    log, flight = read_run(folder), fly(found, load_controller('pd'))
+    assured = log.values[ASSURED_FORCE]
+    np.testing.assert_array_equal(assured, flight.signals[ASSURED_FORCE])
+    assert (assured != flight.forces_n).any(axis=1)[:2].all()  # the first estimates are poor
+    assert verify(folder).exit_code == 0

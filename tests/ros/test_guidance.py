@@ -12,6 +12,7 @@ from std_srvs.srv import Trigger
 from rpo_core import files, interfaces, scenario
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
+from rpo_guidance.operator_node import OperatorNode
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
@@ -86,3 +87,27 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
     found = verify(tmp_path / 'run')
     assert found.exit_code == 0, found.sentence()
     assert all(name in found.sentence() for name in ('estimator', 'guidance', 'assurance'))
+
+
+def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_env, tmp_path):
+    path = tmp_path / 'whole.yaml'
+    written(path, duration_s=45.0)
+    with inside() as inner:
+        go = inner.start(OperatorNode({'command': 'go', 'phase': 'wait'}))
+        abort = inner.start(OperatorNode({'command': 'abort', 'phase': 'in'}))
+        early = inner.start(OperatorNode({'command': 'go', 'phase': 'never'}))
+        impatient = inner.start(OperatorNode({'patience_s': 0.1}))
+        inner.until(lambda: impatient.done)
+        inner.start(ControllerNode({'controller': 'trained'}))
+        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
+            inner.start(kind({'scenario': str(path)}))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        plant = {'scenario': str(path), 'wait_for_recorder': True, 'real_time_factor': 15.0}
+        inner.start(PlantNode(plant))
+        inner.until(lambda: recorder.done and go.done and abort.done and early.done)
+    assert (go.exit_code, abort.exit_code, early.exit_code, impatient.exit_code) == (0, 0, 1, 1)
+    events = [e.values for e in read_run(tmp_path / 'run').events if e.values.get('stage')]
+    told = [(e['state'], int(e['tick'])) for e in events if e['stage'] == 'guidance']
+    assert [name for name, _ in told] == ['go', 'abort']
+    assert told[0][1] >= 50, 'not before `dwell_s`'
+    assert verify(tmp_path / 'run').exit_code == 0

@@ -107,6 +107,7 @@ def test_all_in_one_process(ros, number, trial):
 OTHERS = {
     'navigation': ('navigating', {}),
     'guidance': ('guiding', {'scenario': 'hold_points'}),
+    'operator': ('waiting to say', {}),
     'assurance': ('', {'scenario': 'assured'}),
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),

@@ -104,6 +104,41 @@ def test_the_page_follows_a_flight(ros_env, tmp_path):
         assert not own, own
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason='chromium is not installed')
+def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
+    """And nothing of stages that the flight has not: here an estimator and pulses."""
+    pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
+    with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
+        web = ros.node('rpo_view', 'web', port=0)
+        web.says('is shown at')
+        url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
+        look(page, WIDTH, 'light')
+        page.call('Page.navigate', url=url)
+        ros.node(
+            'rpo_bringup', 'final_approach', '--scenario', 'on_command', '--real-time-factor',
+            '40', '--no-report', '--output', str(tmp_path / 'run'),
+        )  # fmt: skip
+        until(page, 'typeof now !== "undefined" && now && now.guidance && now.assurance')
+        until(page, 'now.miss_m !== null && now.time_s > 150')
+        page.screenshot(pictures / 'live_guided.png')
+        shown = 'el("said-%s").closest("tr").getClientRects().length'
+        for name in ('guidance', 'assurance', 'estimate'):  # an error of navigation, no filter
+            assert page.evaluate(shown % name), name
+        assert page.evaluate('el("said-guidance").textContent').startswith('around since 0.0 s')
+        assert 'margin' in page.evaluate('el("said-assurance").textContent')
+        assert page.evaluate('el("has-openings").hidden') and page.evaluate('!now.sigmas_m')
+        assert page.evaluate('!el("zone-legend").hidden && now.zones.length') == 2
+        colours = ink(page, 'plane')
+        page.evaluate('now.zones = []; draw()')
+        assert ink(page, 'plane') < colours, 'the zones have colours of their own'
+        page.evaluate('el("chaser").click()')
+        for width in (WIDTH, 390):
+            look(page, width, 'dark')
+            time.sleep(0.5)
+            assert page.evaluate('document.documentElement.scrollWidth') <= width
+        assert not [m for m in page.messages if 'ERR_' not in m and 'Canvas2D' not in m]
+
+
 def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     rclpy.init()

@@ -86,7 +86,7 @@ def test_what_the_stages_say_is_shown():
     assert found['guidance'] == {'phase': 'hold_60', 'reason': PHASE['reason'], 'since_s': 3 * 0.1}
     assert found['assurance'] == {
         'constraint': 'keep_out', 'mode': 'open', 'since_s': 0.5, 'margin_m': -0.25,
-        'margin_m_s': 0.125, 'interventions': 2,
+        'margin_m_s': 0.125, 'interventions': 2, 'table': '',
     }  # fmt: skip
     (zones,) = found['zones']
     assert zones['keep_out_m'] == 10.0 and zones['port_m'] == [0.0, 1.0, 0.0]
@@ -100,6 +100,8 @@ def test_what_the_stages_say_is_shown():
         assert words in text
     assert 'phase hold_60  assurance acts: keep_out' in terminal.line(guided(), '/s')
     run = guided()
+    run.onboard.on_health({'table': 'armed', 'phase': 'aborting'})
+    assert shown(run)['assurance']['table'] == 'armed, aborting'
     run.onboard.on_assurance({**PASSES, 'tick': '10'})
     assert 'the command passes, margin 1.50 m' in printed(run)
 

@@ -19,15 +19,25 @@ def ros(ros_env, tmp_path):
         yield started
 
 
-@pytest.mark.parametrize('world', ['world_leo', 'world_elliptic', 'world_moon'])
-def test_a_world_flies_the_bits_of_the_core(ros, world):
+@pytest.mark.parametrize(
+    ('world', 'more'),
+    [
+        ('world_leo', []),
+        ('world_leo', ['estimator.compensate=true']),
+        ('world_elliptic', []),
+        ('world_moon', []),
+    ],
+)
+def test_a_world_flies_the_bits_of_the_core(ros, world, more):
     output = ros.folder / 'run'
-    short = ['--set', 'duration_s=20.0', '--controller', 'pd', '--output', str(output)]
+    changes = ['duration_s=20.0', *more]
+    changed = [word for change in changes for word in ('--set', change)]
+    short = [*changed, '--controller', 'pd', '--output', str(output)]
     node = ros.node('rpo_bringup', 'final_approach', '--scenario', world, *short)
     assert node.wait() == 0, node.output
     verified = verify(output)
     assert verified.exit_code == 0, verified.sentence()
-    flown = overrides.load(world, ['duration_s=20.0'])
+    flown = overrides.load(world, changes)
     flight, logged = fly(flown, load_controller('pd')), read_flight(output)
     np.testing.assert_array_equal(logged.states, flight.states)
     np.testing.assert_array_equal(logged.thrust.forces_n, flight.thrust.forces_n)

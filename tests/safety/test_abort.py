@@ -20,6 +20,7 @@ from rpo_core.interfaces import COMMAND, RELATIVE_STATE
 from rpo_core.stage import WITHOUT_COMMAND, Place
 from rpo_core.thrusters import Failure, Pulses, Thrusters
 from rpo_core.validation import InputError
+from rpo_safety.abort import Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
@@ -209,9 +210,9 @@ def test_the_worst_reaction_acts():
 
 
 def test_each_quantity_is_looked_at():
-    """A row for each, of any value: all of them are over it, but those that need a fault."""
+    """Each number beside its own computation."""
     found = Flight(with_table(table=())).until(3).stage.abort
-    quantities = found._quantities(2, found_seen())
+    quantities = found._quantities(2, looked_at(found.guard))
     assert set(quantities) == {
         'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
         'tracking_error_m_s', 'intervention', 'sigma_m', 'sigma_m_s', 'missed', 'impulse_n_s',
@@ -227,12 +228,10 @@ def test_each_quantity_is_looked_at():
     assert (quantities['sigma_m'], quantities['sigma_m_s']) == (0.5, 0.01)
 
 
-def found_seen():
-    from rpo_safety.abort import Seen
-
+def looked_at(guard):
     state = (3.0, 15.0, 0.0, 0.0, -0.1, 0.0)
     reference = (0.0, 11.0, 0.0, 0.0, 0.0, 0.0)
-    return Seen(state, state, reference, 0.5, 0.01, True, (0.0, 0.0, 0.0), False)
+    return Seen(state, state, reference, 0.5, 0.01, True, (0.0, 0.0, 0.0), False, guard)
 
 
 @pytest.mark.parametrize(

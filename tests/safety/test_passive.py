@@ -71,7 +71,8 @@ def test_no_moment_is_missed(drag):
 
 def test_the_trained_controller_is_unprotected_in_most_flights():
     """As known from another implementation: 196 of 216 flights, 36.5 % of the time beyond 15 m."""
-    found = silence(scenario.load('paper_training'), load_controller('trained'), 5.0, 15.0, 2.0, 0)
+    flights, trained = scenario.load('paper_training'), load_controller('trained')
+    found = silence(flights, trained, 5.0, 15.0, 2.0, (0.0, 0.0))
     assert found.flights == 216
     assert 190 <= found.unprotected <= 216
     assert 0.25 < found.share < 0.5

@@ -38,7 +38,10 @@ EVERYTHING = {
 
 
 def write_campaign(folder, **changes):
-    """Write a campaign, and the scenario it names, into a folder; return its path."""
+    """Write a campaign, and the scenario it names, into a folder; return its path.
+
+    changes : of its fields; None: without that field
+    """
     scenario = folder / 'short.yaml'
     scenario.write_text(SHORT)
     document = {
@@ -53,5 +56,6 @@ def write_campaign(folder, **changes):
         **changes,
     }
     path = folder / 'c.yaml'
-    path.write_text(yaml.safe_dump(document))
+    given = {name: value for name, value in document.items() if value is not None}
+    path.write_text(yaml.safe_dump(given))
     return path

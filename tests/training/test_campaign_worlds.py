@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 from campaign_documents import EVERYTHING, write_campaign
 
 from rpo_core import scenario
+from rpo_core.requirements import Requirements
 from rpo_core.thrusters import Propellant, Pulses, Thrusters
 from rpo_core.validation import InputError
+from rpo_core.verdicts import verdicts
+from rpo_nav.estimator import Estimator
 from rpo_training.campaign import config, run_batch, sampling, single
 from rpo_training.engine import support
 
@@ -38,12 +40,20 @@ FIRING = Thrusters(
     pulses=Pulses(count=6, modulation='pulse_width', minimum_on_time_s=0.01),
     propellant=Propellant(specific_impulse_s=2.0, mass_kg=1.0),
 )
+LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
+COMPENSATED = LEO.equipped(replace(LEO.section(Estimator), compensate=True))
 CASES = {
     'leo': (LEO, WORLD),
+    'leo, compensated': (COMPENSATED, SOME),
     'elliptic': (ELLIPTIC, SOME),
     'linear': (replace(PLAIN, sections=(replace(ELLIPTIC.dynamics, kind='linear_elliptic', j2=False,
                                                 eccentricity=0.01),)), SOME),
+    'propellant alone': (
+        PLAIN.equipped(Thrusters(propellant=LEAK)),
+        {**SOME, 'thrust_share': {'normal': 0.02}, 'misalignment_deg': {'normal': 1.0},
+         'delay_ticks': {'whole': 2}},
+    ),
     'pulses about a circle': (PLAIN.equipped(FIRING), {**SOME, 'stuck_off_thruster': {'whole': 5}}),
 }  # fmt: skip
 
@@ -140,10 +150,24 @@ def test_dispersions_that_cannot_act_are_one_sentence(write, flown, dispersions,
     assert said in str(caught.value) and '\n' not in str(caught.value)
 
 
-def test_what_the_engine_does_not_know_goes_through_the_chain(write, capsys):
-    leaking = Thrusters(propellant=Propellant(specific_impulse_s=200.0, mass_kg=1.0))
-    campaign = write(PLAIN.equipped(leaking), dispersions=SOME, runs=1)
-    found = run_batch.fly_runs(campaign, 0, 1)
-    assert '`propellant` without `pulses`' in capsys.readouterr().err
-    assert 'valve_openings' not in found
-    assert yaml.safe_load(campaign.texts[0])['runs'] == 1
+@pytest.mark.parametrize('singly', [False, True])
+def test_a_scenario_may_require_what_thrusters_spend(write, monkeypatch, singly):
+    """Success of a campaign is the verdict of each flight, of the engine and of the core."""
+    limits = {'propellant_kg': 0.012, 'thruster_delta_v_m_s': 5.0, 'valve_openings': 300.0}
+    required = replace(LEO, requirements=Requirements(**limits))
+    campaign = write(required, dispersions=SOME, success=None)
+    assert campaign.config.success == limits
+    if singly:
+        monkeypatch.setattr('rpo_training.campaign.run_batch.why_not', lambda *_: 'test')
+    columns = run_batch.fly_runs(campaign, 0, 3)
+    for number in range(3):
+        found = {v.key: v.value for v in verdicts(single.fly_run(campaign, number))}
+        assert found == {name: columns[name][number] for name in limits}
+        assert found['propellant_kg'] > 0.0 and found['valve_openings'] > 10.0
+
+
+def test_an_empty_tank_ends_the_thrust(write):
+    campaign = write(PLAIN.equipped(Thrusters(propellant=LEAK)), dispersions=SOME, runs=3)
+    columns = run_batch.fly_runs(campaign, 0, 3)
+    assert (columns['propellant_kg'] == LEAK.mass_kg).all()
+    assert 'valve_openings' not in columns

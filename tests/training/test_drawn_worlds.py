@@ -100,24 +100,27 @@ def test_the_better_half_is_that_of_flying_all(write):
     np.testing.assert_array_equal(scores.fitness[best], expected[best])
 
 
-LEAKING = Thrusters(propellant=Propellant(specific_impulse_s=200.0, mass_kg=1.0))
+NEAR = {'initial_position_m': {'uniform': 5.0}}
 
 
-@pytest.mark.parametrize(
-    ('flown', 'changes', 'said'),
-    [
-        (scenario.load_scenario('approach'), COSTS, '`fitness.drawn.openings` needs drawn flights'),
-        (
-            scenario.load_scenario('approach').equipped(LEAKING),
-            {},
-            '`propellant` without `pulses`',
-        ),
-    ],
-)
-def test_what_cannot_be_judged_is_one_sentence(write, flown, changes, said):
-    path = write(flown, dispersions={'initial_position_m': {'uniform': 5.0}})
+def test_propellant_without_pulses_costs_fitness_too(write):
+    leaking = Thrusters(propellant=Propellant(specific_impulse_s=200.0, mass_kg=1.0))
+    short = replace(scenario.load_scenario('approach'), duration_s=12.0).equipped(leaking)
+    drawn = settings_of(write(short, dispersions=NEAR), propellant=50.0)
+    flights = DrawnFlights(drawn.campaigns[0], drawn)
+    with Simulator([flights.case(0, range(3))], 1) as simulator:
+        (rows,) = simulator.fly(population_of(ROBUST))
+    campaign = replace(flights.pool(0)[0], controller=ROBUST)
+    spent = run_batch.fly_runs(campaign, 0, 3)['propellant_kg']
+    np.testing.assert_array_equal(flights.cost(rows)[0], 50.0 * spent)
+    assert (spent > 0.0).all()
+
+
+def test_what_cannot_be_judged_is_one_sentence(write):
+    path = write(scenario.load_scenario('approach'), dispersions=NEAR)
     with pytest.raises(InputError) as caught:
-        Fitness(ONE_START, FitnessSettings(drawn=settings_of(path, **changes)), 1)
+        Fitness(ONE_START, FitnessSettings(drawn=settings_of(path, **COSTS)), 1)
+    said = '`fitness.drawn.openings` needs drawn flights'
     assert said in str(caught.value) and '\n' not in str(caught.value)
 
 

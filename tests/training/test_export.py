@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -24,7 +23,7 @@ from rpo_core.controller import FuzzyController, load_controller, parse
 from rpo_core.fuzzy import FuzzySystem
 from rpo_core.validation import InputError
 from rpo_training.cli import app
-from rpo_training.export import FORMATS, SUFFIXES, c, importing, text_of
+from rpo_training.export import FORMATS, SUFFIXES, importing, text_of
 
 CONTROLLERS = ['trained', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 201)
@@ -84,43 +83,6 @@ def test_python_gives_the_bits_without_us(controller, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert bits(json.loads(done.stdout)) == commanded(controller)
-
-
-MAIN = """
-#include <stdio.h>
-#include "force.h"
-int main(void)
-{
-    double r, v;
-    while (scanf("%lf %lf", &r, &v) == 2) {
-        double state[3] = {0.0, r, 0.0}, rate[3] = {0.0, v, 0.0}, force[3];
-        NAME_force(state, rate, force);
-        if (force[1] != NAME_axis_force(r, v)) return 1;
-        printf("%.17g\\n", force[1]);
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
-@pytest.mark.parametrize('optimise', ['-O0', '-O2'])
-def test_c99_gives_the_bits(controller, optimise, tmp_path):
-    (tmp_path / 'force.c').write_text(text_of(controller, 'c'))
-    (tmp_path / 'force.h').write_text(c.header(controller, 'force.c'))
-    (tmp_path / 'main.c').write_text(MAIN.replace('NAME', controller.name))
-    flags = ['-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-ffp-contract=off', optimise]
-    built = subprocess.run(
-        ['cc', *flags, '-o', 'force', 'force.c', 'main.c'],
-        cwd=tmp_path, capture_output=True, text=True, timeout=50,
-    )  # fmt: skip
-    assert built.returncode == 0, built.stderr
-    lines = '\n'.join(f'{r!r} {v!r}' for r, v in states())
-    done = subprocess.run(
-        [tmp_path / 'force'], input=lines, capture_output=True, text=True, timeout=50
-    )
-    assert done.returncode == 0
-    assert bits(list(map(float, done.stdout.split()))) == commanded(controller)
 
 
 @settings(max_examples=60)

@@ -18,7 +18,9 @@ from typer.testing import CliRunner
 from rpo_core import controller, metrics
 from rpo_core.baseline_kernels import pace_inputs
 from rpo_core.controller import load_controller
+from rpo_core.family import Mission
 from rpo_core.flight import fly
+from rpo_core.more_words import MoreWords
 from rpo_core.scenario import load_scenario, load_set
 from rpo_training import export
 from rpo_training.campaign import config, run_batch, single
@@ -34,6 +36,7 @@ from rpo_training.search.config import override
 from rpo_training.search.family_training import FamilyTraining
 
 NAMES = ('pace', 'time_to_go')
+ALL = (*NAMES, 'more_words')
 TRAINING = load_set('paper_training')
 
 SHORT = [
@@ -48,6 +51,14 @@ SHORT = [
 ]
 
 
+def law_of(name):
+    """Return the shipped controller of a family; of `more_words`, where a search begins."""
+    if name != 'more_words':
+        return load_controller(name)
+    values = {gene.name: gene.start for gene in MoreWords.genes()}
+    return MoreWords.of_values(name, values, Mission((1.0, 1.0, 1.0), 0.5, 0.1))
+
+
 def short(name, **changes):
     return override(
         family_training.config_of(name), [*SHORT, *(f'{k}={v}' for k, v in changes.items())]
@@ -57,9 +68,9 @@ def short(name, **changes):
 # Bits.
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ALL)
 def test_lanes_of_distinct_loops_have_the_bits_of_the_core(name):
-    law = load_controller(name)
+    law = law_of(name)
     base = replace(TRAINING.base, duration_s=50.0)
     case = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
     with Simulator([case], 1) as simulator:
@@ -129,6 +140,19 @@ def test_a_search_improves_and_is_written(tmp_path):
     assert again.exit_code == result.exit_code
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('name', NAMES)
+def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
+    shipped = load_controller(name)
+    seed = int(shipped.provenance['command'].split()[-1])
+    chosen = replace(family_training.config_of(name), seed=seed)
+    assert family_training.command(chosen) == shipped.provenance['command']
+    found = FamilyTraining.create(chosen, tmp_path / 'run').run()
+    assert found.values() == shipped.values()
+    assert found.provenance['fitness_n2s'] == shipped.provenance['fitness_n2s']
+
+
 def test_the_command_of_a_family_is_its_default_configuration():
     chosen = replace(family_training.config_of('pace'), seed=3)
     assert family_training.command(chosen) == 'rpo train --family pace --seed 3'
@@ -156,13 +180,14 @@ def test_bad_arguments_are_a_sentence(arguments, message, tmp_path):
 STATES = np.random.default_rng(2).uniform(-1, 1, (60, 2)) * np.array([150.0, 2.0])
 
 
-def test_fuzzylite_reads_the_pace_table_and_agrees():
-    law = load_controller('pace')
+@pytest.mark.parametrize(('name', 'second'), [('pace', 'pace'), ('more_words', 'closing_speed')])
+def test_fuzzylite_reads_a_table_and_agrees(name, second):
+    law = law_of(name)
     engine = fl.FllImporter().from_string(export.text_of(law, 'fll'))
     for r, v in STATES.tolist():
-        distance, pace = pace_inputs(r, v, law.lead_s)
+        distance, other = pace_inputs(r, v, law.law.lead_s)
         engine.input_variable('distance').value = distance
-        engine.input_variable('pace').value = pace
+        engine.input_variable(second).value = other
         engine.process()
         pull = np.ravel(engine.output_variable('pull').value)[0]
         force = np.clip(-np.sign(r) * pull, -law.max_force_n, law.max_force_n)
@@ -181,9 +206,9 @@ def test_fuzzylite_reads_the_rules_of_the_time_to_go_and_agrees():
         assert law.force_n((r, 0, 0), (v, 0, 0), tick)[0] == pytest.approx(force, abs=1e-12)
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', ALL)
 def test_python_gives_the_bits_without_us(name):
-    law, module = load_controller(name), {}
+    law, module = law_of(name), {}
     exec(export.text_of(law, 'python'), module)
     for tick, (r, v) in enumerate(STATES.tolist()):
         state = (r, -r, 0.1 * r), (v, 0.3, -v)

@@ -127,6 +127,18 @@ def test_duality_proves_the_constrained_optimum(position):
     assert bound == pytest.approx(energy, rel=1e-5)
 
 
+def test_a_margin_costs_energy_and_is_kept():
+    scenario = from_start(100.0, -60.0, 20.0)
+    strict = optimal.Conditions.of(scenario, 0.2)
+    assert strict.force == scenario.max_force_n and strict.slew == pytest.approx(0.08)
+    plain = metrics.of_flight(optimal.constrained(scenario))
+    kept = metrics.of_flight(optimal.constrained(scenario, strict))
+    assert plain.energy_n2s < kept.energy_n2s < 1.1 * plain.energy_n2s
+    assert kept.mean_speed_norm_m_s <= strict.arrival_speed * (1 + 1e-4) < plain.mean_speed_norm_m_s
+    with pytest.raises(InputError, match=r'`margin` must be below 1; got 1\.0'):
+        optimal.Conditions.of(scenario, 1.0)
+
+
 def test_the_optimum_does_not_know_planar_and_vertical_signs():
     starts = np.array([[50.0, -5.0, 100.0, 0.1, 0, 0], [-50.0, 5.0, -100.0, -0.1, 0, 0]])
     both = optimal.least_constrained(TRAINING.base, starts)

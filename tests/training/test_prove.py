@@ -18,7 +18,8 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
-from rpo_training.proof import cells, check, check_ticks, laws, probing, proving, tables
+from rpo_training.proof import cells, check, check_ticks, kept, laws, probing, proving, tables
+from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
 from rpo_training.proof.rest import rest_of
@@ -265,3 +266,69 @@ def test_a_known_disturbance_is_part_of_the_tube():
         assert last == base.ticks
         states = flight.states[:, list(chosen)]
         assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
+
+
+def test_a_proof_of_one_claim(tmp_path):
+    """No cell is halved for another, and no other is listed; an unknown one is refused."""
+    settings = replace(problem_of('robust', half=BOX).settings, claims=('hold_error_per_axis_m',))
+    problem = Problem.of(load_controller('robust'), load('paper_training').base, settings)
+    folder = Folder.create(tmp_path / 'proof', problem)
+    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    assert list(Folder.open(folder.path).summary()['claims']) == ['hold_error_per_axis_m']
+    assert not check.check(folder, check.Sample(starts=1, ticks=1, surface=1))
+    with pytest.raises(InputError, match='`claim` must be one of'):
+        Problem.of(load_controller('robust'), problem.scenario, replace(settings, claims=('x',)))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(180)
+def test_a_local_cluster_proves_the_same_bytes(tmp_path):
+    alone = small_proof(tmp_path / 'alone')
+    together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
+    proving.prove(together, 2, 'local', lambda *_: None, probes=20)
+    for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
+        assert (alone.path / name).read_bytes() == (together.path / name).read_bytes()
+
+
+def test_an_estimate_is_of_the_proof_itself(tmp_path):
+    """All first cells drawn: the bounds of the proof, and its number of cells."""
+    problem = problem_of('robust', half=BOX)
+    summary = small_proof(tmp_path / 'proof').summary()
+    found = estimate(problem, 1000, lambda *_: None)
+    assert found.cells == found.sampled and found.hours > 0.0
+    assert {k: c['bound'] for k, c in summary['claims'].items()} == found.bounds
+    assert found.tubes == 2 * summary['cells']['planar'] - found.sampled
+    run = CliRunner().invoke(app, ['prove', 'lqr', '--estimate', '1'])
+    assert run.exit_code == 2
+
+
+def test_the_energy_of_flights_is_in_its_range(tmp_path):
+    """Of each flight, and the mean of many starts, to within what their number lets expect."""
+    folder = small_proof(tmp_path / 'proof')
+    ranges, problem = folder.summary()['ranges'], folder.problem
+    energies = []
+    for start in probing.anywhere(problem, 300, 5):
+        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        energies.append(float((flight.forces_n[:-1] ** 2).sum()) * problem.scenario.dt_s)
+    low, high = ranges['energy_n2s']['low'], ranges['energy_n2s']['high']
+    assert low <= min(energies) and max(energies) <= high
+    mean, off = np.mean(energies[8:]), 4.0 * np.std(energies[8:]) / 292**0.5
+    assert ranges['mean_energy_n2s']['low'] - off <= mean <= ranges['mean_energy_n2s']['high'] + off
+
+
+def test_a_table_is_found_in_the_cache(tmp_path, monkeypatch):
+    """Once made it is read; a damaged file, or one of other numbers, is not taken."""
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    problem = problem_of('robust', half=BOX)
+    made = kept.table_of(problem)
+    (path,) = (tmp_path / 'rpo' / 'tables').iterdir()
+    monkeypatch.setattr(Problem, 'table_anew', lambda self: pytest.fail('made again'))
+    found = kept.table_of(problem)
+    for name, ours, theirs in zip(made._fields, made, found, strict=True):
+        assert name == 'fis' or np.array_equal(ours, theirs)
+    path.write_bytes(path.read_bytes()[:-100])
+    monkeypatch.setattr(Problem, 'table_anew', lambda self: made)
+    assert kept.table_of(problem) is made
+    heavier = replace(problem, scenario=replace(problem.scenario, mass_kg=11.0))
+    kept.table_of(heavier)
+    assert len(list(path.parent.iterdir())) == 2

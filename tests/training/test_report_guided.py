@@ -134,9 +134,9 @@ def test_the_page_has_a_part_for_each_stage(made, flown):
     assert who[0] == 'speed' and float(who[2]) == pytest.approx(
         0.1 * acted.constraints.count('speed')
     )
-    assert dict(table(made, 'Passage of the zones').rows)['enters the keep-out sphere of 10 m'] == (
-        'never'
-    )
+    assert dict(table(made, 'Passage of the zones').rows)[
+        'guidance: enters the keep-out sphere of 10 m'
+    ] == ('never')
     assert 'relative to the reference' in text
 
 
@@ -182,6 +182,10 @@ def test_passage_of_zones_on_straight_lines():
     assert inside['closing speed at the entry'] == '1 m/s'
     beside = dict(approach.zone_passage(straight([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
     assert beside['ticks in the keep-out sphere of 10 m outside the corridor'] == '90 of 201'
+    rest = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
+    rest.states[-5:, :3] = (0.02, 1.0, 0.0)  # at the port, beside the tip of the cone
+    passed = dict(approach.zone_passage(rest, zones))
+    assert passed['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
     away = dict(approach.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
     assert away['enters the keep-out sphere of 10 m'] == 'never'
 

@@ -1,6 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""P4, the ROS loop: real nodes with the paper's test, compared with two bare rclpy processes.
+"""P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
+
+P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance.
 
 `ros2 run` starts each in a ROS domain of its own. The time is from `flying` to `finished` in the
 log lines of the plant, without start and discovery.
@@ -22,7 +24,7 @@ from typing import NamedTuple
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 
-SCENARIO = 'paper_test'
+SCENARIO, FULL = 'paper_test', 'docking_leo'
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
@@ -99,11 +101,11 @@ def _output(command: Sequence[str], folder: str) -> str:
     return done.stdout
 
 
-def _loop(output: str) -> Loop:
+def _loop(output: str, name: str = SCENARIO) -> Loop:
     times = {phase: float(moment) for moment, phase in _LINE.findall(output)}
     if set(times) != {'flying', 'finished'}:
         raise InputError(f'no times of the flight in the output of the plant: {output[-300:]!r}')
-    scenario = load_scenario(SCENARIO)
+    scenario = load_scenario(name)
     return Loop(times['finished'] - times['flying'], scenario.ticks, scenario.duration_s)
 
 
@@ -115,19 +117,30 @@ def one_process() -> Loop:
         return _loop(_output([*command, '--output', output], folder))
 
 
+def _processes(scenario: str, *others: Sequence[str]) -> Loop:
+    """Run plant, controller, disturbance, recorder and other nodes as processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        nodes = [
+            ['rpo_ctrl', 'fuzzy_controller'],
+            ['rpo_sim', 'disturbance_injector'],
+            ['rpo_log', 'recorder', '--ros-args', '-p', f'output:={folder}/run'],
+            *others,
+        ]
+        with _started(nodes, folder):
+            plant = ['rpo_sim', 'plant', '--ros-args', '-p', f'scenario:={scenario}']
+            return _loop(_output([*plant, '-p', 'wait_for_recorder:=true'], folder), scenario)
+
+
 def four_processes() -> Loop:
     """Run plant, controller, disturbance and recorder as four processes."""
-    with tempfile.TemporaryDirectory() as folder:
-        scenario = ['--ros-args', '-p', f'scenario:={SCENARIO}']
-        output = ['--ros-args', '-p', f'output:={folder}/run']
-        others = [
-            ['rpo_ctrl', 'fuzzy_controller'],
-            ['rpo_sim', 'disturbance_injector', *scenario],
-            ['rpo_log', 'recorder', *output],
-        ]
-        with _started(others, folder):
-            plant = ['rpo_sim', 'plant', *scenario, '-p', 'wait_for_recorder:=true']
-            return _loop(_output(plant, folder))
+    return _processes(SCENARIO)
+
+
+def seven_processes() -> Loop:
+    """Run the full chain: also navigation, guidance and assurance."""
+    return _processes(
+        FULL, ['rpo_nav', 'navigation'], ['rpo_guidance', 'guidance'], ['rpo_safety', 'assurance']
+    )
 
 
 def ping_pong() -> float:

@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from rpo_core import files, metrics, overrides
+from rpo_core import files, metrics, overrides, verdicts
 from rpo_core.codec import to_mapping
 from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
@@ -51,8 +51,8 @@ MAX_RUNS = 100_000_000
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of every run, over the forces applied."""
 
-THRUSTER_METRICS = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
-"""More metrics of a run whose thrusters fire in pulses: `rpo_core.flight.Thrust`."""
+THRUSTER_METRICS = verdicts.THRUST
+"""More metrics of a run whose thrusters fire in pulses, or spend propellant."""
 
 _ALL_METRICS = METRICS | THRUSTER_METRICS
 
@@ -210,7 +210,7 @@ class Campaign:
         for name in self.config.success:
             if name in THRUSTER_METRICS and name not in self.metrics_of_thrusters:
                 raise InputError(
-                    f'`success.{name}` needs thrusters with `pulses`; scenario '
+                    f'`success.{name}` needs thrusters with `pulses` or `propellant`; scenario '
                     f'{self.scenario.name} has none'
                 )
         with within('dispersions'):
@@ -219,9 +219,13 @@ class Campaign:
 
     @property
     def metrics_of_thrusters(self) -> dict[str, str]:
-        """`THRUSTER_METRICS` where thrusters fire in pulses: name -> unit."""
+        """Those of `THRUSTER_METRICS` that its thrusters have: name -> unit."""
         thrusters = self.scenario.thrusters
-        return THRUSTER_METRICS if thrusters is not None and thrusters.pulses else {}
+        if thrusters is not None and thrusters.pulses:
+            return THRUSTER_METRICS
+        if thrusters is None or thrusters.propellant is None:
+            return {}
+        return {name: THRUSTER_METRICS[name] for name in THRUSTER_METRICS if 'valve' not in name}
 
     @property
     def more(self) -> dict[str, str]:

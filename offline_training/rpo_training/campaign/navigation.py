@@ -64,6 +64,7 @@ def estimators_of(scenarios: Sequence[Scenario]) -> Part | None:
         rows=rows,
         commands=np.zeros((slots, 3, RUNS)),
         rejected=np.zeros(RUNS, np.int64),
+        compensate=scenarios[0].compensated,
     )
 
 

@@ -120,8 +120,9 @@ def _fly_side_by_side(
         if judged is not None:
             lanes_of = parts.paired_lanes(len(rows[some]))
             together[some] = judge(trace[0], lanes_of, scenario, judged)
-        for name, column in zip(campaign.metrics_of_thrusters, spent_of(batch.valves), strict=True):
-            more[name][some] = column[: len(rows[some])]
+        spent = spent_of(batch.valves)
+        for name in campaign.metrics_of_thrusters:
+            more[name][some] = spent[name][: len(rows[some])]
         if LEVEL in more:
             levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
     for place, name in enumerate(VALUES):

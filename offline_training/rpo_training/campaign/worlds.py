@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import verdicts
 from rpo_core.dynamics import (
     CLOHESSY_WILTSHIRE,
     steps_per_tick,
@@ -29,27 +30,32 @@ Floats = NDArray[np.float64]
 
 
 def firing_of(scenarios: Sequence[Scenario]) -> Firing | None:
-    """Return the thrusters of up to 40 runs; None where they do not fire in pulses."""
-    if scenarios[0].thrusters is None or scenarios[0].thrusters.pulses is None:
+    """Return the thrusters of up to 40 runs; None without pulses and propellant."""
+    first = scenarios[0].thrusters
+    if first is None or not (first.pulses or first.propellant):
         return None
+    tanks = _padded([tuple(tank_of(s.thrusters, s)) for s in scenarios], 1.0)
+    memory = np.zeros((RUNS, MEMORY))
+    if first.pulses is None:
+        return Firing(None, None, None, tanks, memory, np.zeros(0))
     made = []
     for s in scenarios:
         assert s.thrusters is not None and s.thrusters.pulses is not None
         made.append(valves_of(s.thrusters, s.thrusters.pulses, s))
-    tanks = np.array([tuple(tank_of(s.thrusters, s)) for s in scenarios])
     return Firing(
         made[0]._replace(directions=None, failures=None),
         _padded([v.directions for v in made]),
         _padded([np.array(v.failures, np.int64).reshape(-1, 5) for v in made]),
-        _padded(tanks, 1.0),
-        np.zeros((RUNS, MEMORY)),
+        tanks,
+        memory,
         np.zeros(made[0].number),
     )
 
 
-def spent_of(firing: Firing | None) -> list[Floats]:
-    """Return `config.THRUSTER_METRICS`, (40,) each, of runs that have flown."""
-    return [] if firing is None else [firing.memory[:, i] for i in THRUST]
+def spent_of(firing: Firing | None) -> dict[str, Floats]:
+    """Return what runs that have flown have spent: a requirement of `THRUST` -> (40,)."""
+    places = {} if firing is None else dict(zip(verdicts.THRUST, THRUST, strict=True))
+    return {name: firing.memory[:, place] for name, place in places.items()} if firing else {}
 
 
 def uneven_steps(scenario: Scenario, drawn: DrawnRuns) -> str:

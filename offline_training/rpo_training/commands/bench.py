@@ -30,7 +30,7 @@ def bench(
     output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
 ) -> None:
-    """Measure speed, and that of other tools in the same run: targets P1 to P4."""
+    """Measure speed, and that of other tools in the same run: targets P1 to P5."""
     from rpo_training.bench import machine
 
     choice('what', what, PARTS)
@@ -109,7 +109,11 @@ def _ros() -> None:
     from rpo_training.bench import ros
 
     typer.echo(f'two bare rclpy processes: {ros.ping_pong():.0f} round trips/s')
-    for name, fly in (('4 processes', ros.four_processes), ('1 process', ros.one_process)):
+    for name, fly in (
+        ('4 processes', ros.four_processes),
+        ('1 process', ros.one_process),
+        ('full chain, 7 processes', ros.seven_processes),
+    ):
         loop = fly()
         typer.echo(
             f'{name}: {loop.ticks_per_s:.0f} ticks/s, {loop.real_time_factor:.0f} x real time'

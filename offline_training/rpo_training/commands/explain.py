@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 import os
-from operator import add
+from operator import add, sub
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -137,6 +137,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     from rpo_core.controller_file import received
     from rpo_core.explain import decisions
     from rpo_core.family import Family
+    from rpo_core.interfaces import ESTIMATED_DISTURBANCE
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
     from rpo_training.commands import explain_family
 
@@ -166,6 +167,9 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     logged = log.forces_n[row]
     if any(on_top):
         x, y, z = map(add, same, on_top)
+        same = x, y, z
+    if scenario.compensated:
+        x, y, z = map(sub, same, signals[ESTIMATED_DISTURBANCE])
         same = x, y, z
     if not np.isfinite(logged).all():
         console.print('The log holds no force for this tick.')

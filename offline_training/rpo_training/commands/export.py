@@ -13,7 +13,8 @@ from rpo_training.commands.shared import echo
 
 EXAMPLES = """
 Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output force.c` |
-`rpo export mine.yaml --to python --output -`
+`rpo export mine.yaml --to python --output -` | `rpo export robust --to c --assurance assured
+--output guarded.c`
 """
 
 
@@ -29,27 +30,44 @@ def export(
             '--output', '-o', help='file, - for the terminal; if none, named after the controller'
         ),
     ] = None,
+    assurance: Annotated[
+        str | None,
+        typer.Option(
+            metavar='SCENARIO',
+            help='with c: the assurance filter of a scenario too, shipped name or file',
+        ),
+    ] = None,
 ) -> None:
     """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.
 
     The Python and the C function need nothing else, and give the bits of the flown controller. The
     header beside the C file shows how to call and compile it.
     """
-    from rpo_core.controller import load_controller, only_fuzzy
-    from rpo_training.export import SUFFIXES, c, text_of
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load_scenario
+    from rpo_core.validation import InputError
+    from rpo_training.export import SUFFIXES, c, c_assured, text_of
     from rpo_training.export.parts import identifier
     from rpo_training.outputs import make_folder, writing
 
     loaded = load_controller(controller)
-    text = text_of(loaded, to)
+    if assurance is None:
+        text = text_of(loaded, to)
+    elif to != 'c':
+        raise InputError(f'`--assurance` needs `--to c`; got {to}')
+    else:
+        scenario = load_scenario(assurance)
+        text = c_assured.text(loaded, scenario)
     if output == Path('-'):
         typer.echo(text, nl=False)
         return
     path = output or Path(identifier(loaded.name) + SUFFIXES[to])
     make_folder(path.parent)
     written = {path: text}
-    if to == 'c':
-        written[path.with_suffix('.h')] = c.header(only_fuzzy(loaded), path.name)
+    if assurance is not None:
+        written[path.with_suffix('.h')] = c_assured.header(loaded, scenario, path.name)
+    elif to == 'c':
+        written[path.with_suffix('.h')] = c.header(loaded, path.name)
     for name, content in written.items():
         with writing(name):
             name.write_text(content, encoding='utf-8')

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo optimal --start 100,100,100` | `rpo optimal --start 10,60,-40 --controller handmade`
-| `rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts`
+| `rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts --margin 0.03`
 """
 
 _BEST = 'under all conditions'
@@ -39,6 +39,9 @@ def optimal(
     whole_set: Annotated[
         bool, typer.Option('--all-starts', help='the means over all starts of a scenario set')
     ] = False,
+    margin: Annotated[
+        float, typer.Option(help='share by which each condition is stricter, 0.03 for 3 %')
+    ] = 0.0,
 ) -> None:
     """Print the least energy that physics allows, without and with training's conditions.
 
@@ -53,7 +56,7 @@ def optimal(
             raise InputError(
                 '`--all-starts` takes a set of starts as it is: give only `--scenario`'
             )
-        _of_set(load_set(scenario))
+        _of_set(load_set(scenario), margin)
         return
     found = load(scenario)
     base = found.base if isinstance(found, ScenarioSet) else found
@@ -63,7 +66,7 @@ def optimal(
         base = _with_start(base, start)
     if duration is not None:
         base = replace(base, duration_s=duration)
-    _of_start(base, controller, csv)
+    _of_start(base, controller, csv, margin)
 
 
 def _with_start(base: Scenario, text: str) -> Scenario:
@@ -83,7 +86,7 @@ def _with_start(base: Scenario, text: str) -> Scenario:
     )
 
 
-def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> None:
+def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, margin: float) -> None:
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
     from rpo_training.evaluation import optimal as limits
@@ -92,7 +95,7 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None) -> N
     flights = {'to rest at the end': limits.to_rest(scenario)}
     if scenario.duration_s > coast + 2 * scenario.dt_s:
         flights[f'to rest {coast:g} s earlier'] = limits.to_rest(scenario, coast)
-    flights[_BEST] = limits.constrained(scenario)
+    flights[_BEST] = limits.constrained(scenario, limits.Conditions.of(scenario, margin))
     if csv:
         outputs.write_flight(flights[_BEST], csv)
     if controller is not None:
@@ -121,7 +124,7 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
     typer.echo('v, r: mean norms over the last 30 s. To rest: at the origin, without limits.')
 
 
-def _of_set(starts: ScenarioSet) -> None:
+def _of_set(starts: ScenarioSet, margin: float) -> None:
     import numpy as np
 
     from rpo_training.display import progress
@@ -131,7 +134,7 @@ def _of_set(starts: ScenarioSet) -> None:
     states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])
     with progress() as show:
         constrained = limits.least_constrained(
-            base, states, lambda done, total: show('optima of all starts', done, total)
+            base, states, lambda done, total: show('optima of all starts', done, total), margin
         )
     lines = {
         'to rest at the end': limits.least_energy(base, states),

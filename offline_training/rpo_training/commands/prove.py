@@ -8,7 +8,7 @@ import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 EXAMPLES = """
 Examples: `rpo prove robust` | `rpo prove robust --velocity 0.05` | `rpo prove mine.yaml --scenario
 paper_test --position 5 --velocity 0.06 --mass 0.09` | `rpo prove --resume runs/proof_robust` |
-`rpo prove --check runs/proof_robust`. Exit code 1: a claim is refuted or open
+`rpo prove robust --velocity 0.05 --estimate 40` | `rpo prove --check runs/proof_robust`. Exit code
+1: a claim is refuted or open
 """
 
 
@@ -54,6 +55,10 @@ def prove(
     cell_velocity: Annotated[
         float, typer.Option(help='half-width of the first cells in velocity [m/s]')
     ] = 0.025,
+    claim: Annotated[
+        list[str] | None,
+        typer.Option(help='requirement to prove, may be repeated  [all of the scenario]'),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option('--output', '-o', help='folder  [runs/proof_NAME]')
     ] = None,
@@ -67,6 +72,12 @@ def prove(
     flights: Annotated[
         int, typer.Option(min=0, help='with --check: random flights held against their tubes')
     ] = 1000,
+    estimate: Annotated[
+        int,
+        typer.Option(
+            min=0, help='prove so many first cells only, at random, and say what all cost'
+        ),
+    ] = 0,
     workers: Workers = 0,
     cluster: Cluster = '',
 ) -> None:
@@ -97,8 +108,12 @@ def prove(
         'any_n': any_disturbance,
         'cell_m': cell,
         'cell_m_s': cell_velocity,
+        'claims': tuple(claim or ()),
     }
     problem = _problem(controller, scenario, half, velocity, options)
+    if estimate:
+        _estimate(problem, estimate)
+        return
     folder = output or Path('runs') / f'proof_{problem.controller.name}'
     _prove(Folder.create(folder, problem), workers, cluster)
 
@@ -108,7 +123,7 @@ def _problem(
     scenario: str,
     position: Sequence[float] | None,
     velocity: float,
-    options: dict[str, float],
+    options: dict[str, Any],
 ) -> Problem:
     from rpo_core.controller import load_controller
     from rpo_core.scenario import ScenarioSet, load
@@ -159,10 +174,37 @@ def _prove(folder: Folder, workers: int, cluster: str) -> None:
         raise typer.Exit(1)
 
 
+def _estimate(problem: Problem, count: int) -> None:
+    from rpo_training.display import print_table, progress
+    from rpo_training.proof.claims import limits_of
+    from rpo_training.proof.estimating import estimate
+
+    with progress() as show:
+        found = estimate(problem, count, show)
+    limits, sampled = limits_of(problem), found.sampled
+    rows = [
+        (key, f'{limits[key]:g}', f'{bound:.4g}', f'{found.flown[key]:.4g}', f'{n} of {sampled}')
+        for (key, bound), n in zip(found.bounds.items(), found.open_cells.values(), strict=True)
+    ]
+    title = f'{problem.controller.name}, {problem.scenario.name}, {_box(problem)}'
+    print_table(('claim', 'limit', 'bound', 'flown', 'open first cells'), rows, title)
+    echo(
+        f'{found.restless} of {sampled} first cells do not come to rest. '
+        f'{found.tubes / sampled:.1f} tubes and {found.seconds / sampled:.2f} s of CPU time each; '
+        f'all {found.cells}: about {found.hours:.2g} hours of one core'
+    )
+
+
+def _box(problem: Problem) -> str:
+    settings = problem.settings
+    box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
+    return f'from ({box})'
+
+
 def _check(folder: Folder, cells: int, flights: int) -> None:
     from rpo_training.display import progress
     from rpo_training.proof.check import Sample, check
-    from rpo_training.proof.folder import code_digest
+    from rpo_training.proof.kept import code_digest
 
     if folder.stamped['code_sha256'] != code_digest():
         echo(
@@ -187,7 +229,7 @@ def _check(folder: Folder, cells: int, flights: int) -> None:
 def _print(folder: Folder) -> None:
     from rpo_training.display import print_table
 
-    summary, settings = folder.summary(), folder.problem.settings
+    summary = folder.summary()
     rows = [
         (
             claim['statement'],
@@ -199,6 +241,9 @@ def _print(folder: Folder) -> None:
         )
         for claim in summary['claims'].values()
     ]
-    box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
-    title = f'{folder.problem.controller.name}, {folder.problem.scenario.name}, from ({box})'
+    title = f'{folder.problem.controller.name}, {folder.problem.scenario.name}, '
+    title += _box(folder.problem)
     print_table(('claim', 'limit', 'proven', 'flown', 'open cells', ''), rows, title)
+    for found in summary['ranges'].values():
+        least = f'{found["low"]:.4g} to ' if found['low'] else 'at most '
+        echo(f'{found["statement"]}: {least}{found["high"]:.4g} {found["unit"]}')

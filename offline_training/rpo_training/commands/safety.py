@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError
 from rpo_training.commands.shared import Set, interruptible
 
@@ -30,6 +31,16 @@ Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --con
 
 DRIFT_EXAMPLES = """
 Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
+"""
+
+ABORT_EXAMPLES = """
+Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 --set
+assurance.abort.stuck_s=60`
+"""
+
+PEERS_EXAMPLES = """
+Example: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
+offline_training/examples/benchmarks/vbar_approach.yaml`
 """
 
 LEGEND = (
@@ -157,6 +168,9 @@ def drift(
     drag: Annotated[
         float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
     ] = 0.0,
+    more_drag: Annotated[
+        bool, typer.Option('--more-drag', help='it is known that the chaser has the more drag')
+    ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
     from rpo_core.controller import load_controller
@@ -164,11 +178,81 @@ def drift(
     from rpo_training.display import print_table
     from rpo_training.safety.silence import silence
 
-    found = load(scenario)
+    found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
     for name in controller or ['trained', 'robust']:
-        f = silence(found, load_controller(name), radius, beyond, orbits, drag)
+        f = silence(found, load_controller(name), radius, beyond, orbits, bounds)
         rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
     heads = ('controller', 'flights', 'unprotected', 'of the time')
     title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
-    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2')
+    whose = ' more of the chaser' if more_drag else ''
+    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2{whose}')
+
+
+@safety.command(epilog=ABORT_EXAMPLES)
+def abort(
+    scenario: Name = 'guarded',
+    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    states: Annotated[int, typer.Option(min=6, max=1_000_000, help='random states')] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help='of the random states')] = 1,
+    changes: Set = None,
+) -> None:
+    """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
+    from rpo_core import overrides
+    from rpo_core.controller import load_controller
+    from rpo_guidance.plan import Guidance
+    from rpo_training.display import print_table
+    from rpo_training.safety import leaving
+
+    found = overrides.load(scenario, changes or [])
+    machine = leaving.machine_of(found)
+    name = 'plan' if found.section(Guidance) else f'flight of {controller}'
+    rows = []
+    for kind, looked in (
+        (name, leaving.of_flight(found, load_controller(controller))),
+        ('random', leaving.at_random(machine, states, seed)),
+    ):
+        for band in leaving.bands(machine, looked):
+            if band.states:
+                share = f'{band.clear} of {band.states}'
+                beyond = f'{band.least_m:g} to {band.most_m:g} m'
+                rows.append((kind, beyond, share, f'{band.margin_m:.2f} m'))
+    table = machine.table
+    title = f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '
+    title += (
+        f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
+    )
+    print_table(('states', 'range', 'clear', 'least margin'), rows, title)
+
+
+@safety.command(epilog=PEERS_EXAMPLES)
+def peers(
+    files: Annotated[
+        list[str], typer.Argument(help='arch_rendezvous.yaml, vbar_approach.yaml', metavar='FILE')
+    ],
+    controller: Annotated[
+        str, typer.Option(help='fuzzy, shipped name or file; its force is scaled')
+    ] = 'allround',
+    starts: Annotated[int, typer.Option(min=1, max=10_000, help='drawn starts of each')] = 20,
+    seed: Annotated[int, typer.Option(min=0, help='of the starts')] = 1,
+) -> None:
+    """Fly benchmarks of others, with our stack and with the controllers that they have.
+
+    Exit code 1 if our stack breaks a constraint.
+    """
+    from rpo_core.controller import load_controller
+    from rpo_core.scenario import load_scenario
+    from rpo_core.validation import choice
+    from rpo_training.display import print_table
+    from rpo_training.safety import peers as benchmarks
+
+    ours, broken = load_controller(controller), 0
+    for file in files:
+        scenario = load_scenario(file)
+        known = choice('scenario', scenario.name, benchmarks.ROWS)
+        rows = benchmarks.ROWS[known](scenario, ours, starts, seed)
+        cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
+        print_table((*benchmarks.HEADINGS[known], 'constraints'), cells, scenario.name)
+        broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
+    if broken:
+        raise typer.Exit(1)

@@ -8,7 +8,7 @@ A plan without holds and commands does not depend on the flight: its references 
 from __future__ import annotations
 
 from rpo_core.kernels import CwStep, cw_step
-from rpo_guidance.transfers import at_port
+from rpo_guidance.transfer_kernels import at_port
 from rpo_safety.packed import assure_packed
 from rpo_training.engine.lanes import compiled
 from rpo_training.engine.parts import FORCE, KNOWN_R, KNOWN_V, RUNS, SEEN_R, SEEN_V

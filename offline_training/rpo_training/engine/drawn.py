@@ -27,7 +27,7 @@ class DrawnCase(JudgedTogether):
     batches : their parts, 40 runs each; lanes beyond the last run rest at the target
     windows : in ticks
     together : whether rows have the columns of `judged.VALUES` too; those of `worlds.THRUST` are
-        the last ones where thrusters fire in pulses
+        the last ones where thrusters fire in pulses or spend propellant
     """
 
     name: str
@@ -44,14 +44,15 @@ class DrawnCase(JudgedTogether):
         return Plant(self.base.max_force_n, self.base.dt_s)
 
     @property
-    def fires(self) -> bool:
-        """Whether thrusters fire in pulses."""
-        return self.base.thrusters is not None and self.base.thrusters.pulses is not None
+    def spends(self) -> bool:
+        """Whether it is counted what thrusters spend: pulses, or propellant."""
+        thrusters = self.base.thrusters
+        return thrusters is not None and bool(thrusters.pulses or thrusters.propellant)
 
     @property
     def columns(self) -> int:
         """Columns of a row."""
-        return super().columns + (len(THRUST) if self.fires else 0)
+        return super().columns + (len(THRUST) if self.spends else 0)
 
 
 _ESTIMATORS = ('walk', 'queue', 'force', 'rows', 'commands', 'rejected')

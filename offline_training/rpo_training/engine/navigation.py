@@ -326,6 +326,16 @@ def navigate(w, tick, estimators):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def oppose(w, estimators):  # type: ignore[no-untyped-def]
+    """Subtract the disturbances that are estimated from row FORCE, where that is wanted."""
+    if estimators is None or not estimators.compensate:
+        return
+    for axis in range(3):
+        for s in range(RUNS):
+            w[FORCE + axis * RUNS + s] -= estimators.rows[Y + 6 + axis, s]
+
+
+@compiled
 def remember(w, tick, estimators):  # type: ignore[no-untyped-def]
     """Keep row FORCE, the commands of this tick, for the next one."""
     if estimators is None:

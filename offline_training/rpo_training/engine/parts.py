@@ -153,9 +153,9 @@ class Goal(NamedTuple):
 
 
 class Firing(NamedTuple):
-    """Thrusters that fire in pulses (`rpo_core.pulse_kernels`).
+    """Thrusters that fire in pulses, or spend propellant without (`rpo_core.pulse_kernels`).
 
-    shared : `Valves`, what is the same in all runs
+    shared : `Valves`, what is the same in all runs; None without pulses
     directions, failures : (40, valves, 3), (40, n, 5) of each run, with its matrix
     tanks : (40, 3) exhaust velocity, content, mass; memory : (40, MEMORY); on : (valves,) scratch
     """
@@ -194,6 +194,7 @@ class Estimators(NamedTuple):
     n, gates, limit, patience, newest, delay : of the filter; delay : (40,)
     steps, force : fields of CwStep, the force of a tick [N]; rows of 40, flat
     rows : (rows, 40) of `navigation`: what the filters are told and remember, and scratch
+    compensate : whether the command opposes the disturbance that is estimated
     commands : (slots, 3, 40) [N]; rejected : (40,) so many measurements in a row
     """
 
@@ -215,6 +216,7 @@ class Estimators(NamedTuple):
     rows: Any
     commands: Any
     rejected: Any
+    compensate: bool
 
 
 class Guiding(NamedTuple):

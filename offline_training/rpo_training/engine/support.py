@@ -42,11 +42,8 @@ def why_not(scenario: Scenario, controller: Controller, known: Collection[str] =
     assurance = scenario.section(Assurance)
     if assurance is not None and assurance.abort is not None:
         return f'scenario {scenario.name} has an abort table'
-    if assurance is not None and 'estimator' in names:
+    if assurance is not None and assurance.sigmas > 0.0 and 'estimator' in names:
         return f'scenario {scenario.name} has runtime assurance that follows an estimator'
-    thrusters = scenario.thrusters
-    if thrusters is not None and thrusters.propellant and not thrusters.pulses:
-        return f'scenario {scenario.name} has `propellant` without `pulses`'
     return ''
 
 

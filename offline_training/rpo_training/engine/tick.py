@@ -19,7 +19,7 @@ from rpo_training.engine.approach import (
 )
 from rpo_training.engine.counters import begin_forces, count_force, count_state, keep_norms
 from rpo_training.engine.lanes import E_R, E_V, OUTPUT, STRIDE, compiled, infer_lanes
-from rpo_training.engine.navigation import navigate, place_estimators, remember
+from rpo_training.engine.navigation import navigate, oppose, place_estimators, remember
 from rpo_training.engine.parts import (
     BIAS_R,
     BIAS_V,
@@ -41,7 +41,13 @@ from rpo_training.engine.parts import (
     lateness,
     place,
 )
-from rpo_training.engine.worlds import fire_valves, place_orbits, place_valves, step_orbits
+from rpo_training.engine.worlds import (
+    burn_propellant,
+    fire_valves,
+    place_orbits,
+    place_valves,
+    step_orbits,
+)
 
 
 @compiled
@@ -195,7 +201,7 @@ def delay(w, tick, thrusters):  # type: ignore[no-untyped-def]
 @compiled
 def apply(w, thrusters, valves):  # type: ignore[no-untyped-def]
     """Replace row FORCE by the force that the thrusters apply; valves have the matrix in them."""
-    if thrusters is None or valves is not None:
+    if thrusters is None or (valves is not None and valves.shared is not None):
         return
     for s in range(RUNS):
         y, z, i = s + RUNS, s + 2 * RUNS, MATRIX + s
@@ -351,6 +357,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         command_axes(w, n, tick, axes, navigation, goal)
         add_holding(w, n, goal, guiding)
         add_feed_forward(w, tick, guiding)
+        oppose(w, estimators)
         keep_trace(w, n, tick, trace)
         assure_all(w, tick, assured)
         remember(w, tick, estimators)
@@ -362,6 +369,7 @@ def fly(runs, control, plant, windows, w, norms, trace):  # type: ignore[no-unty
         begin_forces(w, n, tick, thrusters)
         count_force(w, n, tick, windows)
         apply(w, thrusters, valves)
+        burn_propellant(w, valves, plant.dt)
         fire_valves(w, tick, valves)
         push_by_table(w, n, tick, table)
         push_by_waves(w, tick, waves)

@@ -18,9 +18,9 @@ from rpo_core.orbit_kernels import (
     target_step,
     turning,
 )
-from rpo_core.pulse_kernels import DELTA_V, OPENINGS, SPENT, Tank, Valves, fire
+from rpo_core.pulse_kernels import DELTA_V, OPENINGS, SPENT, Tank, Valves, burn, fire
 from rpo_training.engine.lanes import compiled
-from rpo_training.engine.parts import FORCE, MASS, PUSH, RUNS, R, V
+from rpo_training.engine.parts import BEFORE, FORCE, MASS, PUSH, RUNS, R, V
 
 # Rows of the table of orbits: flat, so that the compiler knows how far apart they are.
 NOW, SLOPE = 0, 6 * RUNS  # inertial state of the target, its derivative
@@ -47,7 +47,14 @@ def fire_valves(w, tick, valves):  # type: ignore[no-untyped-def]
     """Replace row FORCE, the saturated command, by the mean force of pulses; fill row MASS."""
     if valves is None:
         return
-    u = valves.shared
+    _fire_valves(w, tick, valves, valves.shared)
+
+
+@compiled
+def _fire_valves(w, tick, valves, shared):  # type: ignore[no-untyped-def]
+    if shared is None:
+        return
+    u = shared
     for s in range(RUNS):
         y, z, tank = s + RUNS, s + 2 * RUNS, valves.tanks[s]
         mine = Valves(
@@ -61,6 +68,33 @@ def fire_valves(w, tick, valves):  # type: ignore[no-untyped-def]
             mine,
             Tank(tank[0], tank[1], tank[2]),
             valves.on,
+        )
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+@compiled
+def burn_propellant(w, valves, dt):  # type: ignore[no-untyped-def]
+    """Replace row FORCE, exerted without pulses, by what the tanks allow; fill row MASS.
+
+    The saturated command, which is counted already, is in row BEFORE.
+    """
+    if valves is None:
+        return
+    _burn_propellant(w, valves, valves.shared, dt)
+
+
+@compiled
+def _burn_propellant(w, valves, shared, dt):  # type: ignore[no-untyped-def]
+    if shared is not None:
+        return
+    for s in range(RUNS):
+        y, z, tank = s + RUNS, s + 2 * RUNS, valves.tanks[s]
+        force, w[MASS + s] = burn(
+            (w[FORCE + s], w[FORCE + y], w[FORCE + z]),
+            (w[BEFORE + s], w[BEFORE + y], w[BEFORE + z]),
+            valves.memory[s],
+            Tank(tank[0], tank[1], tank[2]),
+            dt,
         )
         w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
 

@@ -67,9 +67,20 @@ class Conditions:
             real(f'conditions.{f.name}', getattr(self, f.name), _UNITS[f.name], above=0.0)
 
     @classmethod
-    def of(cls, scenario: Scenario) -> Conditions:
-        """Return training's conditions with the thrusters of a scenario."""
-        return cls(scenario.max_force_n)
+    def of(cls, scenario: Scenario, margin: float = 0.0) -> Conditions:
+        """Return training's conditions with the thrusters of a scenario.
+
+        margin : share by which each condition is made stricter, in [0, 1); not the thrusters' force
+        """
+        if real('margin', margin, least=0.0, most=1.0) == 1.0:
+            raise InputError('`margin` must be below 1; got 1.0')
+        plain, keep = cls(scenario.max_force_n), 1.0 - margin
+        return cls(
+            plain.force,
+            keep * plain.slew,
+            keep * plain.arrival_speed,
+            keep * plain.arrival_distance,
+        )
 
 
 def gramian(scenario: Scenario, ticks: int) -> tuple[Floats, Floats, Floats]:
@@ -260,8 +271,11 @@ def least_constrained(
     scenario: Scenario,
     starts: Floats,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    margin: float = 0.0,
 ) -> Floats:
     """Return the least J [N^2 s] (n,) from starts (n, 6) under training's conditions.
+
+    With `margin` they are stricter (`Conditions.of`).
 
     Undisturbed, the optimum does not change with the sign of the planar (x, y) or of the vertical
     (z) start: of starts that differ only in such a sign, one is solved.
@@ -273,7 +287,7 @@ def least_constrained(
     """
     keys = [_mirrored(start) if scenario.disturbance.is_zero else tuple(start) for start in starts]
     distinct = sorted(set(keys))
-    program = Program(scenario)
+    program = Program(scenario, Conditions.of(scenario, margin))
     found = {}
     for done, key in enumerate(distinct):
         progress(done, len(distinct))

@@ -47,7 +47,8 @@ class Bound(NamedTuple):
 def bound(settings: Guidance, scenario: Scenario) -> tuple[Checked, Bound]:
     """Return the plan, flown without errors, and its bounds; raises InputError without solver."""
     found = nominal(settings, scenario)
-    last = found.changes[-1].tick if len(found.changes) > len(settings.legs) else scenario.ticks
+    over = len(found.changes) > len(settings.legs)
+    last = found.changes[len(settings.legs)].tick if over else scenario.ticks
     hold = max(1, round(SEGMENT_S / scenario.dt_s))
     segments = last // hold
     states = np.array(found.references)[: segments * hold + 1 : hold]

@@ -22,7 +22,9 @@ FORMATS: dict[str, Callable[[FuzzyController], str]] = {
     'python': python.text,
     'c': c.text,
 }
-"""MATLAB, FuzzyLite, IEC 61131-7; JSON; Python and C99 functions with the bits of the kernels."""
+"""MATLAB, FuzzyLite, IEC 61131-7; JSON; Python and C99 functions with the bits of the kernels.
+
+C99 of any controller that answers by a kernel."""
 
 SUFFIXES = {'python': '.py', **{name: f'.{name}' for name in FORMATS if name != 'python'}}
 """File name suffix of each format."""
@@ -32,4 +34,6 @@ def text_of(controller: AnyController, name: str) -> str:
     """Return a controller in one of `FORMATS`, of a family in some of them; raises InputError."""
     if isinstance(controller, Family):
         return family.text(controller, name)
+    if name == 'c':
+        return c.text(controller)
     return FORMATS[choice('--to', name, FORMATS)](only_fuzzy(controller))

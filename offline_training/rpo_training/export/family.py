@@ -1,22 +1,23 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers of a family (`rpo_core.family`) as JSON, Python, and FuzzyLite's Takagi-Sugeno."""
+"""Controllers of a family (`rpo_core.family`) as JSON, Python, C, and FuzzyLite's Takagi-Sugeno."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from rpo_core import baseline_kernels, kernels
+from rpo_core import baseline_kernels, kernels, more_words
 from rpo_core.controller import to_document
 from rpo_core.family import Family
+from rpo_core.more_words import MoreWords
 from rpo_core.pace import DISTANCES, PACES, Pace
 from rpo_core.time_to_go import TimeToGo
 from rpo_core.validation import InputError, choice
-from rpo_training.export import parts
+from rpo_training.export import c, parts
 from rpo_training.export.python import source
 
 _KERNELS: tuple[Callable[..., Any], ...] = (
@@ -58,18 +59,13 @@ def force_n(position_m, velocity_m_s, tick=0):
 '''
 
 
-def _facts(controller: Family) -> list[str]:
-    lines = [f'{controller.name}: {controller.description}', 'exported by rpo export']
-    return [parts.one_line(line) for line in lines]
-
-
 def _python(controller: Family) -> str:
     law = controller.law
     if not controller.alike:
         raise InputError(f'`--to python` needs a law that treats all axes alike; {controller.name}')
     gains = np.asarray(law.gains, dtype=np.float64).reshape(-1, baseline_kernels.GAINS)[:, [0, 3]]
     return _MODULE.format(
-        facts='\n'.join(f'# {line}' for line in _facts(controller)),
+        facts='\n'.join(f'# {line}' for line in parts.named(controller)),
         name=parts.one_line(controller.name),
         gains=parts.listed(gains.ravel().tolist(), 4, 88),
         tables='\n'.join(
@@ -85,7 +81,7 @@ def _python(controller: Family) -> str:
 def _json(controller: Family) -> str:
     tables = [table._asdict() for table in controller.tables()]
     document = {
-        'about': _facts(controller),
+        'about': parts.named(controller),
         'controller': to_document(controller),
         'rules': tables,
         'claims': [claim._asdict() for claim in controller.claims()],
@@ -94,33 +90,50 @@ def _json(controller: Family) -> str:
 
 
 def _fll(controller: Family) -> str:
-    lines = [f'# {line}' for line in _facts(controller)]
+    lines = [f'# {line}' for line in parts.named(controller)]
     if isinstance(controller, Pace):
         return '\n'.join([*lines, *_pace(controller)]) + '\n'
+    if isinstance(controller, MoreWords):
+        return '\n'.join([*lines, *_more_words(controller)]) + '\n'
     if isinstance(controller, TimeToGo):
         return '\n'.join([*lines, *_time_to_go(controller)]) + '\n'
     raise InputError(f'`--to fll` does not know kind {controller.kind}; there are json and python')
 
 
 def _pace(controller: Pace) -> list[str]:
-    law = controller.law
-    words = [word.replace(' ', '_') for word in DISTANCES]
-    paces = [word.replace(' ', '_') for word in PACES]
-    n = len(paces)
-    constants, rules = [], []
-    for i, distance in enumerate(words):
-        for j, pace in enumerate(paces):
-            constants.append(f'  term: {distance}_{pace} Constant {float(law.forces[n * i + j])!r}')
-            rules.append(
-                f'  rule: if distance is {distance} and pace is {pace} then pull is '
-                f'{distance}_{pace}'
-            )
     return [
         f'# h = {controller.lead_s!r} s x closing speed; distance = |r| + |h|; pace = h / distance',
+        *_force_table(controller, DISTANCES, 'pace', PACES),
+    ]
+
+
+def _more_words(controller: MoreWords) -> list[str]:
+    return [
+        '# distance = |r|; closing speed of an axis = -sign(r) v',
+        *_force_table(controller, more_words.DISTANCES, 'closing_speed', more_words.SPEEDS),
+    ]
+
+
+def _force_table(
+    controller: Family, rows: Sequence[str], second: str, columns: Sequence[str]
+) -> list[str]:
+    """Return a table of forces by distance and another input."""
+    law, n = controller.law, len(columns)
+    words, others = ([word.replace(' ', '_') for word in some] for some in (rows, columns))
+    constants, rules = [], []
+    for i, distance in enumerate(words):
+        for j, other in enumerate(others):
+            force = float(law.forces[n * i + j])
+            constants.append(f'  term: {distance}_{other} Constant {force!r}')
+            rules.append(
+                f'  rule: if distance is {distance} and {second} is {other} then pull is '
+                f'{distance}_{other}'
+            )
+    return [
         f'# force of the axis = -sign(r) pull, saturated at {controller.max_force_n!r} N.',
         f'Engine: {parts.one_line(controller.name)}',
         *_input('distance', words, list(law.distances)),
-        *_input('pace', paces, list(law.paces)),
+        *_input(second, others, list(law.paces)),
         *_output('pull', constants),
         *rules,
     ]
@@ -181,7 +194,12 @@ def _output(name: str, terms: list[str]) -> list[str]:
     ]
 
 
-FORMATS: dict[str, Callable[[Family], str]] = {'fll': _fll, 'json': _json, 'python': _python}
+FORMATS: dict[str, Callable[[Family], str]] = {
+    'fll': _fll,
+    'json': _json,
+    'python': _python,
+    'c': c.text,
+}
 
 
 def text(controller: Family, name: str) -> str:

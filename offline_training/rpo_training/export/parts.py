@@ -78,6 +78,12 @@ def facts(controller: FuzzyController) -> list[str]:
     return [*lines, f'rpo: samples = {controller.system.samples}']
 
 
+def named(controller: Any) -> list[str]:
+    """Return what any controller says of itself, for a comment."""
+    lines = [f'{controller.name}: {controller.description}', 'exported by rpo export']
+    return [one_line(line) for line in lines]
+
+
 def listed(values: Any, indent: int, width: int) -> str:
     """Return numbers that read back bit for bit, in indented lines of at most `width`."""
     text = ', '.join(map(repr, np.asarray(values).tolist()))

@@ -195,6 +195,7 @@ class Prover(threading.local):
             self.rest,
             max(self.problem.hold_tick, self.problem.scenario.ticks),
             widest,
+            self.problem.hold_error_m,
             self.trace,
         )
         return int(last), int(resting)

@@ -30,7 +30,7 @@ from rpo_training.proof.check_ticks import (
     surface_faults,
     tidy_faults,
 )
-from rpo_training.proof.claims import claims_of, nowhere, values_of
+from rpo_training.proof.claims import claims_of, nowhere, ranges_of, values_of
 from rpo_training.proof.exact import exact
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem
@@ -106,6 +106,9 @@ def claim_faults(
                 f'claim {claim.key}: is {theirs["verdict"]} with {theirs["bound"]!r}; '
                 f'the cells say {claim.verdict} with {claim.bound!r}'
             )
+    for key, found in ranges_of(groups).items():
+        if summary['ranges'].get(key) != vars(found):
+            yield f'range {key}: the cells say {found.low!r} to {found.high!r}'
 
 
 def _counterexamples(folder: Folder, summary: Mapping[str, Any]) -> Iterator[str]:

@@ -16,14 +16,12 @@ from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
 from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
 from rpo_training.proof.cells import Found
-from rpo_training.proof.problem import HOLD_ERROR_M, Problem
+from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.tube import Rest
 
 Floats = NDArray[np.float64]
 Groups = Mapping[str, Found]
 """Planar and vertical cells."""
-
-HOLD = 'hold_error_per_axis_m'
 
 
 @dataclass(frozen=True)
@@ -54,11 +52,9 @@ class Claim:
 
 
 def limits_of(problem: Problem) -> dict[str, float]:
-    """Return requirement -> limit: those of the scenario, and to hold the error at its end."""
-    required = problem.scenario.requirements
-    found = {} if required is None else dict(required.limits)
-    found.setdefault(HOLD, HOLD_ERROR_M)
-    return found
+    """Return requirement -> limit, of what the proof is about."""
+    asked = problem.settings.claims
+    return {k: v for k, v in problem.all_limits.items() if not asked or k in asked}
 
 
 def _planar(name: str) -> Callable[[Groups], Floats]:
@@ -116,7 +112,8 @@ def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
     if HOLD not in found:
         late = flight.errors[problem.hold_tick :, :3]
         found[HOLD] = float(np.abs(late).max())
-    return {key: value for key, value in found.items() if key in BOUNDS}
+    asked = limits_of(problem)
+    return {key: value for key, value in found.items() if key in BOUNDS and key in asked}
 
 
 def claims_of(
@@ -157,14 +154,56 @@ def _open(groups: Groups, key: str, limit: float) -> int:
 
 def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
     """Whether every tube ends in a set of rest that is small enough to hold."""
-    if rest is None or rest.radius_m > limits_of(problem)[HOLD]:
+    if rest is None or rest.radius_m > problem.hold_error_m:
         return False
     return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
 
 
+@dataclass(frozen=True)
+class Range:
+    """What the tubes say of every flight beside the claims.
+
+    low, high : no flight is outside; infinite where a tube does not last
+    """
+
+    statement: str
+    unit: str
+    low: float
+    high: float
+
+
+def ranges_of(groups: Groups) -> dict[str, Range]:
+    """Return what the tubes say of every flight: energy, its mean, force, speed, arrival.
+
+    The mean is over starts that are equally likely everywhere in the box; cells overlap by less
+    than is added here.
+    """
+    low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
+    for found in groups.values():
+        least, most = found.column('energy_low_n2s'), found.column('energy_high_n2s')
+        least = np.where(np.isfinite(least), least, 0.0)
+        low, high = low + float(least.min()), high + float(most.max())
+        sides = np.where(found.half > 0.0, found.half, 1.0)
+        share = sides.prod(axis=1) / sides.prod(axis=1).sum()
+        mean_low, mean_high = mean_low + float(share @ least), mean_high + float(share @ most)
+
+    def greatest(name: str) -> float:
+        return max(float(found.column(name).max()) for found in groups.values())
+
+    return {
+        'energy_n2s': Range('energy of each flight', 'N^2 s', low, high),
+        'mean_energy_n2s': Range(
+            'energy, mean over the box', 'N^2 s', mean_low * (1.0 - 1e-9), mean_high * (1.0 + 1e-9)
+        ),
+        'force_n': Range('force per axis', 'N', 0.0, greatest('force_n')),
+        'speed_m_s': Range('speed per axis, on the way', 'm/s', 0.0, greatest('speed_m_s')),
+        'arrival_s': Range('within 0.5 m per axis from', 's', 0.0, greatest('arrival_s')),
+    }
+
+
 def nowhere(problem: Problem) -> Rest:
     """Return an empty set of rest, for tubes that fly on to the end."""
-    return Rest(limits_of(problem)[HOLD], 0.06, 0.0)
+    return Rest(problem.hold_error_m, 0.06, 0.0)
 
 
 def worst(claims: Sequence[Claim]) -> str:

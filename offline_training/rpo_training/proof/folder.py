@@ -17,8 +17,6 @@ planar.npz, vertical.npz, summary.yaml
 
 from __future__ import annotations
 
-import hashlib
-import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,45 +24,19 @@ from typing import Any
 import numpy as np
 import yaml
 
-import rpo_core
-import rpo_training.analysis
-import rpo_training.proof
 from rpo_core import files
 from rpo_core.validation import InputError, mapping
 from rpo_training.cluster.pool import versions
-from rpo_training.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
+from rpo_training.outputs import digest_of, make_folder, read_arrays, write_text
+from rpo_training.proof import kept
 from rpo_training.proof.cells import VALUES, Found
 from rpo_training.proof.problem import GROUPS, Problem
 from rpo_training.proof.tables import Table
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
-_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes')
 _FOUND = ('centre', 'half', 'values', 'boxes')
 _TAIL = 'tail'
-
-
-def code_digest() -> str:
-    """Return a digest of the sources that a proof depends on."""
-    found = hashlib.sha256()
-    for package in (rpo_core, rpo_training.analysis, rpo_training.proof):
-        for path in sorted(Path(str(package.__file__)).parent.glob('*.py')):
-            found.update(path.name.encode() + b'\0' + path.read_bytes())
-    return found.hexdigest()
-
-
-def archive(arrays: Mapping[str, Any]) -> bytes:
-    """Return an .npz of arrays, without times of files: the same bytes each time."""
-    import io
-
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, 'w', zipfile.ZIP_DEFLATED) as archived:
-        for name, values in arrays.items():
-            entry = zipfile.ZipInfo(f'{name}.npy')
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            with archived.open(entry, 'w') as member:
-                np.lib.format.write_array(member, np.asarray(values), allow_pickle=False)
-    return content.getvalue()
 
 
 class Folder:
@@ -83,7 +55,7 @@ class Folder:
             raise InputError(f'{path}: must be a new or empty folder; it holds other things')
         found = cls(path, problem)
         make_folder(path / _PARTS)
-        stamped = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
+        stamped = {**versions(), 'code_sha256': kept.code_digest(), 'files_sha256': found.bound}
         write_text(path / _VERSIONS, yaml.safe_dump(stamped))
         for name, content in zip(TEXTS, problem.texts, strict=True):
             write_text(path / name, content)  # proof.yaml last: with it, the folder is one
@@ -110,7 +82,7 @@ class Folder:
         theirs = self.stamped
         if {name: theirs[name] for name in versions()} != versions():
             raise InputError(f'{self.path}: was begun with other libraries: {theirs}')
-        if theirs['code_sha256'] != code_digest():
+        if theirs['code_sha256'] != kept.code_digest():
             raise InputError(f'{self.path}: was begun with other code: begin anew elsewhere')
 
     @property
@@ -120,18 +92,12 @@ class Folder:
 
     def table(self) -> Table:
         """Return the enclosure of the surface; made and kept, if it is not there."""
-        path, problem = self.path / _TABLE, self.problem
-        if not path.is_file():
-            made = problem.table
-            content = archive({name: getattr(made, name) for name in (*_ARRAYS, 'slack')})
-            write_aside(path, lambda file: file.write(content))
-            return made
-        found: dict[str, Any] = read_arrays(path, *_ARRAYS, 'slack')
-        slack = float(found.pop('slack'))
-        controller = problem.controller
-        limit = problem.scenario.max_force_n / controller.force_scale_n
-        tables = controller.system.tables
-        return Table(**found, slack=slack, limit=limit, fis=tables, **_scales(problem))
+        path = self.path / _TABLE
+        if path.is_file():
+            return kept.read(path, self.problem)
+        made = kept.table_of(self.problem)
+        kept.write(path, made)
+        return made
 
     def done(self, group: str, unit: int) -> Found | None:
         """Return a finished unit, None if there is none, or it is damaged."""
@@ -173,13 +139,7 @@ class Folder:
         return self.path / _PARTS / f'{group}_{unit:04d}.npz'
 
     def _write(self, path: Path, arrays: Mapping[str, Any]) -> None:
-        content = archive(arrays)
-        write_aside(path, lambda file: file.write(content))
-
-
-def _scales(problem: Problem) -> dict[str, float]:
-    position_m, velocity_m_s, force_n = problem.controller.scales
-    return {'position_m': position_m, 'velocity_m_s': velocity_m_s, 'force_n': force_n}
+        kept.write_arrays(path, arrays)
 
 
 def joined(parts: Iterable[Found]) -> Found:

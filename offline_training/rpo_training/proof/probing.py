@@ -82,13 +82,19 @@ def probe(problem: Problem, starts: Iterator[Floats], seed: int) -> Flown:
 
 
 def anywhere(problem: Problem, count: int, seed: int) -> Iterator[Floats]:
-    """Yield random starts of the box; the first ones are corners."""
+    """Yield random starts of the box: first corners, then every second one on an edge.
+
+    On an edge two of the three positions are as far out as they can be: there flights last longest.
+    """
     rng = np.random.default_rng(seed)
     centre, half = np.array(problem.settings.centre), np.array(problem.settings.half)
     for number in range(count):
         share = rng.uniform(-1.0, 1.0, 6)
         if number < 8:
             share = np.where(np.arange(6) % 3 == 0, 1.0, 1.0 - 2.0 * (number >> np.arange(6) & 1))
+        elif number % 2:
+            outside = [number % 3, (number + 1) % 3]
+            share[outside] = np.sign(share[outside])
         yield centre + half * share
 
 

@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 
 SCHEMA = 'rpo/proof/1'
 
+HOLD = 'hold_error_per_axis_m'
+
 HOLD_ERROR_M = 0.5
 """What a scenario without requirements must hold, from its end on: the paper's claim."""
 
@@ -53,6 +55,7 @@ class Settings:
         to so many times, its constant any size up to so many times
     any_n : a disturbance that changes at every tick, of any axis
     cell_m, cell_m_s : half-width of the first cells
+    claims : requirements that the proof is about; none given: all that the scenario has
     coarseness : of the table of the surface, see `tables.table_of`
     """
 
@@ -64,6 +67,7 @@ class Settings:
     coarseness: Annotated[float, partial(real, least=1.0, most=16.0)] = 1.0
     cell_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 1.0
     cell_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.0125
+    claims: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -95,7 +99,25 @@ class Problem:
                 f'scenario {found.name} has a goal away from the target, which the proof does not '
                 'know: `goal_position_m`'
             )
-        return cls(controller, found, settings)
+        made = cls(controller, found, settings)
+        for key in settings.claims:
+            if key not in made.all_limits:
+                known = ', '.join(made.all_limits)
+                raise InputError(f'`claim` must be one of {known}; got {key!r}')
+        return made
+
+    @cached_property
+    def all_limits(self) -> dict[str, float]:
+        """Requirement -> limit: those of the scenario, and to hold the error at its end."""
+        required = self.scenario.requirements
+        found = {} if required is None else dict(required.limits)
+        found.setdefault(HOLD, HOLD_ERROR_M)
+        return found
+
+    @property
+    def hold_error_m(self) -> float:
+        """The limit of the error per axis that is to be held for ever."""
+        return self.all_limits[HOLD]
 
     @property
     def odd(self) -> bool:
@@ -212,9 +234,8 @@ class Problem:
         schema(settings, SCHEMA)
         known = list(Settings.__dataclass_fields__)
         chosen = mapping('', settings, ['schema', *known])
-        return cls.of(
-            controllers.parse(controller), parsed, Settings(**{k: chosen[k] for k in known})
-        )
+        made = Settings(**{**{k: chosen[k] for k in known}, 'claims': tuple(chosen['claims'])})
+        return cls.of(controllers.parse(controller), parsed, made)
 
 
 def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:

@@ -20,18 +20,18 @@ from rpo_core.scenario import Scenario
 from rpo_training.analysis.certificate import REFUTED
 from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
-from rpo_training.proof import probing
+from rpo_training.proof import kept, probing
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import HOLD, Claim, claims_of, limits_of, nowhere
+from rpo_training.proof.claims import Claim, claims_of, limits_of, nowhere, ranges_of
 from rpo_training.proof.folder import Folder, joined
-from rpo_training.proof.problem import Problem
+from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
 from rpo_training.proof.tube import Rest
 
 UNIT = 25
 """First cells of a unit."""
 
-PROBES, SUSPECTS = 1000, 200
+PROBES, SUSPECTS = 2000, 200
 """Flights before the proof, from anywhere, and after it for each claim, from the worst cells."""
 
 SEED = 1
@@ -75,7 +75,7 @@ def prove(
     problem.__dict__['table'] = folder.table()
     limits = limits_of(problem)
     speed = limits.get('hold_speed_per_axis_m_s')
-    rest = rest_of(problem, limits[HOLD], speed)
+    rest = rest_of(problem, problem.hold_error_m, speed)
     asked = rest or nowhere(problem)
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
@@ -170,7 +170,9 @@ def _on_threads(
 @lru_cache(maxsize=2)
 def _prover(texts: tuple[str, str, str], group: str, rest: Rest, above: bytes | None) -> Prover:
     tail = None if above is None else np.frombuffer(above).reshape(2, -1)
-    return Prover(Problem.of_texts(texts), group, rest, tail)
+    problem = Problem.of_texts(texts)
+    problem.__dict__['table'] = kept.table_of(problem)
+    return Prover(problem, group, rest, tail)
 
 
 def prove_remote(
@@ -215,4 +217,5 @@ def summary_of(outcome: Outcome) -> dict[str, Any]:
             }
             for claim in outcome.claims
         },
+        'ranges': {key: vars(found) for key, found in ranges_of(outcome.groups).items()},
     }

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Rows and columns (k,) of cells."""
 
-PARTS = 8
+PARTS = 16
 """Parts of a divided cell, along each error."""
 
 SHARE = 0.9

@@ -27,7 +27,7 @@ The other half holds the flight's own arithmetic: sums of five products, of coef
 right to 8 x 2^-53.
 """
 
-MOST = 96
+MOST = 180
 """Generators, at which the small ones become a box."""
 
 BATCH = 16
@@ -307,13 +307,14 @@ def fly(
     rest: Rest,
     until: int,
     widest: Any,
+    most_m: float,
     trace: Trace,
 ) -> tuple[int, int]:
     """Move a set; return the last tick that the trace holds, and the tick at which it rests.
 
     c (n,), g (n, capacity), d (n,) : the set, changed in place
     rest, until : the flight ends at rest, but not before tick `until`; -1 where it never rests
-    widest : (n,) half-widths at which it is given up
+    widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
     """
     last = len(trace.laws)
     resting = -1
@@ -322,6 +323,8 @@ def fly(
         box_of(c, g, d, m, low, high)
         for i in range(len(c)):
             if not high[i] - low[i] <= 2.0 * widest[i]:
+                return tick, -1
+            if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
                 return tick, -1
         if tick > 0:
             _slew(table, motion, tick - 1, trace)

@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 CORRIDOR_HALF_ANGLE_DEG = 15.0
 KEEP_OUT_RADIUS_M = 5.0
 
+AT_PORT_M = 0.1
+"""So near to the tip of the corridor the chaser is at the port, and no zone holds."""
+
 _TURN = np.linspace(0.0, 2.0 * np.pi, 49)
 
 
@@ -108,10 +111,18 @@ def _closing_m_s(flight: Flight, tick: int) -> float:
 
 
 def zone_passage(flight: Flight, zones: Zones) -> list[tuple[str, str]]:
-    """Return names and values: how a flight passes zones of its scenario, at its ticks."""
-    positions = [tuple(position) for position in flight.positions_m.tolist()]
-    distance = np.linalg.norm(flight.positions_m, axis=1)
-    found = [('least distance to the target', f'{distance.min():.4g} m')]
+    """Return names and values: how a flight passes zones of its scenario, at its ticks.
+
+    It ends where the chaser is at the port.
+    """
+    until = len(flight.states)
+    if zones.corridor is not None:
+        away = np.linalg.norm(flight.positions_m - np.array(zones.corridor.tip_m), axis=1)
+        until = int(np.argmax(away <= AT_PORT_M)) if (away <= AT_PORT_M).any() else until
+    positions = [tuple(position) for position in flight.positions_m[:until].tolist()]
+    distance = np.linalg.norm(flight.positions_m[:until], axis=1)
+    before = ' before the port' if until < len(flight.states) else ''
+    found = [(f'least distance to the target{before}', f'{distance.min():.4g} m')]
     if not zones.keep_out_m:
         return found
     name = f'the keep-out sphere of {zones.keep_out_m:g} m'

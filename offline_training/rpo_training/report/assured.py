@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rpo_core.flight import Flight
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
+from rpo_safety.abort import Change
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.kernels import FAR
 from rpo_training.report import guided
@@ -26,6 +27,8 @@ from rpo_training.report.logged import steps_again
 Floats = NDArray[np.float64]
 
 MOST_ROWS = 20
+_LEAST_CHANGE_N = 0.01
+"""So far the axis of the change of a command goes at least."""
 _COLOURS = {
     'keep_out': 'y', 'speed': 'x', 'corridor': 'z', 'force': 'small_positive',
     'slew': 'small_negative', 'not_finite': 'bad',
@@ -38,12 +41,14 @@ class Decided(NamedTuple):
     margins : (n, 2) [m], [m/s] that the command as it came would leave one tick later
     changed_n : (n,) norm of the change of the command
     constraints, modes : n names; '' where the command passed
+    changes : of the abort table
     """
 
     margins: Floats
     changed_n: Floats
     constraints: list[str]
     modes: list[str]
+    changes: list[Change]
 
 
 class Intervention(NamedTuple):
@@ -56,9 +61,11 @@ class Intervention(NamedTuple):
 
 def decided(log: RunLog, flight: Flight) -> Decided | None:
     """Return what assurance decided; None if the run has none, or an input is missing."""
-    found = [stage.decision for _, stage, _ in steps_again(log, flight, AssuranceStage)]
+    found, stage = [], None
+    for _, stage, _ in steps_again(log, flight, AssuranceStage):
+        found.append(stage.decision)
     decisions = [decision for decision in found if decision is not None]
-    if not decisions:
+    if stage is None or not decisions:
         return None
     change = np.array([d.after_n for d in decisions]) - np.array([d.before_n for d in decisions])
     margins = np.array([(d.margin_m, d.margin_m_s) for d in decisions])
@@ -68,6 +75,7 @@ def decided(log: RunLog, flight: Flight) -> Decided | None:
         np.linalg.norm(change, axis=1),
         [d.constraint for d in decisions],
         [d.mode for d in decisions],
+        stage.abort.changes if stage.abort is not None else [],
     )
 
 
@@ -108,6 +116,9 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
     ]
     if acted:
         blocks.append(_each(acted, found, times, phases))
+    if found.changes:
+        told = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
+        blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), told))
     least_m, least_m_s = np.nanmin(found.margins, axis=0)
     blocks.append(
         Picture(
@@ -115,7 +126,9 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
             _picture(flight, found, acted, phases),
             'Margin to the constraint of position (stopping distance to the keep-out sphere, or '
             'to the walls of the corridor) and to the limit of speed, that the command as it came '
-            'would leave; change of the command. Coloured: a constraint acts.',
+            'would leave; change of the command. Coloured: a constraint acts. Margins jump where '
+            'the chaser goes from the open set to that of the corridor, and end at contact. '
+            'Vertical lines: a phase of the plan, or of the abort table, begins.',
             f'Margins over time, at least {least_m:.3g} m and {least_m_s:.3g} m/s; assurance acts '
             f'{len(acted)} times.',
         )
@@ -148,8 +161,10 @@ def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list
         'from [s]', 'to [s]', 'constraint', 'mode', 'phase of the plan', 'least margin [m]',
         'least margin [m/s]', 'largest change [N]',
     )  # fmt: skip
-    name = 'Interventions' if len(acted) <= MOST_ROWS else f'The {MOST_ROWS} longest interventions'
-    return Table(f'{name} of {len(acted)}', columns, tuple(rows))
+    name = f'Interventions: {len(acted)}'
+    if len(acted) > MOST_ROWS:
+        name += f'; the {MOST_ROWS} longest'
+    return Table(name, columns, tuple(rows))
 
 
 def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: list[Phase]) -> Any:
@@ -173,7 +188,9 @@ def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: 
                 label=f'acts: {name}',
             )  # fmt: skip
     panels[-1].set_xlabel('time [s]')
+    panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
     if acted:
         style.legend_below(figure, panels[0])
-    guided.mark(figure, phases, flight)
+    told = [Phase(c.state, c.reason, c.tick, c.tick) for c in found.changes]
+    guided.mark(figure, sorted([*phases, *told], key=lambda phase: phase.begin), flight)
     return figure

@@ -46,7 +46,10 @@ def report_of(path: Path) -> Report:
         f'Proof: {problem.controller.name}, {problem.scenario.name}',
         f'Every start of ({box}) m, m/s: {counted}.',
         (
-            Section('Claims', (_table(claims), *_refuted(path, claims), _rest(summary))),
+            Section(
+                'Claims',
+                (_table(claims), *_refuted(path, claims), _ranges(summary), _rest(summary)),
+            ),
             Section('Margins', tuple(pictures)),
             Section('Files', files_of),
         ),
@@ -82,6 +85,14 @@ def _refuted(path: Path, claims: dict[str, Any]) -> list[Block]:
             command = ['rpo', 'simulate', str(flight), '--controller', str(controller)]
             found.append(Text(f'{claim["statement"]}: refuted by {shlex.join(command)}'))
     return found
+
+
+def _ranges(summary: dict[str, Any]) -> Table:
+    rows = tuple(
+        (found['statement'], f'{found["low"]:.4g}', f'{found["high"]:.4g} {_unit(found["unit"])}')
+        for found in summary['ranges'].values()
+    )
+    return Table('What no flight leaves.', ('', 'from', 'to'), rows)
 
 
 def _rest(summary: dict[str, Any]) -> Text:

@@ -175,8 +175,10 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
     zones = zones_of(flight.scenario)
     if zones:
         drawn = run_plots.Drawn(zones)
-        found = [row for zone in zones for row in zone_passage(flight, zone)]
-        found, caption = list(dict.fromkeys(found)), 'Passage of the zones'
+        each = [(zone.name, row) for zone in zones for row in zone_passage(flight, zone)]
+        said = [f'{name}: {what}' if len(zones) > 1 else what for name, (what, _) in each]
+        found = [(what, value) for what, (_, (_, value)) in zip(said, each, strict=True)]
+        caption = 'Passage of the zones'
     else:
         aids = Aids.of(flight)
         drawn, found = run_plots.Drawn([aids.zones], ' (aid)'), passage(flight, aids)
@@ -189,7 +191,7 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
             f'{run_plots.MARK_S:g} s. {_ZONES if zones else _AIDS}',
             'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
         ),
-        *([_near(flight, drawn)] if zones else []),
+        *([_near(flight, drawn)] if zones and _comes_near(flight, drawn) else []),
         Table(caption, ('what', 'value'), tuple(found)),
         Picture(
             'closing',
@@ -200,6 +202,10 @@ def _approach(flight: Flight, optima: _Optima) -> list[Block]:
             f'{metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
         ),
     ]
+
+
+def _comes_near(flight: Flight, drawn: run_plots.Drawn) -> bool:
+    return bool(np.linalg.norm(flight.positions_m, axis=1).min() < run_plots.reach_m(drawn))
 
 
 def _near(flight: Flight, drawn: run_plots.Drawn) -> Picture:

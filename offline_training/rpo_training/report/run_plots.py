@@ -133,15 +133,17 @@ def _in_plane(axes: Any, flight: Flight, optima: OptimaByName, drawn: Drawn, acr
     axes.set_aspect('equal', adjustable='datalim')
 
 
+def reach_m(drawn: Drawn) -> float:
+    """Return the range that the picture of the zones from near shows."""
+    ends = [zones.corridor.end_m for zones in drawn.zones if zones.corridor is not None]
+    reaches = [zones.keep_out_m for zones in drawn.zones]
+    return 1.15 * max([*reaches, *(float(np.linalg.norm(end)) for end in ends)])
+
+
 def near(flight: Flight, drawn: Drawn) -> Any:
     """Return the zones from near, in two planes, with the flight in them."""
     figure, panels = style.new_panels(4.6, 1, 2)
-    reach = 1.15 * max(
-        max(
-            zones.keep_out_m, float(np.linalg.norm(zones.corridor.end_m)) if zones.corridor else 0.0
-        )
-        for zones in drawn.zones
-    )
+    reach = reach_m(drawn)
     for axes, across, label in zip(
         panels, (0, 2), ('x, R-bar outward [m]', 'z, H-bar [m]'), strict=True
     ):

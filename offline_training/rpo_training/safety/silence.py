@@ -32,17 +32,17 @@ def silence(
     radius_m: float,
     beyond_m: float,
     orbits: float,
-    drag_m_s2: float,
+    drag_m_s2: tuple[float, float],
 ) -> Silence:
     """Check the drift from each second that flights spend beyond a range.
 
-    drag_m_s2 : largest differential acceleration along the orbit, in both directions
+    drag_m_s2 : bounds of the differential acceleration along the orbit; < 0: the chaser has more
     """
     flights = unprotected = looked = lost = 0
     for flight in flights_of(controller, found):
         n, every = flight.scenario.mean_motion_rad_s, max(1, round(1.0 / flight.scenario.dt_s))
         seen, bad = _count(
-            flight.states[::every], radius_m, beyond_m, orbits * 2.0 * math.pi / n, n, drag_m_s2
+            flight.states[::every], radius_m, beyond_m, orbits * 2.0 * math.pi / n, n, *drag_m_s2
         )
         flights, unprotected = flights + 1, unprotected + (bad > 0)
         looked, lost = looked + seen, lost + bad
@@ -51,7 +51,7 @@ def silence(
 
 @compiled
 def _count(  # type: ignore[no-untyped-def]
-    states: Any, radius: float, beyond: float, duration: float, n: float, drag: float
+    states: Any, radius: float, beyond: float, duration: float, n: float, least: float, most: float
 ):
     """Return of how many states (n, 6) the drift was checked, and of how many it enters."""
     seen = bad = 0
@@ -61,5 +61,5 @@ def _count(  # type: ignore[no-untyped-def]
             continue
         seen += 1
         state = (s[0], s[1], s[2], s[3], s[4], s[5])
-        bad += clear_for(state, radius, duration, n, -drag, drag) < duration
+        bad += clear_for(state, radius, duration, n, least, most) < duration
     return seen, bad

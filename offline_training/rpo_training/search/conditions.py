@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from rpo_core import metrics
 from rpo_core.requirements import Requirements
 from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
+from rpo_core.verdicts import THRUST
 from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.judged import VALUES, judged_by
 
@@ -97,6 +99,11 @@ def conditions_of(base: Scenario) -> Conditions:
         columns['arrival_time_s'] = COLUMNS + VALUES.index('arrival_time_s')
     elif 'arrival_time_s' in limits:
         limits['arrival_time_s'] = _counted_s(base, limits['arrival_time_s'])
+    for name in limits.keys() & THRUST.keys():
+        raise InputError(
+            f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
+            '`fitness.drawn.campaigns`'
+        )
     keys = [key for key in (*_COLUMNS, *VALUES) if key in limits]
     keys = list(dict.fromkeys(keys))
     if hold is not None and hold >= base.ticks:  # the flight ends before; it is not judged by these

@@ -16,6 +16,9 @@ setup(
     zip_safe=True,
     extras_require={'test': ['pytest']},
     entry_points={
-        'console_scripts': ['guidance = rpo_guidance.commands:guidance'],
+        'console_scripts': [
+            'guidance = rpo_guidance.commands:guidance',
+            'operator = rpo_guidance.commands:operator',
+        ],
     },
 )

@@ -17,6 +17,7 @@ FLIGHT_NODES = (
     'rival_controller',
     'navigation',
     'guidance',
+    'assurance',
     'disturbance_injector',
     'recorder',
     'replay',

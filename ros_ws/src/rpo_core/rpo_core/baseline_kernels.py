@@ -123,9 +123,13 @@ def pace_inputs(r: float, v: float, lead_s: float) -> tuple[float, float]:
 
     With the lead h = lead_s * closing speed, the distance is |r| + |h|, and the pace h / (|r| +
     |h|): 1 passes the target, 0 rests, -1 only moves away. The pace grows with the angle between
-    (|r|, h) and (1, 0), and needs no arc tangent, whose last bits differ between machines.
+    (|r|, h) and (1, 0), and needs no arc tangent, whose last bits differ between machines. Without
+    a lead, the distance is |r|, and the second input is the closing speed [m/s] itself.
     """
-    lead = lead_s * (-v if r >= 0.0 else v)
+    closing = -v if r >= 0.0 else v
+    if lead_s == 0.0:
+        return abs(r), closing
+    lead = lead_s * closing
     distance = abs(r) + abs(lead)
     return distance, lead / distance if distance > 0.0 else 0.0
 

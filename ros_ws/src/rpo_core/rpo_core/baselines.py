@@ -12,7 +12,7 @@ drift    no force: what the orbit does alone
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
@@ -29,6 +29,7 @@ from rpo_core.baseline_kernels import (
     least_energy_gains,
 )
 from rpo_core.controller_file import ControllerFile, ControllerStage, register
+from rpo_core.kernels import State, Vector
 from rpo_core.stage import Signal, Stage
 from rpo_core.validation import InputError, check_fields, real, shown, store
 
@@ -92,6 +93,10 @@ class Baseline(ControllerFile):
     @abstractmethod
     def law(self) -> BaselineLaw:
         """What the kernels read."""
+
+    def kernel(self) -> tuple[Callable[[State, int, Any], Vector], Any]:
+        """Return the kernel that answers a state at a tick, and the law that it reads: for C."""
+        return baseline_force, self.law
 
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage; raises InputError, see `refuse_other_ticks`."""

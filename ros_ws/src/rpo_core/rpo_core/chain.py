@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rpo_core import interfaces
 from rpo_core.controller import Controller
-from rpo_core.controller_file import FollowStage, GoalStage
+from rpo_core.controller_file import FollowStage, GoalStage, OpposeStage
 from rpo_core.disturbance import Disturbance
 from rpo_core.dynamics import DynamicsStage
 from rpo_core.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
@@ -169,12 +169,17 @@ class Chain:
 def _controlling(scenario: Scenario, controller: Controller, guided: bool) -> Stage:
     """Return a controller as a stage that follows guidance, or flies to the goal of a scenario.
 
-    One that reads nothing commands forces that were computed before, and is left alone.
+    It opposes the disturbance that is estimated, where the scenario says so. One that reads nothing
+    commands forces that were computed before, and is left alone.
     """
     stage, goal = controller.stage(scenario.dt_s), scenario.goal
-    if guided and stage.inputs:
-        return FollowStage(stage)
-    return stage if goal is None or not stage.inputs else GoalStage(stage, *goal)
+    if not stage.inputs:
+        return stage
+    if guided:
+        stage = FollowStage(stage)
+    elif goal is not None:
+        stage = GoalStage(stage, *goal)
+    return OpposeStage(stage) if scenario.compensated else stage
 
 
 def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]:

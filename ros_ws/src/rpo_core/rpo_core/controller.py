@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core import baselines as _baselines  # noqa: F401  (these register their kinds)
 from rpo_core import codec, controller_file, files, kernels
+from rpo_core import more_words as _more_words  # noqa: F401
 from rpo_core import pace as _pace  # noqa: F401
 from rpo_core import time_to_go as _time_to_go  # noqa: F401
 from rpo_core.controller_file import SCHEMA, ControllerFile, ControllerStage

@@ -150,6 +150,32 @@ class FollowStage(Stage):
         )
 
 
+class OpposeStage(Stage):
+    """A controller whose command opposes the disturbance that the estimator finds.
+
+    The force [N] that is estimated at a tick is taken from the command of that tick.
+    """
+
+    def __init__(self, inner: Stage) -> None:
+        self._inner = inner
+        self.name, self.outputs = inner.name, inner.outputs
+        self.inputs = (*inner.inputs, interfaces.ESTIMATED_DISTURBANCE)
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is less by the disturbance."""
+        *read, force_n = inputs
+        made = self._inner.step(tick, *read)
+        return tuple(
+            tuple(map(sub, values, force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class ControllerFile:
     """A controller of a kind that names itself.

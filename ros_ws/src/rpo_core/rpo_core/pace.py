@@ -42,12 +42,14 @@ PACES = (
 )
 """The words, ascending. `at` has its peak at 0 m; `away` at -1, `resting` at 0, `passing` at 1."""
 
-_HELD_M = 0.5  # error within which a disturbance is held, the paper's
+HELD_M = 0.5
+"""Error within which a disturbance is held, the paper's."""
 
 Numbers = tuple[float, ...]
 
 
-def _numbers(name: str, value: Any) -> Numbers:
+def numbers(name: str, value: Any) -> Numbers:
+    """Return a list as numbers; raises InputError."""
     if not isinstance(value, (list, tuple)):
         raise InputError(f'`{name}` must be a list of numbers; got {shown(value)}')
     return tuple(
@@ -55,7 +57,8 @@ def _numbers(name: str, value: Any) -> Numbers:
     )
 
 
-def _ascending(name: str, peaks: Numbers, count: int) -> None:
+def ascending(name: str, peaks: Numbers, count: int) -> None:
+    """Refuse peaks that are not `count` ascending numbers with an InputError."""
     ascends = all(a < b for a, b in pairwise(peaks))
     if len(peaks) != count or not ascends:
         raise InputError(f'`{name}` must be {count} ascending numbers; got {list(peaks)}')
@@ -63,7 +66,7 @@ def _ascending(name: str, peaks: Numbers, count: int) -> None:
 
 def _table(name: str, value: Any) -> tuple[Numbers, ...]:
     rows = value if isinstance(value, (list, tuple)) else ()
-    found = tuple(_numbers(f'{name}[{i}]', row) for i, row in enumerate(rows))
+    found = tuple(numbers(f'{name}[{i}]', row) for i, row in enumerate(rows))
     count = len(DISTANCES) - 1
     if len(found) != count or any(len(row) != len(PACES) for row in found):
         size = f'{count} rows of {len(PACES)} numbers'
@@ -93,14 +96,14 @@ class Pace(Family):
     effort: ClassVar[tuple[int, int]] = (6, 3)
 
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
-    distance_peaks_m: Annotated[Numbers, _numbers]
-    pace_peaks: Annotated[Numbers, _numbers]
+    distance_peaks_m: Annotated[Numbers, numbers]
+    pace_peaks: Annotated[Numbers, numbers]
     forces_n: Annotated[tuple[Numbers, ...], _table]
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ascending('distance_peaks_m', self.distance_peaks_m, len(DISTANCES) - 1)
-        _ascending('pace_peaks', self.pace_peaks, len(PACES))
+        ascending('distance_peaks_m', self.distance_peaks_m, len(DISTANCES) - 1)
+        ascending('pace_peaks', self.pace_peaks, len(PACES))
         if self.distance_peaks_m[0] <= 0.0:
             raise InputError(f'`distance_peaks_m` must be above 0; got {self.distance_peaks_m[0]}')
         if (self.pace_peaks[0], self.pace_peaks[-1]) != (-1.0, 1.0):
@@ -150,7 +153,7 @@ class Pace(Family):
         braking = [row[PACES.index('resting') :] for row in rows]
         falls = all(a >= b for row in braking for a, b in pairwise(row[:-1]))
         slope = min(force / peak for force, peak in zip(rest, self._peaks[1:], strict=True))
-        held = min(rest[0] / self._peaks[1] * _HELD_M, *rest)
+        held = min(rest[0] / self._peaks[1] * HELD_M, *rest)
         return [
             Claim(
                 'output',
@@ -172,7 +175,7 @@ class Pace(Family):
             ),
             Claim(
                 'held disturbance',
-                f'at rest {_HELD_M:g} m or farther from the target, the force outweighs a constant '
+                f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
                 f'disturbance of {held:.3g} N',
                 self.pace_peaks[PACES.index('resting')] == 0.0 and held > 0.0,
             ),
@@ -192,17 +195,7 @@ class Pace(Family):
 
     def _reason(self, r: float, v: float, force: float) -> Reason:
         distance, pace = pace_inputs(r, v, self.lead_s)
-        i, far = interval(distance, self.law.distances)
-        j, fast = interval(pace, self.law.paces)
-        near = [(DISTANCES[i], 1.0 - far), (DISTANCES[i + 1], far)]
-        slow = [(PACES[j], 1.0 - fast), (PACES[j + 1], fast)]
-        fired = [
-            (a, b, grade * other, self._rows[i + m][j + n])
-            for m, (a, grade) in enumerate(near)
-            for n, (b, other) in enumerate(slow)
-            if grade * other > 0.0
-        ]
-        fired.sort(key=lambda rule: -rule[2])
+        fired = fired_rules(distance, pace, self.law, DISTANCES, PACES)
         a, b, strength, pull = fired[0]
         sentence = (
             f'the target is {a} ({distance:.3g} m) and the pace is {b} ({pace:.2f}) → '
@@ -212,7 +205,7 @@ class Pace(Family):
             ('force_n', force),
             ('distance_m', distance),
             ('pace', pace),
-            *((f'rule.{_key(a)}.{_key(b)}', strength) for a, b, strength, _ in fired),
+            *((f'rule.{key(a)}.{key(b)}', strength) for a, b, strength, _ in fired),
         ]
         return sentence, pairs
 
@@ -245,7 +238,35 @@ class Pace(Family):
         )
 
 
-def _key(word: str) -> str:
+def fired_rules(
+    first: float,
+    second: float,
+    law: BaselineLaw,
+    rows: Sequence[str],
+    columns: Sequence[str],
+) -> list[tuple[str, str, float, float]]:
+    """Return word, word, strength and force [N] of the rules that fire, the strongest first.
+
+    first, second : inputs of the table of a law; rows, columns : their words
+    """
+    i, far = interval(first, law.distances)
+    j, fast = interval(second, law.paces)
+    fired = [
+        (
+            rows[i + m],
+            columns[j + n],
+            grade * other,
+            float(law.forces[len(columns) * (i + m) + j + n]),
+        )
+        for m, grade in enumerate((1.0 - far, far))
+        for n, other in enumerate((1.0 - fast, fast))
+        if grade * other > 0.0
+    ]
+    return sorted(fired, key=lambda rule: -rule[2])
+
+
+def key(word: str) -> str:
+    """Return a word as a part of a name."""
     return word.replace(' ', '_')
 
 

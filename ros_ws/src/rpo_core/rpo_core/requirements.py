@@ -62,6 +62,8 @@ class Requirements:
         and beside the cone of `corridor_half_angle_deg` about `contact_axis`, which at the goal
         is as wide as `contact_range_m` to each side
     delta_v_axis_sum : integral of |f_x| + |f_y| + |f_z| over the mass
+    thruster_delta_v, propellant, valve_openings : what thrusters with `pulses` or `propellant`
+        spent in the flight, waste included
     """
 
     final_error_per_axis_m: Metres = None
@@ -92,6 +94,9 @@ class Requirements:
     slew_per_axis_n_s: Annotated[float | None, partial(_limit, unit='N/s')] = None
     energy_n2s: Annotated[float | None, partial(_limit, unit='N^2 s')] = None
     delta_v_axis_sum_m_s: MetresPerSecond = None
+    thruster_delta_v_m_s: MetresPerSecond = None
+    propellant_kg: Annotated[float | None, partial(_limit, unit='kg')] = None
+    valve_openings: Annotated[float | None, partial(_limit, unit='')] = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -111,6 +116,18 @@ class Requirements:
                 '`arrival_time_s` must go with `arrival_error_per_axis_m` or '
                 '`arrival_error_norm_m`; got both'
             )
+
+    def check_thrusters(self, thrusters: Any) -> None:
+        """Raise InputError where they limit what thrusters do not spend, or do not count."""
+        pulses = thrusters is not None and thrusters.pulses is not None
+        tank = thrusters is not None and thrusters.propellant is not None
+        for name, has, what in (
+            ('thruster_delta_v_m_s', pulses or tank, '`pulses` or `propellant`'),
+            ('propellant_kg', tank, '`propellant`'),
+            ('valve_openings', pulses, '`pulses`'),
+        ):
+            if getattr(self, name) is not None and not has:
+                raise InputError(f'`requirements.{name}` needs thrusters with {what}; got none')
 
     @property
     def limits(self) -> dict[str, float]:

@@ -115,6 +115,8 @@ class Scenario:
             check = section_of(settings).check
             if check is not None:
                 check(settings, self)
+        if self.requirements is not None:
+            self.requirements.check_thrusters(self.thrusters)
 
     def _check_ticks(self) -> None:
         if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
@@ -196,6 +198,11 @@ class Scenario:
             return None
         position_m, n = self.goal_position_m, self.mean_motion_rad_s
         return Goal(position_m, cw.holding_force_n(position_m, n, self.mass_kg))
+
+    @property
+    def compensated(self) -> bool:
+        """Whether the controller opposes the disturbance that its estimator finds."""
+        return any(getattr(settings, 'compensate', False) for settings in self.sections)
 
     @property
     def goal_state(self) -> State:

@@ -54,6 +54,7 @@ class Stage:
         PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.interfaces`
     may_miss : those of `inputs` without which it goes on; see `goes_without`
+    decides : states that `stage_status` says of its decisions; see `told`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
     counts_ticks : whether the outputs depend on the number of the tick
     """
@@ -62,6 +63,7 @@ class Stage:
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     may_miss: tuple[str, ...] = ()
+    decides: tuple[str, ...] = ()
     memory_ticks: int | None = 0
     counts_ticks: bool = True
 
@@ -74,6 +76,10 @@ class Stage:
     def goes_without(self, tick: int) -> bool:
         """Return whether it steps at a tick without what it may miss; it gets zeros for that."""
         return False
+
+    def told(self) -> list[tuple[int, str]]:
+        """Return what `stage_status` says of its decisions so far: tick and state of each."""
+        return []
 
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""

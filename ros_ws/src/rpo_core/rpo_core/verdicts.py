@@ -42,8 +42,14 @@ _SHOWN = {
     'slew_per_axis_n_s': ('N/s', 'slew per axis'),
     'energy_n2s': ('N²s', 'energy J'),
     'delta_v_axis_sum_m_s': ('m/s', 'Δv (sum of the axes)'),
+    'thruster_delta_v_m_s': ('m/s', 'Δv of the thrusters, waste included'),
+    'propellant_kg': ('kg', 'propellant'),
+    'valve_openings': ('', 'openings of the valves'),
 }
 """Requirement -> unit, statement."""
+
+THRUST = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
+"""Requirement -> unit of what thrusters spend, in the order of `rpo_core.flight.Thrust`."""
 
 
 class Verdict(NamedTuple):
@@ -135,7 +141,13 @@ def _values(flight: Flight, required: Requirements) -> dict[str, float]:
         'slew_per_axis_n_s': row[metrics.SLEW],
         'energy_n2s': row[metrics.ENERGY],
         'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
+        **(_spent(flight) if THRUST.keys() & required.limits.keys() else {}),
     }
+
+
+def _spent(flight: Flight) -> dict[str, float]:
+    """Return what the thrusters spent; it takes a pass over the flight."""
+    return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
 
 
 def _late(flight: Flight) -> slice:

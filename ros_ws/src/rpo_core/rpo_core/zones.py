@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rpo_core.stage import section_of
@@ -107,11 +107,13 @@ class Zones:
 
     keep_out_m : radius of the sphere; 0: none
     points_m : name -> position (3,) of a hold or another point of a plan, target LVLH
+    name : of the section
     """
 
     keep_out_m: float = 0.0
     corridor: Corridor | None = None
     points_m: Mapping[str, Vector] = field(default_factory=dict)
+    name: str = field(default='', compare=False)
 
     def inside_m(self, position_m: Vector) -> float:
         """Return how far a point (3,) lies inside the sphere; < 0 outside of it."""
@@ -128,8 +130,8 @@ def zones_of(scenario: Any) -> list[Zones]:
     """Return the zones of a scenario's sections; equal ones once. Empty: it has none."""
     found: list[Zones] = []
     for settings in scenario.sections:
-        make = section_of(settings).zones
-        made = make(settings, scenario) if make is not None else Zones()
+        section = section_of(settings)
+        made = section.zones(settings, scenario) if section.zones is not None else Zones()
         if made != Zones() and made not in found:
-            found.append(made)
+            found.append(replace(made, name=section.name))
     return found

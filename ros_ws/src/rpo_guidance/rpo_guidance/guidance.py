@@ -25,7 +25,8 @@ from rpo_guidance.legs import (
     fill,
 )
 from rpo_guidance.plan import Guidance, Leg
-from rpo_guidance.transfers import Floats, Zones, at_port
+from rpo_guidance.transfer_kernels import Floats, at_port
+from rpo_guidance.transfers import Zones
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
 COMMANDS = (GO, STOP, RETREAT, ABORT)

@@ -15,7 +15,8 @@ from rpo_core import cw, kernels
 from rpo_core.kernels import CwStep, State, Vector, sin_cos
 from rpo_core.metrics import norm
 from rpo_guidance import transfers
-from rpo_guidance.transfers import Floats, Transfer, Zones
+from rpo_guidance.transfer_kernels import Floats, sample
+from rpo_guidance.transfers import Transfer, Zones
 
 PI = 3.141592653589793
 
@@ -169,7 +170,7 @@ class Transferring:
     def fill(self, rows: Floats) -> None:
         """Fill rows (n, 9) with its first references and forces."""
         transfer = self.transfer
-        transfers.sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
+        sample(transfer.states, transfer.forces, self._hold, self._vehicle.step, rows)
 
 
 def fill(flown: Flown, rows: Floats) -> None:

@@ -15,26 +15,23 @@ planes that touch the cone beside the path. Each optimum is found in a fixed ord
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rpo_core.jit import kernel
-from rpo_core.kernels import CwStep, State, Vector, cw_step
+from rpo_core.kernels import CwStep, State, Vector
 from rpo_core.metrics import norm
-
-Floats = NDArray[np.float64]
+from rpo_guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 
 ROUNDS = 16
 """How often the half-spaces are set anew; a path has settled after three or four."""
 
-SWEEPS = 2000
-SETTLED = 1e-9
-"""Hildreth's sweeps end when no multiplier changes by more than this share of the largest."""
-
 SLACK_M = 0.01
 """A path may lie so far outside its zones; plans have a margin for it."""
+
+DEAR, CHEAPER = 1.5, 0.95
+"""A path that costs so many times what it would without zones is planned on other sides too, and
+gives way to one that costs at most such a share of it."""
 
 NEAR = 1.6
 """A point of the path gets a half-space if it is nearer than this many radii."""
@@ -51,156 +48,6 @@ class Transfer(NamedTuple):
     states: Floats
     forces: Floats
     violated_m: float
-
-
-@kernel
-def reach_of(step: CwStep, reach: Floats) -> None:
-    """Fill reach (n, 6, 3): what a unit force [N] moves the state, i segments after its own."""
-    for axis in range(3):
-        state = cw_step(
-            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0),
-            step,
-        )
-        for i in range(len(reach)):
-            for j in range(6):
-                reach[i, j, axis] = state[j]
-            state = cw_step(state, (0.0, 0.0, 0.0), step)
-
-
-@kernel
-def path_of(start: State, forces: Floats, step: CwStep, states: Floats) -> None:
-    """Fill the states (n + 1, 6) of forces (n, 3), one a segment, from a start."""
-    state = start
-    for j in range(6):
-        states[0, j] = state[j]
-    for k in range(len(forces)):
-        state = cw_step(state, (forces[k, 0], forces[k, 1], forces[k, 2]), step)
-        for j in range(6):
-            states[k + 1, j] = state[j]
-
-
-@kernel
-def sample(states: Floats, forces: Floats, hold: int, step: CwStep, rows: Floats) -> None:
-    """Fill rows (n, 9), a tick each, with the states and forces of a transfer from its begin on.
-
-    hold : ticks of a segment; step : of a tick
-    """
-    state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for tick in range(len(rows)):
-        k, row = tick // hold, rows[tick]
-        force = (forces[k, 0], forces[k, 1], forces[k, 2])
-        if tick % hold == 0:
-            s = states[k]
-            state = (s[0], s[1], s[2], s[3], s[4], s[5])
-        for j in range(6):
-            row[j] = state[j]
-        row[6], row[7], row[8] = force
-        state = cw_step(state, force, step)
-
-
-@kernel
-def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) -> None:
-    """Fill rows (6 + p, n, 3): the final state, then n_j . r at the end of segment when[j].
-
-    burn : segments with thrust at each end; none in between
-    """
-    count = len(reach)
-    rows[:] = 0.0
-    for k in range(count):
-        if burn <= k < count - burn:
-            continue
-        for axis in range(3):
-            for i in range(6):
-                rows[i, k, axis] = reach[count - 1 - k, i, axis]
-            for j in range(len(when)):
-                total = 0.0
-                if k < when[j]:
-                    for i in range(3):
-                        total += normals[j, i] * reach[when[j] - 1 - k, i, axis]
-                rows[6 + j, k, axis] = total
-
-
-@kernel
-def products_of(rows: Floats, products: Floats) -> None:
-    """Fill products (m, m) = rows rows', summed in one order."""
-    for i in range(len(rows)):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(rows.shape[1]):
-                for axis in range(3):
-                    total += rows[i, k, axis] * rows[j, k, axis]
-            products[i, j] = total
-            products[j, i] = total
-
-
-@kernel
-def eliminate(m: Floats) -> None:
-    """Solve the first six equations of m (6 + p, 6 + p + 1) for their unknowns, in all rows.
-
-    What is left below are the equations of the multipliers alone (Schur complement).
-    """
-    for i in range(6):
-        for row in range(i + 1, len(m)):
-            factor = m[row, i] / m[i, i]
-            for column in range(i, m.shape[1]):
-                m[row, column] -= factor * m[i, column]
-
-
-@kernel
-def hildreth(m: Floats, multipliers: Floats) -> None:
-    """Find multipliers (p,) >= 0 of S mu >= h, S and h the lower right of m (6 + p, 6 + p + 1)."""
-    count = len(multipliers)
-    for _ in range(SWEEPS):
-        largest, change = 0.0, 0.0
-        for j in range(count):
-            total = m[6 + j, 6 + count]
-            for k in range(count):
-                total -= m[6 + j, 6 + k] * multipliers[k]
-            new = multipliers[j] + total / m[6 + j, 6 + j]
-            new = new if new > 0.0 else 0.0
-            difference = abs(new - multipliers[j])
-            change = difference if difference > change else change
-            largest = new if new > largest else largest
-            multipliers[j] = new
-        if change <= SETTLED * largest:
-            return
-
-
-@kernel
-def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
-    """Fill the forces (n, 3) of least energy: six equations, then inequalities, of rows (m, n, 3).
-
-    wanted : (m,) right sides
-    """
-    size = len(rows)
-    count = size - 6
-    m = np.empty((size, size + 1))
-    products_of(rows, m[:, :size])
-    scale = np.empty(size)
-    for i in range(size):
-        scale[i] = 1.0 / sqrt(m[i, i])
-    for i in range(size):
-        for j in range(size):
-            m[i, j] *= scale[i] * scale[j]
-        m[i, size] = wanted[i] * scale[i]
-    eliminate(m)
-    multipliers = np.zeros(count)
-    hildreth(m, multipliers)
-    solution = np.empty(size)
-    for j in range(count):
-        solution[6 + j] = multipliers[j]
-    for i in range(5, -1, -1):
-        total = m[i, size]
-        for j in range(i + 1, size):
-            total -= m[i, j] * solution[j]
-        solution[i] = total / m[i, i]
-    for k in range(len(forces)):
-        for axis in range(3):
-            total = 0.0
-            for i in range(size):
-                total += solution[i] * scale[i] * rows[i, k, axis]
-            forces[k, axis] = total
 
 
 def _side(states: Floats, distances: list[float]) -> Vector:
@@ -228,21 +75,6 @@ def along_and_across(position: Vector, port_m: Vector, axis: Vector) -> tuple[fl
     along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
     x, y, z = (o - along * a for o, a in zip(offset, axis, strict=True))
     return along, (x, y, z)
-
-
-@kernel
-def at_port(
-    x: float, y: float, z: float, px: float, py: float, pz: float,
-    ax: float, ay: float, az: float, past_m: float,
-) -> bool:  # fmt: skip
-    """Whether a position [m] has come to the port p: beyond its plane, no farther than `past_m`.
-
-    a : unit axis, outward
-    """
-    dx, dy, dz = x - px, y - py, z - pz
-    if dx * ax + dy * ay + dz * az > 0.0:
-        return False
-    return dx * dx + dy * dy + dz * dz <= past_m * past_m
 
 
 class Zones(NamedTuple):
@@ -342,6 +174,72 @@ def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Zones) -> None:
             planes.add(j, normal, normal[0] * px + normal[1] * py + normal[2] * pz)
 
 
+class _Problem:
+    """A transfer to be planned: what each round of it shares.
+
+    free : the transfer of least energy without zones
+    """
+
+    def __init__(
+        self,
+        start: State,
+        end: State,
+        step: CwStep,
+        segments: int,
+        zones: Zones,
+        burn: int | None,
+    ) -> None:
+        self._start, self._step, self._zones = start, step, zones
+        self._reach, self._drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
+        self._burn = segments if burn is None else burn
+        reach_of(step, self._reach)
+        path_of(start, np.zeros((segments, 3)), step, self._drift)
+        self._missing = [e - d for e, d in zip(end, self._drift[-1].tolist(), strict=True)]
+        self.free = self._optimum(_HalfSpaces())
+
+    def _optimum(self, bounds: _HalfSpaces) -> Transfer:
+        """Return the transfer of least energy within half-spaces."""
+        segments = len(self._reach)
+        when = np.array(bounds.when, dtype=np.int64)
+        normals = np.array(bounds.normals).reshape(-1, 3)
+        rows = np.empty((6 + len(when), segments, 3))
+        rows_of(self._reach, self._burn, when, normals, rows)
+        room = [
+            b - (n[0] * x + n[1] * y + n[2] * z)
+            for b, n, (x, y, z) in zip(
+                bounds.least, bounds.normals, self._drift[when, :3].tolist(), strict=True
+            )
+        ]
+        forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
+        optimum(rows, np.array([*self._missing, *room]), forces)
+        path_of(self._start, forces, self._step, states)
+        return Transfer(states, forces, self._zones.violated_m(states, _distances(states)))
+
+    def around(self, side: Vector | None) -> Transfer:
+        """Return the transfer that passes the sphere on a side; None: where the free one does."""
+        planes, best = _HalfSpaces(), self.free
+        found = best
+        for attempt in range(1, ROUNDS):
+            if found.violated_m <= SLACK_M:
+                break
+            distances = _distances(found.states)
+            lifted = None
+            if attempt == 1:
+                lifted = _side(found.states, distances) if side is None else side
+            _touch_cone(planes, found.states, self._zones)
+            bounds = _outside_sphere(found.states, distances, self._zones, lifted)
+            for when, normal, least in zip(planes.when, planes.normals, planes.least, strict=True):
+                bounds.add(when, normal, least)
+            found = self._optimum(bounds)
+            best = found if found.violated_m < best.violated_m else best
+        return best
+
+
+def _distances(states: Floats) -> list[float]:
+    """Return the range [m] of each state."""
+    return [norm(x, y, z) for x, y, z in states[:, :3].tolist()]
+
+
 def least_energy(
     start: State,
     end: State,
@@ -355,35 +253,17 @@ def least_energy(
     step : of one segment
     zones : that the path keeps to, as far as it can: `violated_m` says how far it does not
     burn : segments with thrust at each end, none in between; None: thrust throughout
+
+    Half-spaces end at a local optimum. If that is dear, the path is planned again over both sides
+    of the orbital plane, and the cheapest is taken.
     """
-    reach, drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
-    reach_of(step, reach)
-    path_of(start, np.zeros((segments, 3)), step, drift)
-    forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
-    missing = [e - d for e, d in zip(end, drift[-1].tolist(), strict=True)]
-    bounds, planes, best = _HalfSpaces(), _HalfSpaces(), None
-    for attempt in range(ROUNDS):
-        when = np.array(bounds.when, dtype=np.int64)
-        normals = np.array(bounds.normals).reshape(-1, 3)
-        rows = np.empty((6 + len(when), segments, 3))
-        rows_of(reach, segments if burn is None else burn, when, normals, rows)
-        room = [
-            b - (n[0] * x + n[1] * y + n[2] * z)
-            for b, n, (x, y, z) in zip(
-                bounds.least, bounds.normals, drift[when, :3].tolist(), strict=True
-            )
-        ]
-        optimum(rows, np.array([*missing, *room]), forces)
-        path_of(start, forces, step, states)
-        distances = [norm(x, y, z) for x, y, z in states[:, :3].tolist()]
-        violated = zones.violated_m(states, distances)
-        if best is None or violated < best.violated_m:
-            best = Transfer(states.copy(), forces.copy(), violated)
-        if violated <= SLACK_M:
-            break
-        side = _side(states, distances) if attempt == 0 else None
-        _touch_cone(planes, states, zones)
-        bounds = _outside_sphere(states, distances, zones, side)
-        for when_j, normal, least in zip(planes.when, planes.normals, planes.least, strict=True):
-            bounds.add(when_j, normal, least)
-    return best  # type: ignore[return-value]  # ROUNDS > 0
+    problem = _Problem(start, end, step, segments, zones, burn)
+    best = problem.around(None)
+    if energy(best.forces) <= DEAR * energy(problem.free.forces):
+        return best
+    for side in ((0.0, 0.0, 1.0), (0.0, 0.0, -1.0)):
+        found = problem.around(side)
+        cheaper = energy(found.forces) < CHEAPER * energy(best.forces)
+        if cheaper and found.violated_m <= max(best.violated_m, SLACK_M):
+            best = found
+    return best

@@ -22,7 +22,7 @@ from rpo_core.interfaces import PREVIOUS_COMMAND
 from rpo_core.jit import as_table
 from rpo_core.kernels import CwStep, cw_step
 from rpo_core.stage import Place, Section, Signal, Stage, register
-from rpo_core.validation import InputError, check_fields, real, whole
+from rpo_core.validation import InputError, check_fields, flag, real, whole
 from rpo_nav.filter_kernels import (
     BASE,
     COUNTS,
@@ -57,6 +57,7 @@ class Estimator:
     disturbance_sigma_n : of a constant disturbance force at the start, each axis; 0: the filter has
         no such state
     disturbance_walk_n_s0_5 : how the disturbance changes, per root of a second
+    compensate : whether the controller subtracts the disturbance that is estimated from its command
     gate_sigmas : a measurement is rejected beyond the chi-square quantile of so many sigmas of a
         normal number; 0: none is
     restart_after : so many rejected measurements in a row restart the filter; 0: none do
@@ -80,11 +81,16 @@ class Estimator:
     delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = field(
         default=-1, metadata=UNLESS_DEFAULT
     )
+    compensate: Annotated[bool, flag] = field(default=False, metadata=UNLESS_DEFAULT)
 
     def __post_init__(self) -> None:
         check_fields(self)
         if self.disturbance_walk_n_s0_5 > 0.0 and self.disturbance_sigma_n == 0.0:
             raise InputError('`disturbance_sigma_n` must be > 0 N where the disturbance walks')
+        if self.compensate and self.disturbance_sigma_n == 0.0:
+            raise InputError(
+                '`disturbance_sigma_n` must be > 0 N to `compensate` the disturbance; got 0'
+            )
 
     @property
     def states(self) -> int:

@@ -26,7 +26,7 @@ from rpo_safety.abort_table import (
 )
 from rpo_safety.corridor import in_corridor
 from rpo_safety.guard import Proof
-from rpo_safety.kernels import closing, speed_limit
+from rpo_safety.kernels import Guard, closing, speed_limit
 from rpo_safety.limit_checker import LimitChecker, Rule
 from rpo_safety.manoeuvre import World
 
@@ -36,6 +36,8 @@ COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)
 ARMED, INHIBITED, RESUMED, WARNED = 'armed', 'inhibited', 'resumed', 'warned'
 PHASES = {HOLD: 'holding', RETREAT: 'retreating', DRIFT: 'drifting', ABORT: 'aborting'}
 """Reaction -> what `stage_status` says when it begins; nobody reads the controller's command."""
+
+DECISIONS = (ARMED, INHIBITED, RESUMED, WARNED, *PHASES.values())
 
 OF_THE_COMMAND = ('missed', 'tracking_error_m', 'tracking_error_m_s')
 """Quantities that are not looked at while the controller's command is not read."""
@@ -67,6 +69,7 @@ class Seen(NamedTuple):
     intervened : whether the filter changed the command of the tick before
     acting_n : (3,) force [N] that the chaser had since the tick before, as far as is known
     enclosed : whether the chaser is inside the corridor
+    guard : numbers of the filter, with the errors that the estimate has now
     """
 
     state: State
@@ -77,27 +80,29 @@ class Seen(NamedTuple):
     intervened: bool
     acting_n: Vector
     enclosed: bool
+    guard: Guard
 
 
 class AbortMachine:
     """Counts faults, and takes the command from the controller where the table says so.
 
     changes : what happened so far
+    guard : numbers of the filter, with the errors that the scenario assumes
     armed : whether the table reacts
     reaction : that has the command; '' : the controller has it
     """
 
     def __init__(self, table: AbortTable, proof: Proof, keep_out_m: float, scenario: Any) -> None:
         guard, disturbance_n = proof.guard, proof.errors.disturbance_n
-        self.table, self._guard, self._keep_out_m = table, guard, keep_out_m
-        self._dt_s, self._step = scenario.dt_s, scenario.step
-        n = scenario.mean_motion_rad_s
-        self._long = cw.discretise(n, scenario.mass_kg, manoeuvre.STEP_S)
+        self.table, self.guard, self.keep_out_m = table, guard, keep_out_m
+        self._dt_s, n = scenario.dt_s, scenario.mean_motion_rad_s
+        self._step, self._long = (
+            cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
+        )
+        self._burn_error_m_s = disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S + BURN_DONE_M_S
         self._world = World(
             n, guard.mass_kg, guard.limit_n, table.stuck_s, table.stuck_s + BURN_S,
-            table.orbits * 2.0 * pi / n, table.drag_m_s2,
-            guard.here_m_s + BURN_DONE_M_S + disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S,
-            BURN_DONE_M_S,
+            table.orbits * 2.0 * pi / n, table.drag_m_s2, 0.0, BURN_DONE_M_S,
         )  # fmt: skip
         self._rows = {f'{row.quantity} {row.reaction}': row for row in table.table}
         self.reset()
@@ -206,7 +211,7 @@ class AbortMachine:
             self._begin(tick, worst, reason, seen, by_table=True)
 
     def _quantities(self, tick: int, seen: Seen) -> dict[str, float]:
-        state, guard = seen.state, self._guard
+        state, guard = seen.state, self.guard
         rho, closes, speed = closing(state)
         miss = [a - b for a, b in zip(state, seen.reference, strict=False)] or [0.0] * 6
         return {
@@ -225,7 +230,7 @@ class AbortMachine:
         }
 
     def _off_corridor_m(self, state: State, rho: float) -> float:
-        guard = self._guard
+        guard = self.guard
         if guard.side == 0.0 or rho >= guard.outer_m:
             return 0.0
         d, _, p, q, _, _ = in_corridor(state, guard)
@@ -236,7 +241,7 @@ class AbortMachine:
             return 0.0
         expected = cw_step(self._before, seen.acting_n, self._step)
         change = [a - b for a, b in zip(seen.state[3:], expected[3:], strict=True)]
-        return norm(*change) * self._guard.mass_kg / self._dt_s
+        return norm(*change) * self.guard.mass_kg / self._dt_s
 
     def _time_out(self, tick: int, seen: Seen) -> None:
         """Let a hold by the table become an abort."""
@@ -267,24 +272,36 @@ class AbortMachine:
             reason = f'{reason}; {self._plan(tick, seen)}'
         self.changes.append(Change(tick, PHASES[reaction], reason))
 
+    def way_out(self, state: State, guard: Guard, only: Vector | None) -> manoeuvre.Choice:
+        """Return the manoeuvre that leads away from a state (6,) [m, m/s].
+
+        guard : numbers of the filter as they are now
+        only : the one direction (3,) in which it may go; None: any
+        """
+        rho = closing(state)[0]
+        radius = self.keep_out_m if rho > self.keep_out_m else guard.port_m
+        limit = 0.9 * speed_limit(rho, guard)
+        known = self._known(guard)
+        return manoeuvre.choose(state, radius + guard.here_m, self._long, known, limit, only)
+
     def _plan(self, tick: int, seen: Seen) -> str:
         """Choose a manoeuvre; return how clear its path is, in words."""
-        state, guard = seen.ahead, self._guard
-        rho = closing(state)[0]
-        radius, only = self._keep_out_m, None
-        if rho <= radius:
-            radius = guard.port_m
-            only = self._outward() if seen.enclosed else None
-        limit = 0.9 * speed_limit(rho, guard)
-        found = manoeuvre.choose(state, radius + guard.here_m, self._long, self._world, limit, only)
+        inside = closing(seen.ahead)[0] <= self.keep_out_m
+        only = self._outward() if inside and seen.enclosed else None
+        found = self.way_out(seen.ahead, seen.guard, only)
         self._wanted, self._since = found.velocity_m_s, tick
         self._attempts += 1
         size = f'{abs(found.margin_m):.3g} m'
         clear = f'clear by {size}' if found.margin_m >= 0.0 else f'not clear: {size} in the zone'
+        radius = seen.guard.port_m if inside else self.keep_out_m
         return f'to {norm(*found.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
 
+    def _known(self, guard: Guard) -> World:
+        """Return what a path is computed with: the velocity is known as well as it is now."""
+        return self._world._replace(error_m_s=guard.here_m_s + self._burn_error_m_s)
+
     def _outward(self) -> Vector:
-        side, axis = self._guard.side, self._guard.axis
+        side, axis = self.guard.side, self.guard.axis
         return tuple(side if i == axis else 0.0 for i in range(3))  # type: ignore[return-value]
 
     def _force(self, tick: int, seen: Seen) -> Vector | None:
@@ -296,8 +313,8 @@ class AbortMachine:
                 self._to = seen.ahead[:3]
             return recovery.holding(seen.ahead, self._to, self._world)
         if self.reaction == RETREAT and self._to is not None:
-            radius = self._keep_out_m
-            return recovery.retreating(seen.ahead, self._to, radius, self._world, self._guard)
+            radius = self.keep_out_m
+            return recovery.retreating(seen.ahead, self._to, radius, self._world, self.guard)
         if self.reaction == ABORT and self._wanted is not None:
             return self._burning(tick, seen, self._wanted)
         return 0.0, 0.0, 0.0
@@ -306,11 +323,11 @@ class AbortMachine:
         """Return the force of an abort; at its end, look whether the drift is clear."""
         burnt_s = (tick - self._since) * self._dt_s
         there = manoeuvre.reached(seen.ahead, wanted, BURN_DONE_M_S)
-        there = there and closing(seen.ahead)[0] > self._keep_out_m
+        there = there and closing(seen.ahead)[0] > self.keep_out_m
         if burnt_s < self._world.stuck_s or (burnt_s < self._world.burn_s and not there):
             return manoeuvre.towards(seen.ahead, wanted, manoeuvre.RESPONSE_S, self._world)
-        near = manoeuvre.drift_margin(seen.ahead, self._world, 0.0) - self._guard.here_m
-        radius = self._keep_out_m if closing(seen.ahead)[0] > self._keep_out_m else 0.0
+        near = manoeuvre.drift_margin(seen.ahead, self._known(seen.guard), 0.0) - seen.guard.here_m
+        radius = self.keep_out_m if closing(seen.ahead)[0] > self.keep_out_m else 0.0
         if near < radius and self._attempts < ATTEMPTS:
             why = f'the drift would come to {near:.3g} m'
             self.changes.append(Change(tick, PHASES[ABORT], f'{why}; {self._plan(tick, seen)}'))

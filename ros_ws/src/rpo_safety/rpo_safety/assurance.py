@@ -15,9 +15,8 @@ from rpo_core.stage import Place, Signal, Stage, section_of
 from rpo_core.thrusters import ZERO
 from rpo_core.validation import InputError
 from rpo_safety import filters, kernels
-from rpo_safety.abort import AbortMachine, Seen
+from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
-from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import grown, proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN
 from rpo_safety.packed import Filter
@@ -39,6 +38,8 @@ CONSTRAINTS = {
     filters.CORRIDOR: 'corridor',
     filters.NOT_FINITE: 'not_finite',
 }
+COVARIANCE = 'covariance'
+"""Constraint of a stop because an estimate became worse than any admissible set allows for."""
 
 
 class Decision(NamedTuple):
@@ -98,11 +99,13 @@ class AssuranceStage(Stage):
     name = 'assurance'
     inputs: tuple[str, ...] = (interfaces.STATE, interfaces.COMMAND)
     outputs = (ASSURED_FORCE,)
+    decides = DECISIONS
     counts_ticks = False
 
     def __init__(self, settings: Assurance, scenario: Any) -> None:
         places = {section_of(s).place for s in scenario.sections}
-        self._estimated = Place.ESTIMATOR in places
+        looks = settings.sigmas > 0.0 or settings.abort is not None
+        self._estimated = looks and Place.ESTIMATOR in places
         self._sigmas = settings.sigmas
         self._proofs = (
             grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
@@ -112,6 +115,8 @@ class AssuranceStage(Stage):
         self.numbers = self._filters[0].table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
         self.guard = self._proofs[0].guard
+        sides = [proof.guard.side for proof in self._proofs]
+        self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
         self.abort = None
         if settings.abort is not None:
             self.abort = AbortMachine(
@@ -140,15 +145,32 @@ class AssuranceStage(Stage):
         if self.abort is not None:
             self.abort.take_event(tick, state)
 
+    def told(self) -> list[tuple[int, str]]:
+        """Return what the abort table decided: tick and state of each change."""
+        changes = self.abort.changes if self.abort is not None else []
+        return [(change.tick, change.state) for change in changes]
+
     def goes_without(self, tick: int) -> bool:
         """Return whether it steps without a command: none came, or nobody would read it."""
         return self.abort is not None and (self.abort.missed(tick) or self.abort.alone(tick))
 
     def trouble(self) -> str:
         """Return what is wrong: the estimate is worse than any speed is safe with."""
-        if not self._estimated or self._level < len(self._proofs):
+        if not self._lost:
             return ''
-        return 'the covariance of the estimate is larger than any admissible set allows for'
+        return (
+            'the covariance of the estimate is larger than any admissible set allows for: stopping'
+        )
+
+    @property
+    def _lost(self) -> bool:
+        """Whether the state is known worse than any admissible set allows for."""
+        return self._level >= self._known_levels
+
+    @property
+    def _known_levels(self) -> int:
+        """How many sizes of errors there is a set for: in the corridor fewer."""
+        return self._narrow if self._mode == APPROACH else len(self._proofs)
 
     def ahead(self, state: Signal) -> State:
         """Return the state (6,) [m, m/s] in which a force of now acts: after those on their way."""
@@ -160,12 +182,7 @@ class AssuranceStage(Stage):
 
     def mode_of(self, state: State) -> int:
         """Return the mode in which a flight begins, or goes on after a gap."""
-        g = self.guard
-        found = kernels.open_margins(state, 0.0, 0.0, g)
-        if g.side == 0.0 or min(found) >= 0.0:
-            return OPEN
-        found = approach_margins(state, 0.0, 0.0, g)
-        return APPROACH if min(found) >= 0.0 else OPEN
+        return filters.first_mode(state, self.guard)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the assured force (3,) [N]."""
@@ -173,9 +190,12 @@ class AssuranceStage(Stage):
         state, command = self.ahead(inputs[0]), inputs[1]
         if self._mode == UNKNOWN:
             self._mode = self.mode_of(state)
-        if self.abort is not None:
-            command = self._interrupted(tick, state, inputs, sigmas)
-        assure = self._filters[min(self._level, len(self._filters) - 1)]
+        own = self._interrupted(tick, state, inputs, sigmas)
+        if own is not None:
+            command = own
+        elif self._lost:
+            command = filters.backup(state, self._mode, self.guard)
+        assure = self._filters[min(self._level, self._known_levels - 1)]
         fx, fy, fz, mode, acted, metres, speed = assure(state, command, self._last, self._mode)
         force = (fx, fy, fz)
         if self.abort is not None:
@@ -186,7 +206,8 @@ class AssuranceStage(Stage):
             if self.delay_ticks:
                 self._line.append(force)
                 self._line.popleft()
-        self.decision = Decision(MODES[mode], CONSTRAINTS[acted], metres, speed, command, force)
+        constraint = CONSTRAINTS[acted] or (COVARIANCE if self._lost and own is None else '')
+        self.decision = Decision(MODES[mode], constraint, metres, speed, command, force)
         return (force,)
 
     def _uncertain(self, covariance: Signal) -> tuple[float, float]:
@@ -197,32 +218,30 @@ class AssuranceStage(Stage):
         position = sqrt(max(covariance[0] + covariance[4] + covariance[8], 0.0))
         velocity = sqrt(max(covariance[9] + covariance[13] + covariance[17], 0.0))
         self._level = 0
-        for proof in self._proofs:
+        for proof in self._proofs if self._sigmas > 0.0 else ():
             enough = self._sigmas * position <= proof.errors.position_m
             if enough and self._sigmas * velocity <= proof.errors.velocity_m_s:
                 break
             self._level += 1
-        self.guard = self._proofs[min(self._level, len(self._proofs) - 1)].guard
+        self.guard = self._proofs[min(self._level, self._known_levels - 1)].guard
         return position, velocity
 
     def _interrupted(
         self, tick: int, state: State, inputs: tuple[Any, ...], sigmas: tuple[float, float]
-    ) -> Signal:
-        """Return the command, or the force of the abort table instead."""
+    ) -> Signal | None:
+        """Return the force of the abort table instead of the command; None: the command stands."""
         machine, decision = self.abort, self.decision
         if machine is None:
-            return inputs[1]
+            return None
         reference = inputs[2] if interfaces.REFERENCE_STATE in self.inputs else ()
         enclosed = self._mode == APPROACH and norm(*state[:3]) < self.guard.keep_out_m
         missed = machine.missed(tick)
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
-            decision is not None and bool(decision.constraint), self._acting, enclosed,
+            decision is not None and bool(decision.constraint), self._acting, enclosed, self.guard,
         )  # fmt: skip
         own = machine.step(tick, seen)
-        if own is not None:
-            return own
-        return ZERO if missed else inputs[1]
+        return ZERO if own is None and missed else own
 
 
 def check_start(settings: Assurance, scenario: Any) -> None:

@@ -58,6 +58,15 @@ def margins(
     return open_margins(state, error_m, error_m_s, g)
 
 
+def first_mode(state: State, g: Guard) -> int:
+    """Mode in which a flight begins, or goes on after a gap."""
+    m = open_margins(state, 0.0, 0.0, g)
+    if g.side == 0.0 or (m[0] >= 0.0 and m[1] >= 0.0):
+        return OPEN
+    m = approach_margins(state, 0.0, 0.0, g)
+    return APPROACH if m[0] >= 0.0 and m[1] >= 0.0 else OPEN
+
+
 @kernel
 def backup(state: State, mode: int, g: Guard) -> Vector:
     """Backup law [N] of a mode."""

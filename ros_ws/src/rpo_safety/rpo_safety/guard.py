@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -186,7 +187,8 @@ def proof_of(settings: Assurance, scenario: Any, errors: Errors | None = None) -
 def grown(settings: Assurance, scenario: Any) -> list[Proof]:
     """Return the constants for larger and larger errors of the state, as far as there are any.
 
-    Each of GROWTH times the errors before. The first are those of `proof_of`.
+    Each of GROWTH times the errors before. The first are those of `proof_of`. Where the errors
+    become too large for the corridor, it is shut: those that follow have none.
     """
     proofs = [proof_of(settings, scenario)]
     for _ in range(_MOST_GROWN):
@@ -194,11 +196,22 @@ def grown(settings: Assurance, scenario: Any) -> list[Proof]:
         wider = errors._replace(
             position_m=GROWTH * errors.position_m, velocity_m_s=GROWTH * errors.velocity_m_s
         )
-        try:
-            proofs.append(proof_of(settings, scenario, wider))
-        except InputError:  # no speed is safe with such errors
+        found = _proof_or_none(settings, scenario, wider)
+        if found is None:
+            settings = replace(settings, corridor=None)
+            found = _proof_or_none(settings, scenario, wider)
+        if found is None:
             break
+        proofs.append(found)
     return proofs
+
+
+def _proof_or_none(settings: Assurance, scenario: Any, errors: Errors) -> Proof | None:
+    """Return the constants; None where the errors are too large for the constraints."""
+    try:
+        return proof_of(settings, scenario, errors)
+    except InputError:
+        return None
 
 
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:

@@ -125,7 +125,8 @@ class Assurance:
     thrust_error : largest norm of the thrust's error, as a share of the commanded force
     domain_m : largest range for which the constants hold
     mass_kg : as the filter takes it; where the scenario has another, that is a thrust error
-    sigmas : with an estimator, an error of the state counts as at least so many of its sigmas
+    sigmas : with an estimator, an error of the state counts as at least so many of its sigmas; 0:
+        its covariance is not looked at
     abort : table of faults that interrupt the flight; None: there is none
     None: as the scenario's own sections have it, so that its flights never break the assumption
     """
@@ -154,7 +155,7 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
-        default=4.0, metadata=UNLESS_DEFAULT
+        default=0.0, metadata=UNLESS_DEFAULT
     )
     abort: AbortTable | None = field(default=None, metadata=UNLESS_DEFAULT)
 

@@ -90,6 +90,7 @@ class Onboard:
     miss : (6,) true state less reference, error : (6,) estimate less truth, both of one stamp
     openings : of valves so far, by the plant's health
     interventions : of assurance so far, by its health
+    table : of the abort table, armed or inhibited, and its phase, by the health of assurance
     """
 
     estimate: Vector | None = None
@@ -99,6 +100,7 @@ class Onboard:
     error: Vector | None = None
     openings: int | None = None
     interventions: int | None = None
+    table: str = ''
     _phase: Phase | None = None
     _acting: Acting | None = None
     _states: dict[int, Vector] = field(default_factory=dict)
@@ -157,6 +159,9 @@ class Onboard:
             count = number(values.get(name, ''))
             if count is not None and 0.0 <= count < 10.0**_MOST_DIGITS:
                 setattr(self, name, int(count))
+        if 'table' in values:
+            table, phase = (printable(values.get(k, ''), MOST_NAME) for k in ('table', 'phase'))
+            self.table = f'{table}, {phase}' if phase else table
         if 'margin_m' in values:
             self.on_assurance(values)
 
@@ -197,5 +202,6 @@ class Onboard:
                 'margin_m': acting.margin_m,
                 'margin_m_s': acting.margin_m_s,
                 'interventions': self.interventions,
+                'table': self.table,
             },
         }

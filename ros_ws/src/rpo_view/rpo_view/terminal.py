@@ -126,7 +126,9 @@ def _onboard(run: LiveRun) -> list[Text]:
             off += f'{", " if off else ""}sigma x y z {sigmas} m'
         found.append(Text(f'estimate   {off or "without a covariance"}'))
     if acting is not None:
-        found.append(Text(f'assurance  {_acting(acting, dt_s)}', _STYLES[bool(acting.constraint)]))
+        table = f', abort table {said.table}' if said.table else ''
+        text = f'assurance  {_acting(acting, dt_s)}{table}'
+        found.append(Text(text, _STYLES[bool(acting.constraint)]))
     return found
 
 

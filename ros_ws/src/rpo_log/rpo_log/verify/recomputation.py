@@ -71,6 +71,9 @@ class Recomputation:
     A stage with memory is computed over ticks that follow each other. From tick 0, or from where it
     was switched on, its outputs are known at once; after a gap, when its memory is full again.
 
+    In free running a node may have missed a tick. A memory of all ticks is then kept as if it had,
+    and trusted if the next outputs are those of the log; if not, the recorder missed them.
+
     gaps : ticks whose inputs are there, and the memory is not
     first_gap : the first of them
     """
@@ -80,6 +83,7 @@ class Recomputation:
         self.gaps, self.first_gap = 0, -1
         self._next = 0  # the tick that follows the last one
         self._filled: int | None = None  # ticks since the memory was lost; None: it was not
+        self._doubtful = False  # whether it missed the tick before
         stage.reset()
 
     def run(
@@ -88,12 +92,15 @@ class Recomputation:
         inputs: Sequence[Floats],
         active: NDArray[np.bool_],
         began: NDArray[np.bool_],
+        logged: Sequence[Floats] = (),
     ) -> tuple[list[Floats], NDArray[np.bool_]]:
         """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
 
         inputs : (n, width) each, NaN where unknown
         active : where the stage is switched on; where it is not, its commands are zero
         began : where it began without memory
+        logged : (n, width) each, outputs in the log, NaN where missing: in free running, of stages
+            with memory
         """
         there, absent = active.copy(), np.zeros(len(ticks), dtype=bool)
         for name, values in zip(self.stage.inputs, inputs, strict=True):
@@ -106,7 +113,7 @@ class Recomputation:
             rows = np.flatnonzero(there)
             made, known = self._made(rows, ticks, inputs), there.copy()
         else:
-            made, known = self._with_memory(ticks, inputs, active, (there, absent), began)
+            made, known = self._with_memory(ticks, inputs, active, (there, absent), began, logged)
         if not active.all():
             carried = {interfaces.row_of(name).carries for name in self.stage.outputs}
             if carried == {interfaces.COMMAND}:
@@ -138,11 +145,16 @@ class Recomputation:
         active: NDArray[np.bool_],
         present: tuple[NDArray[np.bool_], NDArray[np.bool_]],
         began: NDArray[np.bool_],
+        logged: Sequence[Floats],
     ) -> tuple[list[Floats], NDArray[np.bool_]]:
         there, absent = present
+        missed = np.zeros(len(ticks), dtype=bool)
+        if logged:
+            missed = active & ~np.any([np.isfinite(v).all(axis=1) for v in logged], axis=0)
         made = self._made(np.empty(0, dtype=np.intp), ticks, inputs)
         known = np.zeros(len(ticks), dtype=bool)
         change = (np.diff(ticks) != 1) | np.diff(active) | np.diff(there) | began[1:]
+        change |= np.diff(missed)
         for part in np.split(np.arange(len(ticks)), np.flatnonzero(change) + 1):
             first, last = int(ticks[part[0]]), int(ticks[part[-1]])
             if first != self._next:
@@ -150,6 +162,12 @@ class Recomputation:
             if began[part[0]]:
                 self._forget(None)
             self._next = last + 1
+            if missed[part[0]] and self.stage.memory_ticks is None:
+                self._doubtful = True
+                continue
+            if missed[part[0]]:
+                self._forget(0)
+                continue
             if not there[part[0]]:  # switched on again it begins anew
                 self._forget(0 if active[part[0]] else None)
                 continue
@@ -159,6 +177,10 @@ class Recomputation:
                 for values, found in zip(made, self._made(part, ticks, inputs), strict=True):
                     values[part] = found[part]
                 known[part] = self._remembered(len(part))
+            if self._doubtful and not _same(made, logged, part[0]):
+                self._forget(0)
+                known[part] = False
+            self._doubtful = False
             unknown = part[~known[part]]
             if len(unknown):
                 self.first_gap = self.first_gap if self.gaps else int(ticks[unknown[0]])
@@ -193,6 +215,7 @@ class Recomputation:
 
     def _forget(self, filled: int | None) -> None:
         self.stage.reset()
+        self._doubtful = False
         self._filled = filled
 
     def _remembered(self, count: int) -> NDArray[np.bool_]:
@@ -203,3 +226,11 @@ class Recomputation:
         self._filled += count
         most = self.stage.memory_ticks
         return np.zeros(count, dtype=bool) if most is None else ages >= most
+
+
+def _same(made: Sequence[Floats], logged: Sequence[Floats], row: np.intp) -> bool:
+    """Return whether the outputs of a tick are those of the log, as far as it has them."""
+    pairs = zip(made, logged, strict=True)
+    return all(
+        np.isnan(given[row]).any() or (mine[row] == given[row]).all() for mine, given in pairs
+    )

@@ -56,6 +56,7 @@ from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.previous import PreviousSignals
 from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
 from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.told import Told
 from rpo_log.verify.verification import Verification
 
 _APPLIED = {
@@ -104,6 +105,8 @@ class _Verifier:
         self._following: tuple[int, Floats] | None = None  # state computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
         self.statuses = Statuses(self.scenario, status, self.free)
+        said = self.topics.get(interfaces.STAGE_STATUS)
+        self.told = Told(self.stages, said.name if said else interfaces.STAGE_STATUS)
         self.decisions = self._decisions(reader, controller)
         self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
         self._controller_known = known
@@ -170,6 +173,8 @@ class _Verifier:
         if len(block.ticks):
             found += self._compare(block)
         found += [self.statuses.difference(event) for event in block.events]
+        for event in block.events:
+            self.told.take(event)
         order = {row.name: index for index, row in enumerate(interfaces.rows())}
         return min(
             (d for d in found if d is not None),
@@ -191,7 +196,7 @@ class _Verifier:
             self.states.tell(link.stage)
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
-            made, known = stage.run(block.ticks, reads, active, began)
+            made, known = stage.run(block.ticks, reads, active, began, self._answers(link, block))
             if link.place is Place.CONTROLLER:
                 made, known = self.controllers.any_of(
                     block, link.stage.outputs[0], (made, known),
@@ -221,6 +226,16 @@ class _Verifier:
             else:
                 seen = read - np.array(self.scenario.goal_state)
             yield self.decisions.difference(block.ticks, seen, forces_n, active)
+
+    def _answers(self, link: Link, block: TickBlock) -> list[Floats]:
+        """Return the outputs in the log of a stage that may have missed ticks in free running."""
+        outputs = link.stage.outputs
+        may_miss = self.free and link.place < Place.CONTROLLER
+        if not may_miss or not all(name in self.topics for name in outputs):
+            return []
+        return [
+            np.where(block.present[name][:, None], block.values[name], math.nan) for name in outputs
+        ]
 
     def _drop(self, block: TickBlock, signals: dict[str, Floats]) -> None:
         """Put zero in the place of forces that the plant went on without."""
@@ -337,7 +352,16 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
             return Verification(
                 reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
             )
-    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+    difference = verifier.told.difference()
+    if difference is not None:
+        return Verification(
+            reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
+        )
+    gaps = [
+        *completeness.gaps(reader.damage),
+        *verifier.gaps,
+        *verifier.told.gaps(completeness.last),
+    ]
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
     evidence.of_log(verifier.statuses, free=verifier.free)

@@ -1,0 +1,44 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The energy that the runs of a campaign flew, beside the least in their zones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from rpo_core.validation import InputError
+from rpo_guidance.plan import Guidance
+from rpo_training.campaign.single import scenario_of
+from rpo_training.campaign.store import Store
+from rpo_training.evaluation import plan_bound
+
+
+class Ratio(NamedTuple):
+    """Energies of one run [N^2 s]: flown, of its plan, and the least in its zones."""
+
+    run: int
+    flown: float
+    plan: float
+    least: float
+
+
+def ratios(store: Store, sample: int, advance: Callable[[int], None]) -> list[Ratio]:
+    """Return the energies of some runs, evenly spaced; raises InputError without a plan.
+
+    advance : gets how many are done
+    """
+    campaign, runs = store.campaign, store.campaign.config.runs
+    settings = campaign.scenario.section(Guidance)
+    if settings is None:
+        raise InputError(f'scenario {campaign.scenario.name} has no section `guidance`')
+    flown = store.column('energy_n2s')
+    found = []
+    for done, run in enumerate(np.linspace(0, runs - 1, min(sample, runs)).round().astype(int)):
+        scenario = scenario_of(campaign, int(run))
+        _, energies = plan_bound.bound(scenario.section(Guidance) or settings, scenario)
+        found.append(Ratio(int(run), float(flown[run]), energies.plan, energies.least))
+        advance(done + 1)
+    return found

@@ -1,0 +1,85 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a proof would cost, and where it would stay open: from some first cells, at random."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from rpo_training.proof import kept, probing
+from rpo_training.proof.cells import Found, Prover, roots
+from rpo_training.proof.claims import BOUNDS, limits_of, nowhere, of_planar
+from rpo_training.proof.folder import joined
+from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.proving import targets_of
+from rpo_training.proof.rest import rest_of
+
+PROBES = 100
+SEED = 1
+
+Progress = Callable[[str, int, int], None]
+
+
+class Estimate(NamedTuple):
+    """What was found in some of the first planar cells.
+
+    cells, sampled : first planar cells in all, and those that were proven
+    tubes, seconds : of these, in all
+    open_cells, bounds, flown : requirement -> first cells that stay open, largest bound of all
+        cells, greatest value of some flights from anywhere in the box
+    restless : first cells of which some tube does not come to rest
+    """
+
+    cells: int
+    sampled: int
+    tubes: int
+    seconds: float
+    open_cells: dict[str, int]
+    bounds: dict[str, float]
+    flown: dict[str, float]
+    restless: int
+
+    @property
+    def hours(self) -> float:
+        """Hours of one core for all planar cells."""
+        return self.seconds / self.sampled * self.cells / 3600.0
+
+
+def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
+    """Prove some first cells of each group, drawn at random; return what they say of all."""
+    problem.__dict__['table'] = kept.table_of(problem)
+    limits = {key: limit for key, limit in limits_of(problem).items() if key in BOUNDS}
+    rest = rest_of(problem, problem.hold_error_m, limits.get('hold_speed_per_axis_m_s'))
+    flown = probing.probe(problem, probing.anywhere(problem, PROBES, SEED), SEED)
+    values = {key: value for key, (value, _, _) in flown.items()}
+    targets = targets_of(problem, {key for key in values if values[key] > limits[key]})
+    groups: dict[str, Found] = {}
+    parts: list[Found] = []
+    above, total, seconds = None, 0, 0.0
+    for group in reversed(GROUPS):
+        prover = Prover(problem, group, rest or nowhere(problem), above)
+        every = roots(problem, group)
+        chosen = np.random.default_rng(SEED).permutation(len(every))[:count].tolist()
+        prover.fly(every[0])  # the kernels are compiled before the time is taken
+        began, parts = time.process_time(), []
+        for number, k in enumerate(chosen):
+            progress(f'some {group} cells', number, len(chosen))
+            parts.append(prover.prove([every[k]], targets))
+        seconds, total = time.process_time() - began, len(every)
+        groups[group] = joined(parts)
+        above = groups[group].tail
+    each = [{**groups, 'planar': part} for part in parts]
+    return Estimate(
+        total,
+        len(parts),
+        sum(2 * len(part.values) - 1 for part in parts),
+        seconds,
+        {key: sum(bool((of_planar(g, key) > limits[key]).any()) for g in each) for key in limits},
+        {key: float(BOUNDS[key](groups).max()) for key in limits},
+        values,
+        sum(not bool(np.isfinite(part.column('rest_s')).all()) for part in parts),
+    )

@@ -1,0 +1,222 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A static fuzzy controller of the paper's two inputs with more words, and a number for each rule.
+
+The paper's controller has five words for the position and five for the velocity of an axis, and
+the words of the force are shared by all rules. Here the distance has seven words (so a position,
+which has two sides, has thirteen) and the closing speed eight; each rule has a force of its own: a
+zero-order Takagi-Sugeno system (`baseline_kernels.pace_force` with a lead of 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Annotated, ClassVar
+
+from rpo_core.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_inputs
+from rpo_core.controller_file import Reason, register
+from rpo_core.family import Claim, Family, Gene, Mission, Table
+from rpo_core.kernels import State
+from rpo_core.pace import HELD_M, Numbers, ascending, fired_rules, key, numbers
+from rpo_core.validation import InputError, real, shown
+
+DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
+SPEEDS = ('receding', 'drifting away', 'resting', 'creeping', 'slow', 'steady', 'brisk', 'fast')
+"""The words, ascending. `at` has its peak at 0 m, `resting` at 0 m/s; `drifting away` and
+`receding` mirror `creeping` and `fast`."""
+
+_RESTING = SPEEDS.index('resting')
+
+
+def _rows(name: str, value: object) -> tuple[Numbers, ...]:
+    rows = value if isinstance(value, (list, tuple)) else ()
+    found = tuple(numbers(f'{name}[{i}]', row) for i, row in enumerate(rows))
+    count = len(DISTANCES) - 1
+    if len(found) != count or any(len(row) != len(SPEEDS) for row in found):
+        size = f'{count} rows of {len(SPEEDS)} numbers'
+        raise InputError(f'`{name}` must be {size}; got {shown(value)}')
+    return found
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class MoreWords(Family):
+    """Forces by distance and closing speed: a table of rules in words, each axis alike.
+
+    distance_peaks_m : of `DISTANCES` without `at`
+    speed_peaks_m_s : of `SPEEDS` after `resting`
+    damping_n_s_m : at the target, the force is -damping_n_s_m * velocity at each peak
+    forces_n : towards the target; a row for each distance without `at`
+    """
+
+    kind: ClassVar[str] = 'more_words'
+    alike: ClassVar[bool] = True
+    effort: ClassVar[tuple[int, int]] = (6, 3)
+
+    distance_peaks_m: Annotated[Numbers, numbers]
+    speed_peaks_m_s: Annotated[Numbers, numbers]
+    damping_n_s_m: Annotated[float, partial(real, unit='N s/m', above=0.0, most=1e6)]
+    forces_n: Annotated[tuple[Numbers, ...], _rows]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ascending('distance_peaks_m', (0.0, *self.distance_peaks_m), len(DISTANCES))
+        ascending('speed_peaks_m_s', (0.0, *self.speed_peaks_m_s), len(SPEEDS) - _RESTING)
+
+    @property
+    def _distances(self) -> Numbers:
+        return (0.0, *self.distance_peaks_m)
+
+    @property
+    def _speeds(self) -> Numbers:
+        creeping, *_, fast = self.speed_peaks_m_s
+        return (-fast, -creeping, 0.0, *self.speed_peaks_m_s)
+
+    @property
+    def _table(self) -> tuple[Numbers, ...]:
+        at = tuple(0.0 - self.damping_n_s_m * speed for speed in self._speeds)
+        return (at, *self.forces_n)
+
+    @cached_property
+    def law(self) -> BaselineLaw:
+        """What the kernels read."""
+        return law_of(self.max_force_n, pace=(self._distances, self._speeds, self._table, 0.0))
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        found = {'damping_n_s_m': self.damping_n_s_m}
+        for word, peak in zip(DISTANCES[1:], self.distance_peaks_m, strict=True):
+            found[f'{word}: peak_m'] = peak
+        for word, peak in zip(SPEEDS[_RESTING + 1 :], self.speed_peaks_m_s, strict=True):
+            found[f'{word}: peak_m_s'] = peak
+        for word, row in zip(DISTANCES[1:], self.forces_n, strict=True):
+            for speed, force in zip(SPEEDS, row, strict=True):
+                found[f'{word}, {speed}'] = force
+        return found
+
+    def tables(self) -> list[Table]:
+        """Return its rules as a table, and the peaks of its words."""
+        headings = ('distance', 'peak [m]', *SPEEDS)
+        rows = [
+            (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
+            for word, peak, row in zip(DISTANCES, self._distances, self._table, strict=True)
+        ]
+        peaks = ('peak of the speed [m/s]', '', *(f'{peak:.3g}' for peak in self._speeds))
+        return [Table('Force towards the target [N] of each axis', headings, [peaks, *rows])]
+
+    def claims(self) -> list[Claim]:
+        """Return what is proven of it: the table bounds and signs an interpolated force."""
+        most = max(abs(force) for row in self._table for force in row)
+        rest = [row[_RESTING] for row in self.forces_n]
+        slope = min(force / peak for force, peak in zip(rest, self.distance_peaks_m, strict=True))
+        held = min(rest[0] / self.distance_peaks_m[0] * HELD_M, *rest)
+        return [
+            Claim(
+                'output',
+                f'|force| of an axis <= {min(most, self.max_force_n):.4g} N, because grades add '
+                'up to 1',
+                True,
+            ),
+            Claim(
+                'odd and continuous',
+                'force(-r, -v) = -force(r, v), without a jump at r = 0: there the force is odd in '
+                'the speed, because its peaks mirror each other',
+                True,
+            ),
+            Claim(
+                'only rest at the target',
+                f'from rest at any distance the force is towards the target: at least {slope:.3g} '
+                'N/m up to the last peak',
+                min(rest) > 0.0,
+            ),
+            Claim(
+                'held disturbance',
+                f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
+                f'disturbance of {held:.3g} N',
+                held > 0.0,
+            ),
+            Claim(
+                'brakes',
+                'at each distance, the force towards the target falls as the closing speed grows',
+                all(a >= b for row in self._table for a, b in pairwise(row)),
+                needed=False,
+            ),
+        ]
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z."""
+        forces = baseline_force(state, tick, self.law)
+        return [self._reason(state[i], state[3 + i], forces[i]) for i in range(3)]
+
+    def _reason(self, r: float, v: float, force: float) -> Reason:
+        distance, speed = pace_inputs(r, v, 0.0)
+        fired = fired_rules(distance, speed, self.law, DISTANCES, SPEEDS)
+        a, b, strength, pull = fired[0]
+        sentence = (
+            f'the target is {a} ({distance:.3g} m) and the closing speed is {b} ({speed:.3g} m/s) '
+            f'→ {pull:.3g} N towards it, {strength:.2f}'
+        )
+        pairs = [
+            ('force_n', force),
+            ('distance_m', distance),
+            ('closing_speed_m_s', speed),
+            *((f'rule.{key(a)}.{key(b)}', strength) for a, b, strength, _ in fired),
+        ]
+        return sentence, pairs
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies; it begins at `_FORCES_N`."""
+        found = [Gene('damping_n_s_m', _DAMPING / 3, _DAMPING * 3, _DAMPING, -1, 1, 1, True)]
+        for word, peak, (least, most) in _between(DISTANCES[1:], _DISTANCES_M):
+            found.append(Gene(f'{word}: peak_m', least, most, peak, 1, logarithmic=True))
+        for word, peak, (least, most) in _between(SPEEDS[_RESTING + 1 :], _SPEEDS_M_S):
+            found.append(Gene(f'{word}: peak_m_s', least, most, peak, 1, -1, logarithmic=True))
+        for word, row in zip(DISTANCES[1:], _FORCES_N, strict=True):
+            for speed, start in zip(SPEEDS, row, strict=True):
+                off = 0.5 * abs(start) + 0.05
+                found.append(Gene(f'{word}, {speed}', start - off, start + off, start, newtons=1))
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> MoreWords:
+        """Return the controller of the values of all genes."""
+        speeds = SPEEDS[_RESTING + 1 :]
+        return cls(
+            name=name,
+            description='Forces by distance and closing speed, in seven and eight words.',
+            max_force_n=mission.max_force_n,
+            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in DISTANCES[1:]),
+            speed_peaks_m_s=tuple(values[f'{word}: peak_m_s'] for word in speeds),
+            damping_n_s_m=values['damping_n_s_m'],
+            forces_n=tuple(
+                tuple(values[f'{word}, {speed}'] for speed in SPEEDS) for word in DISTANCES[1:]
+            ),
+        )
+
+
+def _between(words: Sequence[str], peaks: Numbers) -> list[tuple[str, float, tuple[float, float]]]:
+    """Return word, peak and the range of the peak, which no neighbour's range touches."""
+    around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
+    ranges = [
+        (peak * (before / peak) ** 0.45, peak * (after / peak) ** 0.45)
+        for before, peak, after in zip(around, peaks, around[2:], strict=False)
+    ]
+    return list(zip(words, peaks, ranges, strict=True))
+
+
+_DAMPING = 2.651
+_DISTANCES_M = (0.6312, 4.093, 11.38, 25.83, 47.8, 61.17)
+_SPEEDS_M_S = (0.04793, 0.2848, 0.3835, 0.6991, 0.8692)
+_FORCES_N = (
+    (0.4832, 0.1489, 0.07025, -0.0257, -0.343, -0.3797, -0.4447, -0.5084),
+    (0.5094, 0.1825, 0.05169, 0.004668, -0.001679, -0.2637, -0.37, -0.3462),
+    (0.4811, 0.3457, 0.2895, 0.2651, 0.1287, 0.003252, -0.1628, -0.2901),
+    (0.4658, 0.2229, 0.2034, 0.1837, 0.1529, 0.05249, -0.02195, -0.153),
+    (0.4507, 0.09524, 0.03564, 0.05233, 0.06978, 0.07499, 0.08124, 0.003753),
+    (0.3892, 0.2047, 0.1903, 0.1734, 0.1746, 0.1543, 0.1101, 0.04747),
+)
+"""Where a search begins: found by a longer search from the surface of `pace`."""

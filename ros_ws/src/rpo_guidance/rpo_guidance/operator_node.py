@@ -1,0 +1,101 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Node `operator`: says go, hold, retreat or abort to guidance, until it is followed.
+
+It needs no `ros2 service`, which comes with a ROS installation.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import Trigger
+
+from rpo_core import interfaces
+from rpo_core.validation import printable
+from rpo_guidance.guidance import GO
+from rpo_guidance.parameters import OPERATOR as PARAMETERS
+from rpo_ros import names, qos
+from rpo_ros.conversions import values_of
+from rpo_ros.parameters import declare
+from rpo_ros.running import FlightNode, run_node
+
+EXIT_REFUSED = 1
+
+_PERIOD_S = 0.05
+"""Wall time between two looks, and between a `go` that was refused and the next."""
+
+
+class OperatorNode(FlightNode):
+    """Waits for a phase of the plan, then says one command; `go` again until it is followed."""
+
+    def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
+        super().__init__('operator', overrides)
+        self.values = declare(self, PARAMETERS)
+        self._command, self._wanted = self.values['command'], self.values['phase']
+        self._phase = self._refused = ''
+        self._followed = False
+        self._end_s = time.monotonic() + self.values['patience_s']
+        self._asked: Any = None
+        self._client = self.create_client(Trigger, f'guidance/{self._command}')
+        for topic, react in (
+            (interfaces.GUIDANCE_STATUS, self._on_phase),
+            (names.RUN_STATUS, self._on_run),
+        ):
+            self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
+        self.every(_PERIOD_S, self._look)
+        when = f' in phase {self._wanted}' if self._wanted else ''
+        self.get_logger().info(f'waiting to say {self._command}{when}')
+
+    def _on_phase(self, status: DiagnosticStatus) -> None:
+        self._phase = values_of(status).get('phase', '')
+        if self.values['until_end']:
+            self.get_logger().info(printable(status.message))
+
+    def _on_run(self, status: DiagnosticStatus) -> None:
+        phase = values_of(status).get('phase')
+        if phase not in ('finished', 'aborted') or not self._phase:  # of the run before
+            return
+        if self._followed:
+            self._leave(0, f'the run is {phase}')
+        else:
+            self._leave(EXIT_REFUSED, f'the run is {phase}: {self._command} was not followed')
+
+    def _look(self) -> None:
+        """Say the command when its time has come."""
+        if self._asked is not None or self._followed or self.done:
+            return
+        if time.monotonic() > self._end_s:
+            why = self._refused or f'phase {self._wanted or "of a plan"} did not come'
+            self._leave(EXIT_REFUSED, f'{self._command} was not followed: {why}')
+        elif self._phase and self._wanted in ('', self._phase) and self._client.service_is_ready():
+            self._asked = self._client.call_async(Trigger.Request())
+            self._asked.add_done_callback(self._on_answer)
+
+    def _on_answer(self, future: Any) -> None:
+        answer = future.result()
+        self._asked, self._refused = None, answer.message
+        if answer.success:
+            self._followed = True
+            sentence = f'guidance follows: {printable(answer.message)}'
+            if self.values['until_end']:
+                self.get_logger().info(sentence)
+            else:
+                self._leave(0, sentence)
+        elif self._command != GO:
+            self._leave(EXIT_REFUSED, f'{self._command} was refused: {printable(answer.message)}')
+
+    def _leave(self, exit_code: int, sentence: str) -> None:
+        if self.done:
+            return
+        log = self.get_logger().error if exit_code else self.get_logger().info
+        log(sentence)
+        self.exit_code, self.done = exit_code, True
+
+
+def main() -> int:
+    """Entry point of `ros2 run rpo_guidance operator`."""
+    return run_node(OperatorNode)

@@ -1,0 +1,198 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels of transfers: forces and paths, the quadratic program of a round, samples of the path.
+
++ - * / and square roots in a fixed order, interpreted or compiled with the same bits.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.jit import kernel
+from rpo_core.kernels import CwStep, State, cw_step
+
+Floats = NDArray[np.float64]
+
+SWEEPS = 2000
+SETTLED = 1e-9
+"""Hildreth's sweeps end when no multiplier changes by more than this share of the largest."""
+
+
+@kernel
+def reach_of(step: CwStep, reach: Floats) -> None:
+    """Fill reach (n, 6, 3): what a unit force [N] moves the state, i segments after its own."""
+    for axis in range(3):
+        state = cw_step(
+            (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            (1.0 if axis == 0 else 0.0, 1.0 if axis == 1 else 0.0, 1.0 if axis == 2 else 0.0),
+            step,
+        )
+        for i in range(len(reach)):
+            for j in range(6):
+                reach[i, j, axis] = state[j]
+            state = cw_step(state, (0.0, 0.0, 0.0), step)
+
+
+@kernel
+def path_of(start: State, forces: Floats, step: CwStep, states: Floats) -> None:
+    """Fill the states (n + 1, 6) of forces (n, 3), one a segment, from a start."""
+    state = start
+    for j in range(6):
+        states[0, j] = state[j]
+    for k in range(len(forces)):
+        state = cw_step(state, (forces[k, 0], forces[k, 1], forces[k, 2]), step)
+        for j in range(6):
+            states[k + 1, j] = state[j]
+
+
+@kernel
+def sample(states: Floats, forces: Floats, hold: int, step: CwStep, rows: Floats) -> None:
+    """Fill rows (n, 9), a tick each, with the states and forces of a transfer from its begin on.
+
+    hold : ticks of a segment; step : of a tick
+    """
+    state = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for tick in range(len(rows)):
+        k, row = tick // hold, rows[tick]
+        force = (forces[k, 0], forces[k, 1], forces[k, 2])
+        if tick % hold == 0:
+            s = states[k]
+            state = (s[0], s[1], s[2], s[3], s[4], s[5])
+        for j in range(6):
+            row[j] = state[j]
+        row[6], row[7], row[8] = force
+        state = cw_step(state, force, step)
+
+
+@kernel
+def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) -> None:
+    """Fill rows (6 + p, n, 3): the final state, then n_j . r at the end of segment when[j].
+
+    burn : segments with thrust at each end; none in between
+    """
+    count = len(reach)
+    rows[:] = 0.0
+    for k in range(count):
+        if burn <= k < count - burn:
+            continue
+        for axis in range(3):
+            for i in range(6):
+                rows[i, k, axis] = reach[count - 1 - k, i, axis]
+            for j in range(len(when)):
+                total = 0.0
+                if k < when[j]:
+                    for i in range(3):
+                        total += normals[j, i] * reach[when[j] - 1 - k, i, axis]
+                rows[6 + j, k, axis] = total
+
+
+@kernel
+def products_of(rows: Floats, products: Floats) -> None:
+    """Fill products (m, m) = rows rows', summed in one order."""
+    for i in range(len(rows)):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(rows.shape[1]):
+                for axis in range(3):
+                    total += rows[i, k, axis] * rows[j, k, axis]
+            products[i, j] = total
+            products[j, i] = total
+
+
+@kernel
+def eliminate(m: Floats) -> None:
+    """Solve the first six equations of m (6 + p, 6 + p + 1) for their unknowns, in all rows.
+
+    What is left below are the equations of the multipliers alone (Schur complement).
+    """
+    for i in range(6):
+        for row in range(i + 1, len(m)):
+            factor = m[row, i] / m[i, i]
+            for column in range(i, m.shape[1]):
+                m[row, column] -= factor * m[i, column]
+
+
+@kernel
+def hildreth(m: Floats, multipliers: Floats) -> None:
+    """Find multipliers (p,) >= 0 of S mu >= h, S and h the lower right of m (6 + p, 6 + p + 1)."""
+    count = len(multipliers)
+    for _ in range(SWEEPS):
+        largest, change = 0.0, 0.0
+        for j in range(count):
+            total = m[6 + j, 6 + count]
+            for k in range(count):
+                total -= m[6 + j, 6 + k] * multipliers[k]
+            new = multipliers[j] + total / m[6 + j, 6 + j]
+            new = new if new > 0.0 else 0.0
+            difference = abs(new - multipliers[j])
+            change = difference if difference > change else change
+            largest = new if new > largest else largest
+            multipliers[j] = new
+        if change <= SETTLED * largest:
+            return
+
+
+@kernel
+def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
+    """Fill the forces (n, 3) of least energy: six equations, then inequalities, of rows (m, n, 3).
+
+    wanted : (m,) right sides
+    """
+    size = len(rows)
+    count = size - 6
+    m = np.empty((size, size + 1))
+    products_of(rows, m[:, :size])
+    scale = np.empty(size)
+    for i in range(size):
+        scale[i] = 1.0 / sqrt(m[i, i])
+    for i in range(size):
+        for j in range(size):
+            m[i, j] *= scale[i] * scale[j]
+        m[i, size] = wanted[i] * scale[i]
+    eliminate(m)
+    multipliers = np.zeros(count)
+    hildreth(m, multipliers)
+    solution = np.empty(size)
+    for j in range(count):
+        solution[6 + j] = multipliers[j]
+    for i in range(5, -1, -1):
+        total = m[i, size]
+        for j in range(i + 1, size):
+            total -= m[i, j] * solution[j]
+        solution[i] = total / m[i, i]
+    for k in range(len(forces)):
+        for axis in range(3):
+            total = 0.0
+            for i in range(size):
+                total += solution[i] * scale[i] * rows[i, k, axis]
+            forces[k, axis] = total
+
+
+@kernel
+def at_port(
+    x: float, y: float, z: float, px: float, py: float, pz: float,
+    ax: float, ay: float, az: float, past_m: float,
+) -> bool:  # fmt: skip
+    """Whether a position [m] has come to the port p: beyond its plane, no farther than `past_m`.
+
+    a : unit axis, outward
+    """
+    dx, dy, dz = x - px, y - py, z - pz
+    if dx * ax + dy * ay + dz * az > 0.0:
+        return False
+    return dx * dx + dy * dy + dz * dz <= past_m * past_m
+
+
+@kernel
+def energy(forces: Floats) -> float:
+    """Sum of the squares of forces (n, 3)."""
+    total = 0.0
+    for k in range(len(forces)):
+        for axis in range(3):
+            total += forces[k, axis] * forces[k, axis]
+    return total

@@ -1,0 +1,114 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Guidance and runtime assurance in one chain: around, in by the corridor, contact, docked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario
+from rpo_core.verdicts import verdicts
+from rpo_guidance.guidance import DOCKED, GuidanceStage
+from rpo_guidance.plan import Guidance, Leg
+from rpo_guidance.rehearsal import nominal
+
+
+@pytest.fixture(scope='module')
+def docking():
+    return load_scenario('docking')
+
+
+@pytest.fixture(scope='module')
+def flight(docking):
+    return fly(docking, load_controller('allround'))
+
+
+def test_docks_within_every_requirement_and_assurance_lets_every_command_pass(flight):
+    judged = verdicts(flight)
+    assert len(judged) == 3 and all(v.holds for v in judged), judged
+    np.testing.assert_array_equal(flight.signals['assured_force'], flight.forces_n)
+
+
+def test_no_force_acts_once_it_has_docked(flight, docking):
+    beyond = np.flatnonzero(flight.positions_m[:, 1] <= 1.0)
+    first = beyond[np.linalg.norm(flight.errors[beyond, :3], axis=1) < 0.3][0]
+    assert first == pytest.approx(600.0 / docking.dt_s, abs=5)
+    assert not flight.forces_n[first:].any() and flight.forces_n[first - 1].any()
+
+
+def test_a_chaser_that_is_late_finds_the_reference_moving_on(docking):
+    """It goes on past the port, so that a late chaser does not touch too slowly; then it waits."""
+    stage = GuidanceStage(docking.section(Guidance), docking)
+    behind = docking.start
+    rows = [stage.step(tick, behind)[0] for tick in range(docking.ticks + 1)]
+    assert DOCKED not in [change.phase for change in stage.changes]
+    y = np.array(rows)[:, 1]
+    assert y[6000] == 1.0 and y[6010] == pytest.approx(1.0 - 0.075)
+    assert y[-1] == pytest.approx(1.0 - 0.3, abs=0.0075) and rows[-1][3:] == (0.0, 0.0, 0.0)
+    assert nominal(docking.section(Guidance), docking).changes[-1].phase == DOCKED
+
+
+LEGS = (
+    Leg(name='a', kind='fly_around', to_m=(0.0, 60.0, 0.0), speed_m_s=0.6),
+    Leg(name='b', kind='straight', to_m=(0.0, 40.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.1),
+    Leg(name='c', kind='transfer', to_m=(0.0, 30.0, 0.0), duration_s=61.7),
+)
+
+
+@pytest.mark.parametrize('legs', [LEGS, LEGS[:2], LEGS[2:], None])
+@pytest.mark.parametrize('past_m', [0.0, 0.3])
+def test_the_table_of_a_plan_has_the_bits_of_the_stage(docking, legs, past_m):
+    settings = replace(docking.section(Guidance), past_port_m=past_m)
+    settings = settings if legs is None else replace(settings, legs=legs)
+    scenario = replace(docking, duration_s=900.0)
+    rows, last = GuidanceStage(settings, scenario).rows(scenario.start, scenario.ticks)
+    stage = GuidanceStage(settings, scenario)
+    stepped = [stage.step(tick, scenario.start) for tick in range(scenario.ticks + 1)]
+    np.testing.assert_array_equal(rows, [(*r, *f) for r, f in stepped])
+    starts = {change.phase: change.tick for change in stage.changes}
+    assert last == starts[settings.legs[-1].name]
+
+
+@pytest.mark.parametrize(
+    ('start', 'most'),
+    [
+        ((25.2, -61.83, 6.19, 0.0, -0.01, -0.04), 0.21),  # 2.29 N^2 s on the side of the free path
+        ((30.31, -50.09, 8.24, -0.04, -0.05, -0.06), 0.19),  # 0.33
+        ((54.25, -22.34, 13.2, -0.02, -0.02, -0.09), 0.13),  # 0.20
+    ],
+)
+def test_a_dear_transfer_is_planned_on_other_sides_too(docking, start, most):
+    stage = GuidanceStage(docking.section(Guidance), docking)
+    rows, _ = stage.rows(start, docking.ticks)
+    energy = (rows[:6000, 6:] ** 2).sum() * docking.dt_s
+    assert energy <= most
+    distance = np.linalg.norm(rows[:, :3], axis=1)
+    outside = np.hypot(rows[:, 0], rows[:, 2]) > np.tan(np.radians(10.0)) * (rows[:, 1] - 1.0)
+    assert distance[:6000][outside[:6000]].min() > 10.0
+
+
+def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
+    settings = docking.section(Guidance)
+    light = replace(docking, mass_kg=8.0)
+    told = GuidanceStage(replace(settings, mass_kg=10.0), light).rows(docking.start, 100)[0]
+    np.testing.assert_array_equal(
+        told, GuidanceStage(settings, docking).rows(docking.start, 100)[0]
+    )
+    own = GuidanceStage(settings, light).rows(docking.start, 100)[0]
+    np.testing.assert_allclose(own[0, 6:] / told[0, 6:], 0.8, rtol=1e-3)
+
+
+def test_the_passive_approach_is_protected_until_it_commits():
+    """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
+    from rpo_training.safety.silence import silence
+
+    scenario = load_scenario('passive_approach')
+    found = silence(scenario, load_controller('allround'), 10.0, 20.0, 2.0, (-1.8e-6, 0.0))
+    assert found.unprotected == 0
+    straight = load_scenario('docking')
+    assert silence(straight, load_controller('allround'), 10.0, 20.0, 2.0, (0.0, 0.0)).share > 0.1

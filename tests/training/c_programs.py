@@ -1,0 +1,42 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Exported C, compiled by the system and driven through its standard input."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FLAGS = [
+    '-std=c99', '-pedantic', '-Wall', '-Wextra', '-Werror', '-Wshadow', '-Wconversion',
+    '-Wstrict-prototypes', '-ffp-contract=off',
+]  # fmt: skip
+
+
+def compiled(folder: Path, source: str, header: str, main: str, optimise: str = '-O2') -> Path:
+    """Return the program of `exported.c`, its header and a main; warnings are errors."""
+    for name, text in (('exported.c', source), ('exported.h', header), ('main.c', main)):
+        (folder / name).write_text(text)
+    built = subprocess.run(
+        ['cc', *FLAGS, optimise, '-o', 'program', 'exported.c', 'main.c', '-lm'],
+        cwd=folder, capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
+    assert built.returncode == 0, built.stderr
+    return folder / 'program'
+
+
+def driven(program: Path, rows: Sequence[Sequence[float]]) -> Any:
+    """Return the numbers (len(rows), k) that it prints for rows of numbers."""
+    lines = '\n'.join(' '.join(map(repr, row)) for row in rows)
+    done = subprocess.run([program], input=lines, capture_output=True, text=True, timeout=50)
+    assert done.returncode == 0
+    return np.array(done.stdout.split(), dtype=np.float64).reshape(len(rows), -1)
+
+
+def bits(numbers: Any) -> Any:
+    """Return the bits of numbers, so that -0 is not 0."""
+    return np.ascontiguousarray(numbers, dtype=np.float64).view(np.uint64).tolist()
