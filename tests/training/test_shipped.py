@@ -33,6 +33,7 @@ SHORT = {
     'best': RACE,
     'robust': RACE,
     'allround': [*RACE, *DRAWN, 'race.last=140'],
+    'world': ['cmaes.evaluations=56', *DRAWN[:1]],
 }
 """What shortens a preset to a few seconds; `expected/` holds the controllers it then trains."""
 
@@ -43,7 +44,10 @@ def short(preset, folder):
     return Training.create(config, folder, 1).run()
 
 
-@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
+SHIPPED = ['allround', 'paper_ga', 'robust', 'trained', 'world']
+
+
+@pytest.mark.parametrize('name', SHIPPED)
 def test_a_file_is_as_good_as_it_says(name):
     controller = load_controller(name)
     found = assess(controller)
@@ -62,6 +66,27 @@ def test_the_default_is_good_everywhere():
         assert campaign.controller == controller
         missed = 400 - int(successes(campaign.config, fly_runs(campaign, 0, 400)).sum())
         assert missed <= (name == 'random_moving_starts'), 'of these, 4 in 100 000 miss'
+
+
+def _columns(campaign, controller, runs):
+    """Return how many of some runs that no training has seen succeed, and their columns."""
+    path = campaigns.find(campaign)
+    loaded = campaigns.load(path, controller=controller, runs=runs, seed=99)
+    columns = fly_runs(loaded, 0, runs)
+    return int(successes(loaded.config, columns).sum()), columns
+
+
+@pytest.mark.timeout(240)  # compiling on a busy machine
+def test_world_meets_its_world_and_saves_valves():
+    kept, world = _columns('world_leo', 'world', 120)
+    with_stuck, _ = _columns('world_leo_stuck', 'world', 120)
+    assert kept == 120
+    assert with_stuck >= 108, '95 % of 10 000'
+    _, ideal = _columns('world_leo_ideal', 'world', 120)
+    assert world['energy_n2s'].mean() < 1.2 * ideal['energy_n2s'].mean()
+    _, default = _columns('world_leo', DEFAULT_CONTROLLER, 120)
+    for name in ('valve_openings', 'propellant_kg'):
+        assert world[name].mean() < 0.96 * default[name].mean()
 
 
 def test_trained_reaches_every_target():
@@ -102,7 +127,7 @@ def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
+@pytest.mark.parametrize('name', SHIPPED)
 def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     shipped = load_controller(name)
     *_, preset, _, seed = shipped.provenance['command'].split()

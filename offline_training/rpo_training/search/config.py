@@ -121,7 +121,7 @@ PRESETS = {
             ),
         ),
         cmaes=CmaSettings(
-            population=14, sigma=0.025, evaluations=1400, descents=9, tolerance=0.02, patience=420
+            population=12, sigma=0.012, evaluations=240, descents=9, tolerance=0.02, patience=360
         ),
     ),
     'mission': TrainingConfig(
