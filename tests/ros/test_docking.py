@@ -35,7 +35,7 @@ def test_the_whole_chain_docks_as_separate_nodes_and_verifies(ros_env, tmp_path)
         recorder = ros.node('rpo_log', 'recorder', output=str(tmp_path / 'run'))
         plant = ros.node('rpo_sim', 'plant', scenario=str(path), wait_for_recorder='true')
         for node in (plant, recorder):
-            assert node.wait() == 0, node.output
+            assert node.wait(180.0) == 0, node.output
         for node in others:
             assert node.stop() == 0, node.output
     flown = read_run(tmp_path / 'run')
