@@ -24,7 +24,7 @@ PARTS = 16
 SHARE = 0.9
 """A cell is divided where the command may change by so much of the limit of slew."""
 
-MOST = 4096
+MOST = 512
 """Cells that are divided, at most: the steepest."""
 
 FASTEST = 1.5
