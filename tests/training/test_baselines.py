@@ -207,11 +207,12 @@ def test_bad_tunings_are_refused_in_a_sentence(arguments, said, tmp_path, monkey
 def compare(tmp_path, monkeypatch):
     """Return a function that runs `rpo compare`, with the optimum as if it had been computed."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(comparison, 'WORLD_RUNS', 8)
     path = write_campaign(tmp_path, runs=50)
 
     def run(*arguments):
         return CliRunner().invoke(
-            app, ['compare', *arguments, '--campaign', str(path), '-o', 'out']
+            app, ['compare', *arguments, '--campaign', str(path), '--random', '200', '-o', 'out']
         )
 
     text = comparison.files.read_text(comparison.files.find('scenario', comparison.STARTS))
@@ -235,8 +236,8 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
     columns = run_batch.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
     assert drift['valve_openings'] == drift['propellant_kg'] == 0.0
-    world = config.load(config.find('world_leo'), controller=name, runs=40)
-    opened = run_batch.fly_runs(world, 0, 40)['valve_openings']
+    world = config.load(config.find('world_leo'), controller=name, runs=comparison.WORLD_RUNS)
+    opened = run_batch.fly_runs(world, 0, comparison.WORLD_RUNS)['valve_openings']
     assert baseline['valve_openings'] == pytest.approx(opened.mean(), rel=1e-12)
     assert opened.mean() > 1000.0
     assert drift['kept'] == (columns['hold_error_per_axis_m'] <= 60.0).sum()
