@@ -18,9 +18,7 @@ from typer.testing import CliRunner
 from rpo_core import controller, metrics
 from rpo_core.baseline_kernels import pace_inputs
 from rpo_core.controller import load_controller
-from rpo_core.family import Mission
 from rpo_core.flight import fly
-from rpo_core.more_words import MoreWords
 from rpo_core.scenario import load_scenario, load_set
 from rpo_training import export
 from rpo_training.campaign import config, run_batch, single
@@ -35,8 +33,7 @@ from rpo_training.search import family_training
 from rpo_training.search.config import override
 from rpo_training.search.family_training import FamilyTraining
 
-NAMES = ('pace', 'time_to_go')
-ALL = (*NAMES, 'more_words')
+NAMES = ('more_words', 'pace', 'time_to_go')
 TRAINING = load_set('paper_training')
 
 SHORT = [
@@ -51,14 +48,6 @@ SHORT = [
 ]
 
 
-def law_of(name):
-    """Return the shipped controller of a family; of `more_words`, where a search begins."""
-    if name != 'more_words':
-        return load_controller(name)
-    values = {gene.name: gene.start for gene in MoreWords.genes()}
-    return MoreWords.of_values(name, values, Mission((1.0, 1.0, 1.0), 0.5, 0.1))
-
-
 def short(name, **changes):
     return override(
         family_training.config_of(name), [*SHORT, *(f'{k}={v}' for k, v in changes.items())]
@@ -68,9 +57,9 @@ def short(name, **changes):
 # Bits.
 
 
-@pytest.mark.parametrize('name', ALL)
+@pytest.mark.parametrize('name', NAMES)
 def test_lanes_of_distinct_loops_have_the_bits_of_the_core(name):
-    law = law_of(name)
+    law = load_controller(name)
     base = replace(TRAINING.base, duration_s=50.0)
     case = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
     with Simulator([case], 1) as simulator:
@@ -182,7 +171,7 @@ STATES = np.random.default_rng(2).uniform(-1, 1, (60, 2)) * np.array([150.0, 2.0
 
 @pytest.mark.parametrize(('name', 'second'), [('pace', 'pace'), ('more_words', 'closing_speed')])
 def test_fuzzylite_reads_a_table_and_agrees(name, second):
-    law = law_of(name)
+    law = load_controller(name)
     engine = fl.FllImporter().from_string(export.text_of(law, 'fll'))
     for r, v in STATES.tolist():
         distance, other = pace_inputs(r, v, law.law.lead_s)
@@ -206,9 +195,9 @@ def test_fuzzylite_reads_the_rules_of_the_time_to_go_and_agrees():
         assert law.force_n((r, 0, 0), (v, 0, 0), tick)[0] == pytest.approx(force, abs=1e-12)
 
 
-@pytest.mark.parametrize('name', ALL)
+@pytest.mark.parametrize('name', NAMES)
 def test_python_gives_the_bits_without_us(name):
-    law, module = law_of(name), {}
+    law, module = load_controller(name), {}
     exec(export.text_of(law, 'python'), module)
     for tick, (r, v) in enumerate(STATES.tolist()):
         state = (r, -r, 0.1 * r), (v, 0.3, -v)
@@ -231,7 +220,8 @@ def test_explain_prints_the_rules_and_the_certificate(name):
     claims = [line.split() for line in result.output.splitlines() if 'proven' in line]
     needed = [words for words in claims if 'brakes' not in ' '.join(words)]
     assert len(needed) >= 4 and all(words[0] == 'proven' for words in needed)
-    assert ('resting' if name == 'pace' else 'very short') in result.output
+    words = {'more_words': 'very near', 'pace': 'resting', 'time_to_go': 'very short'}
+    assert words[name] in result.output
 
 
 @pytest.mark.parametrize('name', NAMES)

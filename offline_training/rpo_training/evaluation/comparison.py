@@ -48,7 +48,10 @@ Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Called with the present work, how much of it is done, and how much it is in all."""
 
-FUZZY = ('allround', 'trained', 'robust', 'world', 'paper_ga', 'handmade', 'pace', 'time_to_go')
+FUZZY = (
+    'allround', 'trained', 'robust', 'world', 'paper_ga', 'handmade',
+    'more_words', 'pace', 'time_to_go',
+)  # fmt: skip
 CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
 STARTS = 'paper_training'
 TESTS = tuple(fitness.TESTS)

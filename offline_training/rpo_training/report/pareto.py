@@ -35,7 +35,7 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
         for row in shown:
             x, y = row.mean_energy_n2s, _missed(row)
             low, high = max(1.0 - row.high, 0.1 / row.runs), 1.0 - row.low
-            fuzzy = row.kind in ('fuzzy', 'pace', 'time_to_go')
+            fuzzy = row.kind in ('fuzzy', 'more_words', 'pace', 'time_to_go')
             colour = style.LIGHT['x'] if fuzzy else style.LIGHT['muted']
             axes.plot([x, x], [100 * low, 100 * high], color=colour, linewidth=1)
             axes.plot(x, 100 * y, 'o' if fuzzy else 's', color=colour, markersize=6)
