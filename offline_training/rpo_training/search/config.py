@@ -117,11 +117,17 @@ PRESETS = {
             margin=0.01,
             damping=20.0,
             drawn=DrawnSettings(
-                100.0, ('world_leo_stuck',), 0.1, pool=0, openings=0.003, propellant=200.0
+                100.0,
+                ('world_leo_stuck',),
+                0.25,
+                flights=60,
+                pool=0,
+                openings=0.003,
+                propellant=200.0,
             ),
         ),
         cmaes=CmaSettings(
-            population=12, sigma=0.012, evaluations=240, descents=9, tolerance=0.02, patience=360
+            population=12, sigma=0.012, evaluations=420, descents=9, tolerance=0.02, patience=360
         ),
     ),
     'mission': TrainingConfig(
