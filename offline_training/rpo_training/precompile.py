@@ -41,6 +41,8 @@ def main() -> None:
     fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
     fly_runs(config.load(config.find('world_leo')), 0, 1)
     fly_runs(config.load(config.find('docking')), 0, 1)
+    fly_runs(config.load(config.find('least_energy')), 0, 1)
+    next(flights_of(controller, load_set('least_energy_starts')))
     next(flights_of(controller, load_set('paper_training')))
     attack(load_scenario('assured'), 1, 1, 1)
     quiet(load_scenario('quick'), controller, Assurance())

@@ -38,7 +38,8 @@ def test_shipped_names():
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
         'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
-        'on_command', *paper, 'passive_approach', 'quick', *worlds,
+        'least_energy', 'least_energy_starts', 'on_command', *paper, 'passive_approach', 'quick',
+        *worlds,
     ]  # fmt: skip
 
 

@@ -161,6 +161,9 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
         (lambda g: g['legs'].append(g['legs'][0]), 'to_the_port is there twice'),
         (lambda g: g['legs'][0].update(kind='warp'), '`kind` must be one of'),
         (lambda g: g.update(legs=[]), '`legs` must be 1 to'),
+        (lambda g: g['legs'][0].update(ease_s=5.0), 'needs a plan without a keep-out sphere'),
+        (lambda g: g['legs'][0].update(ease_s=700.0), '`ease_s` must be at most `duration_s`'),
+        (lambda g: g['legs'][0].update(ease_s=5.0, burn_s=9.0), 'exclude each other'),
     ],
 )
 def test_a_plan_that_cannot_be_flown_is_refused(spoil, sentence):

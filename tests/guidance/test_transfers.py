@@ -41,6 +41,22 @@ def test_with_burns_it_coasts_in_between():
     np.testing.assert_allclose(found.states[-1], GATE, atol=1e-7)
 
 
+def test_with_ease_force_is_dearer_where_it_ends():
+    """Beside a weighted least norm of NumPy: force k costs 1 / share_k."""
+    segments, ease = 100, 20
+    found = transfers.least_energy(BEHIND, GATE, STEP, segments, ease=ease)
+    shares = np.ones(segments)
+    shares[-ease:] = (np.arange(ease)[::-1] + 0.5) / ease
+    root = np.repeat(np.sqrt(shares), 3)
+    a, _ = cw.matrices(STEP)
+    missing = np.array(GATE) - np.linalg.matrix_power(a, segments) @ np.array(BEHIND)
+    forces = root * np.linalg.lstsq(rows_of_all(segments) * root, missing, rcond=None)[0]
+    np.testing.assert_allclose(found.forces.ravel(), forces, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found.states[-1], GATE, atol=1e-7)
+    free = transfers.least_energy(BEHIND, GATE, STEP, segments)
+    assert np.abs(found.forces[-1]).max() < 0.1 * np.abs(free.forces[-1]).max()
+
+
 @pytest.mark.parametrize('start', [BEHIND, (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)])
 def test_around_the_sphere_it_costs_no_more_than_the_best_that_slsqp_finds(start):
     """Each of few segments; SLSQP starts from our path, and finds nothing better than 1 %."""

@@ -16,7 +16,6 @@ from rpo_core.metrics import row_of, windows_of
 from rpo_core.scenario import Scenario
 from rpo_core.stage import section_of
 from rpo_core.verdicts import verdicts
-from rpo_training.campaign.approach import assured_of, guiding_of, seen_at_start
 from rpo_training.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_training.campaign.navigation import estimators_of
 from rpo_training.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
@@ -25,6 +24,7 @@ from rpo_training.campaign.worlds import firing_of, orbits_of, spent_of, uneven_
 from rpo_training.engine import counters, parts, tick
 from rpo_training.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
 from rpo_training.engine.parts import PAIRED_LANES, RUNS
+from rpo_training.engine.plans import assured_of, guiding_of, seen_at_start
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
 from rpo_training.engine.support import IN_PAIRS, announce, why_not

@@ -25,7 +25,8 @@ EXAMPLES = """
 Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
 `rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
 `rpo evaluate trained pd --scenario mine.yaml` | `rpo evaluate robust --everywhere` |
-`rpo evaluate robust --sensitivity` | `rpo evaluate --estimator world_leo --runs 100`
+`rpo evaluate allround --scenario least_energy_starts` | `rpo evaluate robust --sensitivity` |
+`rpo evaluate --estimator world_leo --runs 100`
 """
 
 
@@ -115,9 +116,10 @@ def _judge(controller: AnyController, name: str, scenario: str) -> bool:
 
     found = load(scenario)
     with progress() as show:
-        judgements = judge(controller, found, show)
-    print_table(HEADINGS, rows_of(judgements), f'{name}: requirements of {found.name}')
-    return any(j.missed for j in judgements)
+        judged = judge(controller, found, show)
+    print_table(HEADINGS, rows_of(judged.judgements), f'{name}: requirements of {found.name}')
+    typer.echo(f'mean J {judged.mean_energy_n2s:.4f} N^2 s, {judged.judgements[0].flights} flights')
+    return any(j.missed for j in judged.judgements)
 
 
 def _judge_estimator(name: str, runs: int) -> bool:

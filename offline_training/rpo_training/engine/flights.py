@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.flight import Flight, fly
-from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.scenario import SET_SECTIONS, Scenario, ScenarioSet
+from rpo_guidance.plan import Guidance
 from rpo_training.engine import lanes, parts, tick
 from rpo_training.engine.cases import Case, Crossed, case_of_set
 from rpo_training.engine.judged import make_trace
-from rpo_training.engine.parts import Control, Runs
+from rpo_training.engine.parts import Control, Navigation, Runs
+from rpo_training.engine.plans import guiding_of
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Scratch
 from rpo_training.engine.support import announce, why_not
@@ -26,13 +28,14 @@ Floats = NDArray[np.float64]
 def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iterator[Flight]:
     """Yield the flight of each member; raises InputError if a controller does not fit."""
     members = found.scenarios() if isinstance(found, ScenarioSet) else [found]
-    reason = '' if isinstance(found, Scenario) else why_not(members[0], controller)
+    reason = '' if isinstance(found, Scenario) else why_not(members[0], controller, SET_SECTIONS)
     if reason:
         announce(reason)
     case = None if reason or isinstance(found, Scenario) else case_of_set(found)
+    guided = members[0].section(Guidance) is not None
     if case is None:
         yield from (fly(scenario, controller) for scenario in members)
-    elif isinstance(controller, FuzzyController) and case.full is not None:
+    elif isinstance(controller, FuzzyController) and case.full is not None and not guided:
         yield from _fuzzy(controller, case, case.full, members)
     else:
         yield from _paired(controller, case, members)
@@ -56,11 +59,19 @@ def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> I
         controller.refuse_other_ticks(case.base.dt_s)
         control = Control(None, controller.law)  # type: ignore[attr-defined]
     for first, runs in enumerate(case.paired()):
-        states, forces = _fly(case, runs, control, None)
         some = members[first * parts.RUNS : (first + 1) * parts.RUNS]
+        guiding = guiding_of(some, [scenario.start for scenario in some])
+        if guiding is not None:
+            runs = runs._replace(navigation=_perfect(), guiding=guiding)
+        states, forces = _fly(case, runs, control, None)
         lanes_of = parts.paired_lanes(len(some)).tolist()
         for scenario, at in zip(some, lanes_of, strict=True):
             yield _flight(scenario, states, forces, at)
+
+
+def _perfect() -> Navigation:
+    """Return navigation without errors."""
+    return Navigation(np.zeros((parts.RUNS, 6)), np.zeros(2), np.zeros((2, parts.RUNS), np.int64))
 
 
 def _fly(case: Case, runs: Runs, control: Control, norms: Floats | None) -> tuple[Floats, Floats]:

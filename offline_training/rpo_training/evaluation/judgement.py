@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from statistics import fmean
 from typing import NamedTuple
 
 from rpo_core.controller import AnyController
+from rpo_core.metrics import of_flight
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.validation import InputError
 from rpo_core.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
@@ -33,6 +35,13 @@ class Judgement(NamedTuple):
         if self.missed:
             return MISSED
         return NOT_JUDGED if self.worst.holds is None else HOLDS
+
+
+class Judged(NamedTuple):
+    """Judgement of each requirement, and the mean J over all flights."""
+
+    judgements: list[Judgement]
+    mean_energy_n2s: float
 
 
 HEADINGS = ('requirement', 'limit', 'worst', 'missed by', '')
@@ -62,7 +71,7 @@ def judge(
     controller: AnyController,
     found: Scenario | ScenarioSet,
     report: Callable[[str, float, float], None],
-) -> list[Judgement]:
+) -> Judged:
     """Return how a controller keeps each requirement; `report` is told what is flown.
 
     Raises InputError if the scenario has no requirements.
@@ -75,13 +84,16 @@ def judge(
             '`requirements` (docs/file_formats.md)'
         )
     columns: list[list[Verdict]] = []
+    energies: list[float] = []
     for number, flight in enumerate(flights_of(controller, found)):
         report(f'{controller.name}: flights of {found.name}', number, count)
         columns.append(verdicts(flight))
-    return [
+        energies.append(of_flight(flight).energy_n2s)
+    judgements = [
         Judgement(max(rows, key=_badness), sum(v.holds is False for v in rows), len(rows))
         for rows in zip(*columns, strict=True)
     ]
+    return Judged(judgements, fmean(energies))
 
 
 def _badness(verdict: Verdict) -> float:

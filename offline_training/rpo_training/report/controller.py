@@ -49,7 +49,7 @@ def report_of(name: str, scenario: str = '') -> Report:
 
 def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
     """Return the report of a controller by what a scenario or set requires."""
-    judgements = judge(controller, found, lambda *_: None)
+    judgements = judge(controller, found, lambda *_: None).judgements
     flight = next(flights_of(controller, found))
     table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
     kept = sum(not j.missed for j in judgements)

@@ -46,6 +46,10 @@ def training_set(name: str) -> ScenarioSet:
     found = load(name)
     if isinstance(found, Scenario):
         found = ScenarioSet(found, _around(found))
+    elif found.base.sections:
+        raise InputError(
+            f'a search flies to the goal; the flights of {name} follow a plan (section `guidance`)'
+        )
     _refuse_impossible(found)
     return found
 

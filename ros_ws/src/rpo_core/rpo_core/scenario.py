@@ -8,6 +8,7 @@ import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from math import hypot
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -42,6 +43,8 @@ Settings = TypeVar('Settings')
 
 SCHEMA = 'rpo/scenario/1'
 SET_SCHEMA = 'rpo/scenario_set/1'
+SET_SECTIONS = ('guidance',)
+"""Stages that the flights of a set may have."""
 
 NANOSECONDS = 1_000_000_000
 
@@ -260,6 +263,12 @@ class ScenarioSet:
         """Starts (n, 3) [m], target LVLH."""
         return self.starts.positions_m
 
+    @property
+    def farthest(self) -> Scenario:
+        """The member that begins farthest from the target."""
+        x, y, z = max(self.initial_positions_m.tolist(), key=lambda r: hypot(*r))
+        return replace(self.base, initial_position_m=(x, y, z))
+
     def scenarios(self) -> list[Scenario]:
         """Return every member, named <set>_<index>."""
         return [
@@ -272,7 +281,7 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     """Return the scenario, or set, of a parsed YAML document; raises InputError."""
     is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
     start = starts.field_of(document) if is_set else 'initial_position_m'
-    known = {} if is_set else sections()  # the flights of a set have no stages of their own
+    known = {n: s for n, s in sections().items() if not is_set or n in SET_SECTIONS}
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     _refuse_ellipses(document)
     data = mapping('', document, required, [*known, *_OPTIONAL])
@@ -292,11 +301,13 @@ def parse(document: Any) -> Scenario | ScenarioSet:
         **{name: data[name] for name in _FIELDS},
     )
     base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
+    found = ScenarioSet(base, starts.parse(start, data[start])) if is_set else None
+    rehearsed = base if found is None else found.farthest
     for settings in base.sections:
         rehearse = section_of(settings).rehearse
         if rehearse is not None:
-            rehearse(settings, base)
-    return ScenarioSet(base, starts.parse(start, data[start])) if is_set else base
+            rehearse(settings, rehearsed)
+    return base if found is None else found
 
 
 def to_document(scenario: Scenario) -> dict[str, Any]:

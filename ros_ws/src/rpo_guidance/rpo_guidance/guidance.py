@@ -244,7 +244,8 @@ class GuidanceStage(Stage):
         to_m = leg.to_m if leg.to_m is not None else start[:3]
         if leg.kind == plan.TRANSFER:
             end = (*to_m, *leg.arrive_m_s)
-            return self._transfer(start, end, leg.duration_s or 0.0, leg.corridor_s, leg.burn_s)
+            times_s = (leg.duration_s or 0.0, leg.corridor_s, leg.burn_s, leg.ease_s)
+            return self._transfer(start, end, *times_s)
         if leg.kind == plan.STRAIGHT:
             speed = leg.speed_m_s or 0.0
             return Straight(start, to_m, self._vehicle, speed, leg.end_speed_m_s)
@@ -259,6 +260,7 @@ class GuidanceStage(Stage):
         duration_s: float,
         corridor_s: float | None = None,
         burn_s: float | None = None,
+        ease_s: float | None = None,
     ) -> Transferring:
         settings, corridor = self.settings, self.settings.corridor
         radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
@@ -272,7 +274,8 @@ class GuidanceStage(Stage):
             corridor.slope * CONE_SHARE,
             corridor.from_m - norm(*settings.port_m),
         )
-        return Transferring(start, end, self._vehicle, duration_s, zones, corridor_s, burn_s)
+        times_s = (corridor_s, burn_s, ease_s)
+        return Transferring(start, end, self._vehicle, duration_s, zones, *times_s)
 
     def _obey(self, tick: int, command: str, reason: str = '') -> None:
         """Follow a command at a tick."""

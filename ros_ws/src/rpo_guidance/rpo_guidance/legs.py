@@ -21,7 +21,7 @@ from rpo_guidance.transfers import Transfer, Zones
 PI = 3.141592653589793
 
 SEGMENTS = 100
-"""Most segments of a transfer; each is a whole number of ticks."""
+"""Most segments of a transfer; each is a whole number of ticks. With `ease_s` each is a tick."""
 
 STRETCH, STRETCHES = 1.25, 12
 """A transfer that needs more force than it may gets so much more time, so often."""
@@ -114,15 +114,17 @@ class Transferring:
         zones: Zones,
         corridor_s: float | None = None,
         burn_s: float | None = None,
+        ease_s: float | None = None,
     ) -> None:
         self._vehicle = vehicle
         for _ in range(STRETCHES):
-            self._plan(start, end, duration_s, zones, corridor_s, burn_s)
+            self._plan(start, end, duration_s, zones, corridor_s, burn_s, ease_s)
             if self.largest_n <= vehicle.limit_n:
                 break
             duration_s *= STRETCH
             burn_s = burn_s and burn_s * STRETCH
             corridor_s = corridor_s and corridor_s * STRETCH
+            ease_s = ease_s and ease_s * STRETCH
 
     def _plan(
         self,
@@ -132,17 +134,22 @@ class Transferring:
         zones: Zones,
         corridor_s: float | None,
         burn_s: float | None,
+        ease_s: float | None,
     ) -> None:
         vehicle = self._vehicle
         wanted = max(1, round(duration_s / vehicle.dt_s))
-        self._hold = hold = max(1, -(-wanted // SEGMENTS))  # ticks of a segment
+        most = wanted if ease_s else SEGMENTS  # a force that falls evenly changes at each tick
+        self._hold = hold = max(1, -(-wanted // most))  # ticks of a segment
         segments = max(4, -(-wanted // hold))
         seconds = hold * vehicle.dt_s
         step = cw.discretise(vehicle.mean_motion_rad_s, vehicle.mass_kg, seconds)
         burn = None if burn_s is None else max(2, round(burn_s / seconds))
         if corridor_s is not None:
             zones = zones._replace(corridor=segments - max(1, round(corridor_s / seconds)))
-        self.transfer: Transfer = transfers.least_energy(start, end, step, segments, zones, burn)
+        ease = round(ease_s / seconds) if ease_s else 0
+        self.transfer: Transfer = transfers.least_energy(
+            start, end, step, segments, zones, burn, ease
+        )
         self.largest_n = float(abs(self.transfer.forces).max())
         self.ticks: int | None = segments * hold
         self._states, self._forces = self.transfer.states.tolist(), self.transfer.forces.tolist()

@@ -59,6 +59,8 @@ class Leg:
     to_m : (3,) target LVLH, where it ends
     arrive_m_s : (3,) velocity there, of a transfer
     corridor_s : so long before its end a transfer enters the corridor
+    ease_s : so long before its end the force of a transfer begins to fall to zero, so that it does
+        not end with a step. Such a transfer is planned tick by tick, and around nothing
     end_speed_m_s : of a straight leg, where it ends
     within_m, within_m_s : GO is given only while error and speed are no larger
     dwell_s : least time of a hold; timeout_s : longest, then `on_timeout`
@@ -71,6 +73,7 @@ class Leg:
     duration_s: Time = None
     corridor_s: Time = None
     burn_s: Time = None
+    ease_s: Time = field(default=None, metadata=UNLESS_DEFAULT)
     speed_m_s: Speed = None
     end_speed_m_s: Annotated[float, partial(real, unit='m/s', least=0.0, most=10.0)] = 0.0
     dwell_s: Annotated[float, _time] = 0.0
@@ -101,10 +104,16 @@ class Leg:
                 f'`burn_s` must be at most half of `duration_s` = {self.duration_s!r}; '
                 f'got {self.burn_s!r}'
             )
+        if self.ease_s and self.duration_s and self.ease_s > self.duration_s:
+            raise InputError(
+                f'`ease_s` must be at most `duration_s` = {self.duration_s!r}; got {self.ease_s!r}'
+            )
+        if self.ease_s and self.burn_s:
+            raise InputError(f'`ease_s` and `burn_s` exclude each other; {self.name} has both')
 
 
 _OF_KIND = {
-    TRANSFER: ('arrive_m_s', 'duration_s', 'corridor_s', 'burn_s'),
+    TRANSFER: ('arrive_m_s', 'duration_s', 'corridor_s', 'burn_s', 'ease_s'),
     STRAIGHT: ('speed_m_s', 'end_speed_m_s'),
     FLY_AROUND: ('speed_m_s',),
     HOLD: ('dwell_s', 'go', 'within_m', 'within_m_s', 'timeout_s', 'on_timeout'),
@@ -199,6 +208,11 @@ class Guidance:
         for leg in self.legs:
             if leg.corridor_s and not self.corridor.from_m:
                 raise InputError(f'`corridor_s` of leg {leg.name} needs `corridor.from_m`')
+            if leg.ease_s and self.keep_out_m:
+                raise InputError(
+                    f'`ease_s` of leg {leg.name} needs a plan without a keep-out sphere; '
+                    f'got `keep_out_m` = {self.keep_out_m!r}'
+                )
         names = [leg.name for leg in self.legs]
         for name in names:
             if names.count(name) > 1:

@@ -188,8 +188,10 @@ class _Problem:
         segments: int,
         zones: Zones,
         burn: int | None,
+        ease: int,
     ) -> None:
         self._start, self._step, self._zones = start, step, zones
+        self._root = _eased(segments, ease) if ease else None
         self._reach, self._drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
         self._burn = segments if burn is None else burn
         reach_of(step, self._reach)
@@ -204,6 +206,8 @@ class _Problem:
         normals = np.array(bounds.normals).reshape(-1, 3)
         rows = np.empty((6 + len(when), segments, 3))
         rows_of(self._reach, self._burn, when, normals, rows)
+        if self._root is not None:
+            rows *= self._root
         room = [
             b - (n[0] * x + n[1] * y + n[2] * z)
             for b, n, (x, y, z) in zip(
@@ -212,6 +216,8 @@ class _Problem:
         ]
         forces, states = np.empty((segments, 3)), np.empty((segments + 1, 6))
         optimum(rows, np.array([*self._missing, *room]), forces)
+        if self._root is not None:
+            forces *= self._root
         path_of(self._start, forces, self._step, states)
         return Transfer(states, forces, self._zones.violated_m(states, _distances(states)))
 
@@ -235,6 +241,15 @@ class _Problem:
         return best
 
 
+def _eased(segments: int, ease: int) -> Floats:
+    """Return the roots (n, 1) of shares that fall evenly to zero over the last segments.
+
+    The least sum of |f_k|^2 / share_k is that of |g_k|^2 with f_k = root_k g_k.
+    """
+    left = segments - 0.5 - np.arange(segments)
+    return np.sqrt(np.minimum(1.0, left / ease))[:, None]
+
+
 def _distances(states: Floats) -> list[float]:
     """Return the range [m] of each state."""
     return [norm(x, y, z) for x, y, z in states[:, :3].tolist()]
@@ -247,17 +262,19 @@ def least_energy(
     segments: int,
     zones: Zones = ANYWHERE,
     burn: int | None = None,
+    ease: int = 0,
 ) -> Transfer:
     """Return the transfer of least energy from a state to a state (6,) [m, m/s].
 
     step : of one segment
     zones : that the path keeps to, as far as it can: `violated_m` says how far it does not
     burn : segments with thrust at each end, none in between; None: thrust throughout
+    ease : segments over which the force falls to zero at the end: force is dearer there
 
     Half-spaces end at a local optimum. If that is dear, the path is planned again over both sides
     of the orbital plane, and the cheapest is taken.
     """
-    problem = _Problem(start, end, step, segments, zones, burn)
+    problem = _Problem(start, end, step, segments, zones, burn, ease)
     best = problem.around(None)
     if energy(best.forces) <= DEAR * energy(problem.free.forces):
         return best
