@@ -20,7 +20,7 @@ from rpo_core.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_
 from rpo_core.controller_file import Reason, register
 from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
-from rpo_core.pace import HELD_M, Numbers, ascending, fired_rules, key, numbers
+from rpo_core.pace import Numbers, ascending, fired_rules, key, numbers, table_claims
 from rpo_core.validation import InputError, real, shown
 
 DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
@@ -109,35 +109,20 @@ class MoreWords(Family):
 
     def claims(self) -> list[Claim]:
         """Return what is proven of it: the table bounds and signs an interpolated force."""
-        most = max(abs(force) for row in self._table for force in row)
-        rest = [row[_RESTING] for row in self.forces_n]
-        slope = min(force / peak for force, peak in zip(rest, self.distance_peaks_m, strict=True))
-        held = min(rest[0] / self.distance_peaks_m[0] * HELD_M, *rest)
+        bound = min(self.max_force_n, max(abs(force) for row in self._table for force in row))
+        output, rest, held = table_claims(
+            bound, self.forces_n, self.distance_peaks_m, _RESTING, True
+        )
         return [
-            Claim(
-                'output',
-                f'|force| of an axis <= {min(most, self.max_force_n):.4g} N, because grades add '
-                'up to 1',
-                True,
-            ),
+            output,
             Claim(
                 'odd and continuous',
                 'force(-r, -v) = -force(r, v), without a jump at r = 0: there the force is odd in '
                 'the speed, because its peaks mirror each other',
                 True,
             ),
-            Claim(
-                'only rest at the target',
-                f'from rest at any distance the force is towards the target: at least {slope:.3g} '
-                'N/m up to the last peak',
-                min(rest) > 0.0,
-            ),
-            Claim(
-                'held disturbance',
-                f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
-                f'disturbance of {held:.3g} N',
-                held > 0.0,
-            ),
+            rest,
+            held,
             Claim(
                 'brakes',
                 'at each distance, the force towards the target falls as the closing speed grows',

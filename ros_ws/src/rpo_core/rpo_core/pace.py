@@ -148,37 +148,23 @@ class Pace(Family):
 
     def claims(self) -> list[Claim]:
         """Return what is proven of it: the table bounds and signs an interpolated force."""
-        rows, most = self.forces_n, max(abs(force) for row in self.forces_n for force in row)
-        rest = [row[PACES.index('resting')] for row in rows]
-        braking = [row[PACES.index('resting') :] for row in rows]
+        rows, resting = self.forces_n, PACES.index('resting')
+        braking = [row[resting:] for row in rows]
         falls = all(a >= b for row in braking for a, b in pairwise(row[:-1]))
-        slope = min(force / peak for force, peak in zip(rest, self._peaks[1:], strict=True))
-        held = min(rest[0] / self._peaks[1] * HELD_M, *rest)
+        bound = min(self.max_force_n, max(abs(force) for row in rows for force in row))
+        output, rest, held = table_claims(
+            bound, rows, self.distance_peaks_m, resting, self.pace_peaks[resting] == 0.0
+        )
         return [
-            Claim(
-                'output',
-                f'|force| of an axis <= {min(most, self.max_force_n):.4g} N, because grades add '
-                'up to 1',
-                True,
-            ),
+            output,
             Claim(
                 'odd and continuous',
                 'force(-r, -v) = -force(r, v), without a jump at r = 0: each row ends with minus '
                 'its first number',
                 all(row[0] == -row[-1] for row in rows),
             ),
-            Claim(
-                'only rest at the target',
-                f'from rest at any distance the force is towards the target: at least {slope:.3g} '
-                'N/m up to the last peak',
-                self.pace_peaks[PACES.index('resting')] == 0.0 and min(rest) > 0.0,
-            ),
-            Claim(
-                'held disturbance',
-                f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
-                f'disturbance of {held:.3g} N',
-                self.pace_peaks[PACES.index('resting')] == 0.0 and held > 0.0,
-            ),
+            rest,
+            held,
             Claim(
                 'brakes',
                 'at each distance, the force towards the target falls as the pace grows from '
@@ -236,6 +222,39 @@ class Pace(Family):
             pace_peaks=(*_PACES[:3], *(values[f'{word}: peak'] for word in PACES[3:-1]), 1.0),
             forces_n=tuple((*row, -row[0]) for row in rows),
         )
+
+
+def table_claims(
+    bound_n: float, forces_n: Sequence[Numbers], peaks_m: Numbers, resting: int, rests: bool
+) -> tuple[Claim, Claim, Claim]:
+    """Return what a table bounds: the output, rest at the target alone, a held disturbance.
+
+    bound_n : of the output; forces_n : towards the target; a row for each of `peaks_m`, the
+        distances beyond 0
+    resting : column of no speed; rests : whether its peak is 0
+    """
+    rest = [row[resting] for row in forces_n]
+    slope = min(force / peak for force, peak in zip(rest, peaks_m, strict=True))
+    held = min(rest[0] / peaks_m[0] * HELD_M, *rest)
+    return (
+        Claim(
+            'output',
+            f'|force| of an axis <= {bound_n:.4g} N, because grades add up to 1',
+            True,
+        ),
+        Claim(
+            'only rest at the target',
+            f'from rest at any distance the force is towards the target: at least {slope:.3g} '
+            'N/m up to the last peak',
+            rests and min(rest) > 0.0,
+        ),
+        Claim(
+            'held disturbance',
+            f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
+            f'disturbance of {held:.3g} N',
+            rests and held > 0.0,
+        ),
+    )
 
 
 def fired_rules(
