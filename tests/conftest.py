@@ -7,9 +7,10 @@ from __future__ import annotations
 import fcntl
 import fnmatch
 import os
+import random
 import signal
 import tempfile
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,10 +45,14 @@ DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports are not
 
 @contextmanager
 def own_domain() -> Iterator[int]:
-    """Hold a ROS domain that no other test on this machine holds, in this run or another."""
+    """Hold a ROS domain that no other test on this machine holds, in this run or another.
+
+    Domains take turns: DDS may remember a process that was killed for as long as 20 s. The first
+    is drawn: a container beside this one may share its network, but not its folder of locks.
+    """
     folder = Path(tempfile.gettempdir(), f'rpo_ros_domains_{os.getuid()}')
     folder.mkdir(exist_ok=True)
-    for domain in DOMAINS:
+    for domain in _in_turn(folder):
         with (folder / str(domain)).open('w') as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -56,6 +61,19 @@ def own_domain() -> Iterator[int]:
             yield domain
             return
     raise RuntimeError('all ROS domains are taken by other tests')
+
+
+def _in_turn(folder: Path) -> Sequence[int]:
+    """Return the domains, the one that was given the longest time ago first."""
+    with (folder / 'last').open('a+') as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        file.seek(0)
+        text = file.read()
+        last = int(text) if text.isdigit() and int(text) in DOMAINS else random.choice(DOMAINS)
+        turned = [*range(last + 1, DOMAINS[-1] + 1), *range(DOMAINS[0], last + 1)]
+        file.truncate(0)
+        file.write(str(turned[0]))
+    return turned
 
 
 @pytest.fixture(autouse=True)

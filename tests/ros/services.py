@@ -13,7 +13,11 @@ from rclpy.node import Node
 def call(node: Node, until: Callable[..., Any], kind: type, service: str, request: Any) -> Any:
     """Call a service and return its response; `until` spins the node until a condition holds."""
     client = node.create_client(kind, service)
-    until(client.service_is_ready)
+    try:
+        until(client.service_is_ready)
+    except AssertionError as error:
+        error.add_note(f'no {service}; there are {node.get_node_names_and_namespaces()}')
+        raise
     future = client.call_async(request)
     until(future.done)
     node.destroy_client(client)
