@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 
-from rpo_core import cdr, metrics
+from rpo_core import cdr
 from rpo_core.interfaces import RELATIVE_STATE, row_of
 from rpo_core.scenario import Scenario
 from rpo_log import events
@@ -51,7 +51,7 @@ def _state(tick: int, log: RunLogWriter, scenario: Scenario | None) -> tuple[flo
 
 def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bool:
     try:
-        return math.isclose(float(values.get(name, '')), metrics.norm(*vector), rel_tol=1e-9)
+        return math.isclose(float(values.get(name, '')), math.hypot(*vector), rel_tol=1e-9)
     except ValueError:
         return False
 
