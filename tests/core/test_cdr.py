@@ -20,7 +20,7 @@ from rpo_log.format import schemas
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE
-CLOCK, STATUS = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE
+CLOCK, STATUS, ARRAY = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE, interfaces.ARRAY_TYPE
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
@@ -169,8 +169,9 @@ def gaps(type_name: str, data: bytes) -> list[int]:
         (ODOMETRY, cdr.encode_odometry(5, 'target_lvlh', 'chaser', [1.0] * 6)),
         (WRENCH, cdr.encode_wrench(5, 'lvlh', [1.0] * 3)),
         (STATUS, cdr.encode_status(2, 'abc', 'de', 'f', {'k': 'value', '': 'x'})),
+        (ARRAY, cdr.encode_array(5, 'f', [cdr.Status(2, 'abc', 'de', 'f', (('k', 'value'),))] * 2)),
     ],
-    ids=['odometry', 'wrench', 'status'],
+    ids=['odometry', 'wrench', 'status', 'array'],
 )
 def test_canonical_clears_what_no_field_holds(type_name, data):
     found = gaps(type_name, data)
@@ -180,6 +181,12 @@ def test_canonical_clears_what_no_field_holds(type_name, data):
         dirty[at] = 0xAA
     assert cdr.canonical(type_name, bytes(dirty)) == data
     assert cdr.canonical(type_name, data) == data
+
+
+def test_canonical_writes_the_stamp_and_the_header_of_an_array_in_one_way():
+    data = cdr.encode_array(2 * 10**9 + 5, 'f', ())
+    twisted = data[:2] + b'\x00\x03' + struct.pack('<iI', 1, 10**9 + 5) + data[12:]
+    assert cdr.canonical(ARRAY, twisted) == data
 
 
 DECODERS = {

@@ -172,9 +172,11 @@ class _Cursor:
             )
         self.data = data
         self.at = 4
+        self.clear = True  # whether the gaps so far are
 
     def align(self, alignment: int) -> None:
-        self.at += -(self.at - 4) % alignment
+        start, self.at = self.at, self.at + -(self.at - 4) % alignment
+        self.clear = self.clear and not any(self.data[start : self.at])
 
     def unpack(self, layout: struct.Struct) -> tuple[float, ...]:
         start, self.at = self.at, self.at + layout.size
@@ -216,6 +218,13 @@ class _Cursor:
         values = tuple((self.string(), self.string()) for _ in range(self.count()))
         return Status(level, name, message, hardware_id, values)
 
+    def array(self) -> tuple[int, str, tuple[Status, ...]]:
+        """Return stamp, frame and statuses of a whole DiagnosticArray."""
+        stamp, frame_id = self.stamp(), self.string()
+        statuses = tuple(self.status() for _ in range(self.count()))
+        self.end(spare=3)
+        return stamp, frame_id, statuses
+
     def end(self, spare: int = 0) -> None:
         if not 0 <= len(self.data) - self.at <= spare:
             raise CdrError(f'must be {self.at} bytes; got {len(self.data)}')
@@ -247,11 +256,7 @@ def decode_status(data: bytes) -> Status:
 
 def decode_array(data: bytes) -> tuple[int, tuple[Status, ...]]:
     """Return stamp [ns] and statuses of a diagnostic_msgs/msg/DiagnosticArray; raises CdrError."""
-    cursor = _Cursor(data)
-    stamp = cursor.stamp()
-    cursor.string()  # the frame
-    statuses = tuple(cursor.status() for _ in range(cursor.count()))
-    cursor.end(spare=3)
+    stamp, _, statuses = _Cursor(data).array()
     return stamp, statuses
 
 
@@ -264,9 +269,11 @@ def canonical(type_name: str, data: bytes) -> bytes:
         return data[:4] + encode_status(*decode_status(data))[4:]
     if type_name == 'diagnostic_msgs/msg/DiagnosticArray':
         cursor = _Cursor(data)
-        cursor.stamp()
-        stamp, statuses = decode_array(data)
-        return encode_array(stamp, cursor.string(), statuses)
+        stamp, frame_id, statuses = cursor.array()
+        head = _stamp(stamp)
+        if cursor.clear and data[4:12] == head[4:]:
+            return head + data[12 : cursor.at]
+        return encode_array(stamp, frame_id, statuses)
     strings, floats = map(len, FIELDS[type_name])
     texts, numbers = data[12 : -8 * floats], data[-8 * floats :]
     if data[:2] != HEADER[:2] or len(data) < 12 + 8 * floats:

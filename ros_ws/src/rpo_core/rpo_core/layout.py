@@ -104,4 +104,6 @@ class Layout:
             return MALFORMED, stamp_ns, values
         if not right_frame:
             return WRONG_FRAME, stamp_ns, values
-        return '' if all(map(math.isfinite, values)) else NOT_FINITE, stamp_ns, values
+        # A finite sum has finite terms; one that is not may have overflowed.
+        finite = math.isfinite(sum(values)) or all(map(math.isfinite, values))
+        return '' if finite else NOT_FINITE, stamp_ns, values

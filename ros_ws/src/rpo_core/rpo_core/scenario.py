@@ -179,12 +179,12 @@ class Scenario:
         kept = [old for old in self.sections if type(old) not in kinds]
         return replace(self, sections=(*kept, *settings))
 
-    @property
+    @cached_property
     def dt_ns(self) -> int:
         """Tick length [ns]."""
         return round(self.dt_s * NANOSECONDS)
 
-    @property
+    @cached_property
     def ticks(self) -> int:
         """Number of steps N; states are numbered 0..N."""
         return round(self.duration_s * NANOSECONDS) // self.dt_ns

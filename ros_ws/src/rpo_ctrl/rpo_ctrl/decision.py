@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from rpo_core import cdr
 from rpo_core.decimation import Decimation
 from rpo_core.explain import Reason
 from rpo_core.scenario import Scenario
@@ -43,14 +44,11 @@ class DecisionPublisher:
         if not self._is_due(stamp_ns, scenario):
             return
         level, reasons = explain()
-        array = DiagnosticArray()
-        array.header.stamp = conversions.to_stamp(stamp_ns)
-        array.header.frame_id = names.LVLH_FRAME
-        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
-            status = conversions.to_status(level, f'decision: {axis}', sentence, pairs)
-            status.hardware_id = label
-            array.status.append(status)
-        self._out.publish(array)
+        statuses = [
+            cdr.Status(level[0], f'decision: {axis}', sentence, label, conversions.texts_of(pairs))
+            for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
+        ]
+        self._out.publish(cdr.encode_array(stamp_ns, names.LVLH_FRAME, statuses))
 
     def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
         tick = scenario.tick_of(stamp_ns) if scenario is not None else None

@@ -14,7 +14,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from rpo_core import files, interfaces
+from rpo_core import cdr, files, interfaces
 from rpo_core.chain import signals_of
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
@@ -29,7 +29,7 @@ from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.statuses import PHASES, Claims
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
-from rpo_ros.conversions import to_status, values_of
+from rpo_ros.conversions import texts_of, values_of
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.signals import message_class
@@ -351,8 +351,8 @@ class RecorderNode(FlightNode):
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
         if self.log is not None:
             values['next_tick'] = self._told
-        level = health.ERROR if reason else health.OK
-        self._last_status = to_status(level, self.get_name(), message, values.items())
+        status = (health.ERROR if reason else health.OK)[0], self.get_name(), message, 'none'
+        self._last_status = cdr.encode_status(*status, texts_of(values.items()))
         self._publish_status()
 
     def _publish_status(self) -> None:

@@ -85,14 +85,16 @@ def values_of(status: DiagnosticStatus) -> dict[str, str]:
 def to_status(
     level: bytes, name: str, message: str, values: Iterable[tuple[str, object]]
 ) -> DiagnosticStatus:
-    """Return a DiagnosticStatus; values become texts, floats by repr so that no digit is lost."""
+    """Return a DiagnosticStatus; values become texts, as `texts_of` makes them."""
     return DiagnosticStatus(
         level=level,
         name=name,
         message=message,
         hardware_id='none',
-        values=[
-            KeyValue(key=key, value=value if isinstance(value, str) else repr(value))
-            for key, value in values
-        ],
+        values=[KeyValue(key=key, value=text) for key, text in texts_of(values)],
     )
+
+
+def texts_of(values: Iterable[tuple[str, object]]) -> tuple[tuple[str, str], ...]:
+    """Return keys and values as texts, floats by repr so that no digit is lost."""
+    return tuple((k, v if isinstance(v, str) else repr(v)) for k, v in values)
