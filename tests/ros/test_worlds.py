@@ -65,3 +65,31 @@ def test_a_world_flies_against_the_wall_clock(ros):
     for node in (controller, navigation):
         assert node.stop() == 0, node.output
     assert verify(output).difference is None
+
+
+def test_the_full_chain_flies_as_seven_processes(ros):
+    output, flown = ros.folder / 'run', overrides.load('docking_leo', ['duration_s=40.0'])
+    (ros.folder / 'short.yaml').write_text(scenario.dumps(flown))
+    others = [
+        ros.node(package, name)
+        for package, name in (
+            ('rpo_ctrl', 'fuzzy_controller'),
+            ('rpo_sim', 'disturbance_injector'),
+            ('rpo_nav', 'navigation'),
+            ('rpo_guidance', 'guidance'),
+            ('rpo_safety', 'assurance'),
+        )
+    ]
+    recorder = ros.node('rpo_log', 'recorder', output=str(output))
+    short = str(ros.folder / 'short.yaml')
+    plant = ros.node('rpo_sim', 'plant', scenario=short, wait_for_recorder='true')
+    assert plant.wait() == 0, plant.output
+    assert recorder.wait() == 0, recorder.output
+    for node in others:
+        assert node.stop() == 0, node.output
+    verified = verify(output)
+    assert verified.exit_code == 0, verified.sentence()
+    for stage in ('sensors', 'estimator', 'guidance', 'assurance', 'thrusters'):
+        assert stage in verified.sentence()
+    states = fly(flown, load_controller('allround')).states
+    np.testing.assert_array_equal(read_flight(output).states, states)

@@ -148,6 +148,18 @@ class Chain:
         for link in self.links:
             link.stage.reset()
 
+    def warm_up(self, start: Signal) -> None:
+        """Load the kernels before the first tick: a step from the state (6,) that comes first.
+
+        Another state may take long: from the target's centre guidance finds no way out.
+        """
+        rows = map(interfaces.row_of, self.inputs)
+        zero = (0.0,) * 24
+        self.step(
+            0, {r.name: start if r.carries == STATE else zero[: len(r.columns)] for r in rows}
+        )
+        self.reset()
+
     def step(self, tick: int, signals: Signals) -> None:
         """Pass a tick: add to `signals`, which hold the inputs, what the stages make of them.
 

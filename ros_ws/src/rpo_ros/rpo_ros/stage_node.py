@@ -163,16 +163,9 @@ class StageNode(FlightNode):
             return False
         self._open(name for name in chain.outputs if interfaces.row_of(name).type)
         self._hear(chain)
-        self._warm_up(chain)
+        chain.warm_up(tuple(map(float, scenario.start)))
         self.chain = chain
         return True
-
-    @staticmethod
-    def _warm_up(chain: Chain) -> None:
-        """Load the kernels before the first tick."""
-        zero = (0.0,) * 24
-        chain.step(0, {name: zero[: len(interfaces.row_of(name).columns)] for name in chain.inputs})
-        chain.reset()
 
     def _open(self, outputs: Iterable[str]) -> None:
         """Make the publishers of some signals."""
