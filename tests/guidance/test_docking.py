@@ -92,6 +92,18 @@ def test_a_dear_transfer_is_planned_on_other_sides_too(docking, start, most):
     assert distance[:6000][outside[:6000]].min() > 10.0
 
 
+@pytest.mark.parametrize('position', [(0.2, 6.3, -5.0), (0.2, -5.4, 1.7), (4.6, -1.3, 0.7)])
+def test_from_inside_the_sphere_it_comes_no_nearer_until_the_corridor(docking, position):
+    stage = GuidanceStage(docking.section(Guidance), docking)
+    stage.step(0, (*position, 0.01, -0.02, 0.0))
+    transfer = stage._flown.transfer
+    path = transfer.states[:, :3]
+    outside = np.hypot(path[:, 0], path[:, 2]) > np.tan(np.radians(10.0)) * (path[:, 1] - 1.0)
+    assert np.linalg.norm(path[outside][1:-1], axis=1).min() > np.linalg.norm(position) - 0.1
+    assert transfer.violated_m < 0.01
+    assert stage._flown.ticks < 1.5 * stage.settings.legs[0].duration_s / docking.dt_s
+
+
 def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
     settings = docking.section(Guidance)
     light = replace(docking, mass_kg=8.0)

@@ -264,10 +264,12 @@ class GuidanceStage(Stage):
     ) -> Transferring:
         settings, corridor = self.settings, self.settings.corridor
         radius = settings.keep_out_m + settings.margin_m if settings.keep_out_m else 0.0
-        # what begins or ends in the sphere passes through it, but by the corridor
-        free = corridor_s is None and min(norm(*start[:3]), norm(*end[:3])) <= radius
+        # what begins or ends in the sphere passes through it; but to the corridor it comes no
+        # nearer than it is
+        range_m = norm(*start[:3])
+        free = corridor_s is None and min(range_m, norm(*end[:3])) <= radius
         zones = Zones(
-            0.0 if free else radius,
+            0.0 if free else min(radius, range_m),
             None,
             settings.port_m,
             corridor.ahead,
