@@ -125,6 +125,24 @@ def test_divided_cells_sharpen_the_slew():
     assert bounds[0] < 1.25 * flown
 
 
+def test_a_strip_in_parts_sharpens_the_slew():
+    """Of a cell that is a little too fast as a whole; it holds its flights."""
+    problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
+    cell, bounds = cells.Cell((71.0, 23.0, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0)), []
+    rng, judged = np.random.default_rng(1), problem.scenario.ticks - 1
+    for limit_n_s in (np.inf, 0.1):
+        prover = cells.Prover(problem, 'planar', NOWHERE)
+        prover.slew_n_s = limit_n_s
+        prover.fly(cell)
+        bounds.append(float(prover.trace.slew[:judged].max()))
+    assert bounds[1] <= 0.1 < bounds[0]
+    for _ in range(20):
+        start = np.array([*(np.array([71.0, 23.0]) + rng.uniform(-0.5, 0.5, 2)), 0, 0, 0, 0])
+        flight = probing.fly(problem, probing.varied(problem, rng, start))
+        slew = np.abs(np.diff(flight.forces_n[: judged + 1, :2], axis=0)) / problem.scenario.dt_s
+        assert (slew <= prover.trace.slew[:judged]).all()
+
+
 def test_flights_of_a_proof_have_the_bits_of_simulate():
     problem = problem_of('robust')
     scenario = probing.varied(

@@ -176,12 +176,11 @@ def _prove(folder: Folder, workers: int, cluster: str) -> None:
 
 def _estimate(problem: Problem, count: int) -> None:
     from rpo_training.display import print_table, progress
-    from rpo_training.proof.claims import limits_of
     from rpo_training.proof.estimating import estimate
 
     with progress() as show:
         found = estimate(problem, count, show)
-    limits, sampled = limits_of(problem), found.sampled
+    limits, sampled = problem.limits, found.sampled
     rows = [
         (key, f'{limits[key]:g}', f'{bound:.4g}', f'{found.flown[key]:.4g}', f'{n} of {sampled}')
         for (key, bound), n in zip(found.bounds.items(), found.open_cells.values(), strict=True)

@@ -157,6 +157,7 @@ class Prover(threading.local):
         if not problem.undisturbed:
             self.ticks = problem.scenario.ticks
         self.motion: Motion = problem.motion(group, self.ticks)
+        self.slew_n_s = problem.limits.get('slew_per_axis_n_s', math.inf)
         n = len(GROUPS[group])
         p = n // 2
         self.trace = Trace(
@@ -196,6 +197,7 @@ class Prover(threading.local):
             max(self.problem.hold_tick, self.problem.scenario.ticks),
             widest,
             self.problem.hold_error_m,
+            self.slew_n_s,
             self.trace,
         )
         return int(last), int(resting)

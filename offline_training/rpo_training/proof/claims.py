@@ -51,12 +51,6 @@ class Claim:
         return PROVEN if self.bound <= self.limit else UNDECIDED
 
 
-def limits_of(problem: Problem) -> dict[str, float]:
-    """Return requirement -> limit, of what the proof is about."""
-    asked = problem.settings.claims
-    return {k: v for k, v in problem.all_limits.items() if not asked or k in asked}
-
-
 def _planar(name: str) -> Callable[[Groups], Floats]:
     """Return the bound of each planar cell, in which every vertical start is counted."""
 
@@ -103,7 +97,7 @@ def of_planar(groups: Groups, key: str) -> Floats:
 
 def unknown(problem: Problem) -> list[str]:
     """Return the requirements of the scenario that the proof says nothing about."""
-    return [key for key in limits_of(problem) if key not in BOUNDS]
+    return [key for key in problem.limits if key not in BOUNDS]
 
 
 def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
@@ -112,7 +106,7 @@ def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
     if HOLD not in found:
         late = flight.errors[problem.hold_tick :, :3]
         found[HOLD] = float(np.abs(late).max())
-    asked = limits_of(problem)
+    asked = problem.limits
     return {key: value for key, value in found.items() if key in BOUNDS and key in asked}
 
 
@@ -126,7 +120,7 @@ def claims_of(
     assumed: dict[str, Any] = {HOLD: 0.0}
     required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
     found = []
-    for key, limit in limits_of(problem).items():
+    for key, limit in problem.limits.items():
         if key not in BOUNDS:
             continue
         bounds = BOUNDS[key](groups)

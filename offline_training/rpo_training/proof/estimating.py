@@ -12,7 +12,7 @@ import numpy as np
 
 from rpo_training.proof import kept, probing
 from rpo_training.proof.cells import Found, Prover, roots
-from rpo_training.proof.claims import BOUNDS, limits_of, nowhere, of_planar
+from rpo_training.proof.claims import BOUNDS, nowhere, of_planar
 from rpo_training.proof.folder import joined
 from rpo_training.proof.problem import GROUPS, Problem
 from rpo_training.proof.proving import targets_of
@@ -52,7 +52,7 @@ class Estimate(NamedTuple):
 def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
     """Prove some first cells of each group, drawn at random; return what they say of all."""
     problem.__dict__['table'] = kept.table_of(problem)
-    limits = {key: limit for key, limit in limits_of(problem).items() if key in BOUNDS}
+    limits = {key: limit for key, limit in problem.limits.items() if key in BOUNDS}
     rest = rest_of(problem, problem.hold_error_m, limits.get('hold_speed_per_axis_m_s'))
     flown = probing.probe(problem, probing.anywhere(problem, PROBES, SEED), SEED)
     values = {key: value for key, (value, _, _) in flown.items()}

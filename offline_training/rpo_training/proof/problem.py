@@ -115,6 +115,12 @@ class Problem:
         return found
 
     @property
+    def limits(self) -> dict[str, float]:
+        """Requirement -> limit, of what the proof is about."""
+        asked = self.settings.claims
+        return {k: v for k, v in self.all_limits.items() if not asked or k in asked}
+
+    @property
     def hold_error_m(self) -> float:
         """The limit of the error per axis that is to be held for ever."""
         return self.all_limits[HOLD]

@@ -22,7 +22,7 @@ from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import kept, probing
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import Claim, claims_of, limits_of, nowhere, ranges_of
+from rpo_training.proof.claims import Claim, claims_of, nowhere, ranges_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
@@ -73,7 +73,7 @@ def prove(
     """
     problem = folder.problem
     problem.__dict__['table'] = folder.table()
-    limits = limits_of(problem)
+    limits = problem.limits
     speed = limits.get('hold_speed_per_axis_m_s')
     rest = rest_of(problem, problem.hold_error_m, speed)
     asked = rest or nowhere(problem)
@@ -98,7 +98,7 @@ def prove(
 
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
     """Return what tubes should show; nothing of what is refuted already."""
-    limits = {k: v for k, v in limits_of(problem).items() if k not in refuted}
+    limits = {k: v for k, v in problem.limits.items() if k not in refuted}
     keys = (
         HOLD,
         'hold_speed_per_axis_m_s',

@@ -75,10 +75,11 @@ class Reach(NamedTuple):
 
 
 @compiled
-def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float) -> float:
+def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enough: float) -> float:
     """Return a bound [N/s] of |F+ - F| / dt of an axis that starts in a strip.
 
     f0, f1 : least and greatest force of the start [N]
+    enough : a bound that is no greater is not made sharper [N/s]
     """
     tilted = abs(strip.tilt) * strip.half_m
     pull = max(abs(drift.low + drift.push * f0), abs(drift.low + drift.push * f1))
@@ -104,6 +105,9 @@ def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float) -> f
             steep_e = max(steep_e, -s[0], s[1])
             steep_w = max(steep_w, -s[2], s[3])
     change_u = steep_e * change_r / table.position_m + steep_w * change_v / table.velocity_m_s
+    quick = (change_u * (1.0 + TINY) + 2.0 * table.slack) / drift.dt_s * table.force_n
+    if quick <= enough:
+        return quick
     reach = Reach(f0, f1, change_u, (0.5 * change_v + drift.bend_m_s) / table.position_m)
     most = 0.5 * _fastest(table, drift, path, reach, 0.0)
     most += 0.5 * _fastest(table, drift, path, reach, 1.0)
@@ -136,13 +140,12 @@ def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -
     for i in range(i0, i1 + 1):
         w0, w1 = _column(path, table.e[i], table.e[i + 1])
         for j in range(cell_of(table.w, w0), cell_of(table.w, w1) + 1):
-            if table.steep[i, j] >= 0:
+            low, high = max(w0, table.w[j]), min(w1, table.w[j + 1])
+            least, greatest = _range(table, i, j)
+            s = table.slopes[i, j]
+            rate = _rate(table, drift, s, low, high, least, greatest, reach, lag)
+            if rate > most and table.steep[i, j] >= 0:
                 rate = _steep_rate(table, drift, i, j, path, reach, lag)
-            else:
-                low, high = max(w0, table.w[j]), min(w1, table.w[j + 1])
-                least, greatest = _range(table, i, j)
-                s = table.slopes[i, j]
-                rate = _rate(table, drift, s, low, high, least, greatest, reach, lag)
             most = max(most, rate)
     return most
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from rpo_training.engine.lanes import compiled
 from rpo_training.proof.laws import law_of
+from rpo_training.proof.parts import slew_by_parts
 from rpo_training.proof.slew import Strip, drift_of, slew_of
 from rpo_training.proof.tables import Table
 
@@ -308,6 +309,7 @@ def fly(
     until: int,
     widest: Any,
     most_m: float,
+    slew_n_s: float,
     trace: Trace,
 ) -> tuple[int, int]:
     """Move a set; return the last tick that the trace holds, and the tick at which it rests.
@@ -315,9 +317,10 @@ def fly(
     c (n,), g (n, capacity), d (n,) : the set, changed in place
     rest, until : the flight ends at rest, but not before tick `until`; -1 where it never rests
     widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
+    slew_n_s : a bound of slew that exceeds it is made sharper
     """
     last = len(trace.laws)
-    resting = -1
+    resting, fastest = -1, 0.0
     for tick in range(last + 1):
         low, high = trace.low[tick], trace.high[tick]
         box_of(c, g, d, m, low, high)
@@ -327,7 +330,7 @@ def fly(
             if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
                 return tick, -1
         if tick > 0:
-            _slew(table, motion, tick - 1, trace)
+            fastest = max(fastest, _slew(table, motion, tick - 1, trace, fastest, slew_n_s))
         if tick > 0 and resting < 0 and rests(rest, c, g, d, m, low, high):
             resting = tick
         if tick == last or (tick >= until and resting >= 0):
@@ -353,8 +356,13 @@ def fly(
 
 
 @compiled
-def _slew(table: Table, motion: Motion, tick: int, trace: Trace) -> None:
-    """Fill the bound of slew from a tick to the next, whose boxes are known."""
+def _slew(
+    table: Table, motion: Motion, tick: int, trace: Trace, enough: float, limit: float
+) -> float:
+    """Fill the bound of slew from a tick to the next; return the greatest of the axes.
+
+    enough : of an earlier tick; limit : what is asked for [N/s]
+    """
     low, high, p = trace.low[tick], trace.high[tick], trace.slew.shape[1]
     f0, f1 = trace.force_low[tick], trace.force_high[tick]
     other = motion.any_n
@@ -365,6 +373,7 @@ def _slew(table: Table, motion: Motion, tick: int, trace: Trace) -> None:
         other = max(other, motion.any_n + total)
     for i in range(p):
         other = max(other, other + motion.mass * max(abs(f0[i]), abs(f1[i])))
+    most = 0.0
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
         strip = Strip(
@@ -374,4 +383,9 @@ def _slew(table: Table, motion: Motion, tick: int, trace: Trace) -> None:
             trace.laws[tick, i, 4],
             trace.laws[tick, i, 5],
         )
-        trace.slew[tick, i] = slew_of(table, drift, strip, f0[i], f1[i])
+        bound = slew_of(table, drift, strip, f0[i], f1[i], enough)
+        if bound > limit:
+            bound = slew_by_parts(table, drift, strip, f0[i], f1[i], limit)
+        trace.slew[tick, i] = bound
+        most = max(most, bound)
+    return most
