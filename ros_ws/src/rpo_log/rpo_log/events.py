@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 
 from rpo_core import cdr, interfaces
-from rpo_core.stage import WITHOUT_COMMAND as WITHOUT_COMMAND
 
 _TICK = re.compile('0|[1-9][0-9]{0,17}')
 

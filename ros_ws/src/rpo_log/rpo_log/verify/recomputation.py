@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import interfaces
-from rpo_core.stage import Stage
+from rpo_core.stage import WITHOUT_COMMAND, Stage
 from rpo_log import events
 from rpo_log.read.decode import Event
 
@@ -35,7 +35,7 @@ class StageStates:
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
                 name = event.values.get('stage', '')
-                if state == events.WITHOUT_COMMAND:
+                if state == WITHOUT_COMMAND:
                     self._missing.setdefault(name, set()).add(tick)
                 if state in (events.ACTIVE, events.INACTIVE):
                     changes = self._changes.setdefault(name, [])
