@@ -10,15 +10,13 @@ the centroid's eight partial sums one after the other, padded with zero grades w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.jit import COMPILED
+from rpo_core import jit
+from rpo_core.jit import Kernel
 from rpo_core.kernels import LANES, memberships
-
-Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
 STRIDE = 136
 """Lanes at most. 17 cache lines, an odd number, so that the rows do not contend for the same lines
@@ -40,11 +38,7 @@ FIRST_FREE = 20
 
 def compiled(function: Kernel) -> Kernel:
     """Compile where the core's kernels are; free of the interpreter's lock."""
-    if not COMPILED:
-        return function
-    import numba
-
-    return numba.njit(cache=True, error_model='numpy', fastmath=False, nogil=True)(function)
+    return jit.compiled(function, nogil=True)
 
 
 class Law(NamedTuple):
