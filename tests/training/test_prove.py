@@ -23,7 +23,7 @@ from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
 from rpo_training.proof.rest import rest_of
-from rpo_training.proof.tube import Rest
+from rpo_training.proof.sets import Rest
 
 SHIPPED = ('robust', 'trained', 'handmade')
 NOWHERE = Rest(0.0, 0.06, 0.0)
@@ -182,11 +182,11 @@ def test_rounding_of_a_cell_leaves_no_gap():
     problem = problem_of('robust', half=(0.7, 0.7, 0.7, 0.03, 0.03, 0.03))
     for group in GROUPS:
         some = cells.roots(problem, group)
-        halved = [half for cell in some[1:] for half in cells.halves(cell)]
+        halved = [half for cell in some[1:] for half in cells.halves(cell, cells.widths(cell))]
         found = cells.Found(
             np.array([c.centre for c in (some[0], *halved)]),
             np.array([c.half for c in (some[0], *halved)]),
-            *3 * [np.empty((0, 0))],
+            *4 * [np.empty((0, 0))],
         )
         assert not list(check.cover_faults(problem, group, found))
         fewer = replace(found, centre=found.centre[:-1], half=found.half[:-1])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from proofs import small_proof
 
-from rpo_training.proof import cells, check, check_ticks, tube
+from rpo_training.proof import cells, check, check_ticks, sets
 from rpo_training.proof.problem import GROUPS
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
@@ -41,7 +41,7 @@ class Bench:
         last = int(rng.integers(20, 120))
         while number < last or not boxing:
             before, after, m = check.stepped(self.problem, prover.motion, number, c, g, d, m)
-            m = tube.tidy(number, g, d, kept, m)
+            m = sets.tidy(number, g, d, kept, m)
             boxing = m < after.g.shape[1]
             number += 1
         tidied = replace(after, g=g[:, :m].copy(), d=d.copy())

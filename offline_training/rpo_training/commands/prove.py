@@ -51,6 +51,13 @@ def prove(
     any_disturbance: Annotated[
         float, typer.Option(help='any other disturbance of an axis, changing at every tick [N]')
     ] = 0.0,
+    axes_apart: Annotated[
+        bool,
+        typer.Option(
+            '--axes-apart',
+            help='each axis alone, in cells of disturbance and mass too: for a small box of starts',
+        ),
+    ] = False,
     cell: Annotated[float, typer.Option(help='half-width of the first cells [m]')] = 1.0,
     cell_velocity: Annotated[
         float, typer.Option(help='half-width of the first cells in velocity [m/s]')
@@ -106,6 +113,7 @@ def prove(
         'mass_share': mass,
         'disturbance_share': disturbance,
         'any_n': any_disturbance,
+        'axes_apart': axes_apart,
         'cell_m': cell,
         'cell_m_s': cell_velocity,
         'claims': tuple(claim or ()),

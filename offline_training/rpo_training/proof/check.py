@@ -21,8 +21,9 @@ from rpo_core import files, scenario
 from rpo_core.flight import Flight, fly
 from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import REFUTED
-from rpo_training.proof import cells, probing, rest, tube
+from rpo_training.proof import apart, cells, probing, rest, sets, tube
 from rpo_training.proof.cells import Cell, Found, Prover
+from rpo_training.proof.check_apart import empty_faults, motion_faults
 from rpo_training.proof.check_ticks import (
     Tick,
     law_faults,
@@ -31,10 +32,12 @@ from rpo_training.proof.check_ticks import (
     tidy_faults,
 )
 from rpo_training.proof.claims import claims_of, nowhere, ranges_of, values_of
+from rpo_training.proof.corridor import around_of
 from rpo_training.proof.exact import exact
 from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import GROUPS, Problem
-from rpo_training.proof.tube import Motion, Rest
+from rpo_training.proof.problem import Problem
+from rpo_training.proof.sets import Rest
+from rpo_training.proof.tube import Motion
 
 FLIGHTS_EACH = 50
 """Flights from each cell that is drawn."""
@@ -63,19 +66,22 @@ def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: N
     problem, summary = folder.problem, folder.summary()
     table = folder.table()
     problem.__dict__['table'] = table
-    groups = {group: folder.cells(group) for group in GROUPS}
+    groups = {group: folder.cells(group) for group in problem.groups}
     found = [*claim_faults(problem, groups, summary), *_counterexamples(folder, summary)]
     for group, some in groups.items():
         say(f'{group} cells cover the box', 0, 1)
-        found += cover_faults(problem, group, some)
+        found += [*cover_faults(problem, group, some), *empty_faults(problem, group, some)]
     rng = np.random.default_rng(sample.seed)
     say('the surface', 0, 1)
     found += surface_faults(problem, table, rng, sample.surface)
     at_rest = rest_of_summary(summary)
     if at_rest is not None:
         found += rest_faults(problem, at_rest)
-    for group, above in (('vertical', None), ('planar', groups['vertical'].tail)):
-        prover = Prover(problem, group, at_rest or nowhere(problem), above)
+    before: dict[str, Found] = {}
+    for group in problem.groups:
+        around = around_of(problem, group, before)
+        before[group] = groups[group]
+        prover = Prover(problem, group, at_rest or nowhere(problem), *around)
         found += tube_faults(prover, groups[group], rng, sample, say)
         found += flight_faults(prover, groups[group], rng, sample.flights, say)
     return found
@@ -130,8 +136,12 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
 
     A box is held by one cell, or is cut where a cell ends, or holds a gap.
     """
-    chosen, settings = list(GROUPS[group]), problem.settings
+    chosen, settings = list(problem.groups[group]), problem.settings
     centre, half = np.array(settings.centre)[chosen], np.array(settings.half)[chosen]
+    if settings.axes_apart:
+        unknown = np.array(apart.ranges(problem, group)).reshape(-1, 2)
+        centre = np.concatenate([centre, unknown.mean(axis=1)])
+        half = np.concatenate([half, np.diff(unknown)[:, 0] / 2])
     low, high = np.nextafter(centre - half, -np.inf), np.nextafter(centre + half, np.inf)
     low, high = np.where(half > 0.0, low, centre), np.where(half > 0.0, high, centre)
     if problem.odd:
@@ -162,7 +172,7 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
 def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
     """Yield why the set of rest is not mapped into itself, in rational numbers."""
     radius, rate, speed = (exact(number) for number in at_rest)
-    for group in GROUPS:
+    for group in problem.groups:
         motion = rest.motion_at_rest(problem, group)
         c, g, d, m = rest.as_set(motion, at_rest)
         before, after, _ = stepped(problem, motion, 0, c, g, d, m)
@@ -185,7 +195,7 @@ def stepped(
     n = len(c)
     p = n // 2
     low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
-    tube.box_of(c, g, d, m, low, high)
+    sets.box_of(c, g, d, m, low, high)
     before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
     m = tube.step(
         problem.table, motion, number, c, g, d, m, low, high, laws, np.empty(p), np.empty(p)
@@ -197,14 +207,17 @@ def tube_faults(
     prover: Prover, found: Found, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
-    problem, group, count = prover.problem, prover.group, len(found.values)
-    chosen = rng.permutation(count)[: sample.starts or count]
+    problem, group = prover.problem, prover.group
+    flown = np.flatnonzero(found.column('last_s') >= 0.0)
+    chosen = rng.permutation(flown)[: sample.starts or len(flown)]
     for number, k in enumerate(chosen.tolist()):
         say(f'{group} tubes', number, len(chosen))
         depth = int(found.column('depth')[k])
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()), depth)
         name = f'{group} cell {k}'
-        values, boxes, tail = prover.values(cell)
+        values, boxes, tail, reach = prover.values(cell)
+        if (reach[0] < found.reach[0]).any() or (reach[1] > found.reach[1]).any():
+            yield f'{name}: leaves what its group reaches'
         if not (tail <= found.tail).all():
             yield f'{name}: its norms exceed those of the group'
         if not np.array_equal(values, found.values[k]):
@@ -221,25 +234,32 @@ def flight_faults(
     prover: Prover, found: Found, rng: np.random.Generator, count: int, say: Say
 ) -> Iterator[str]:
     """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
-    chosen, done = list(GROUPS[prover.group]), 0
+    problem, chosen, done = prover.problem, list(prover.problem.groups[prover.group]), 0
+    half = np.array(problem.settings.half) * problem.settings.axes_apart
     while done < count:
         say(f'{prover.group} flights', done, count)
         k = int(rng.integers(len(found.centre)))
+        if found.column('last_s')[k] < 0.0:
+            continue
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()))
         last, _ = prover.fly(cell)
-        end = min(last, prover.problem.scenario.ticks)
+        end = min(last, problem.scenario.ticks)
         for _ in range(min(FLIGHTS_EACH, count - done)):
-            start = np.zeros(6)
-            start[chosen] = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(chosen))
-            drawn = probing.varied(prover.problem, rng, start)
-            if not _holds(prover, probing.fly(prover.problem, drawn), end):
+            point = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(cell.centre))
+            start = np.array(problem.settings.centre) + half * rng.uniform(-1.0, 1.0, 6)
+            start[chosen] = point[: len(chosen)]
+            drawn = probing.varied(problem, rng, start)
+            unknown = point[len(chosen) :]
+            if len(unknown):
+                drawn = apart.scenario_in(problem, prover.group, unknown, drawn)
+            if not _holds(prover, probing.fly(problem, drawn), end):
                 yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
             done += 1
 
 
 def _holds(prover: Prover, flight: Flight, end: int) -> bool:
     """Whether a tube holds the states, commands and slew of a flight, until tick `end`."""
-    chosen = list(GROUPS[prover.group])
+    chosen = list(prover.problem.groups[prover.group])
     p, t = len(chosen) // 2, prover.trace
     states, commands = flight.states[: end + 1, chosen], flight.forces_n[:end, chosen[:p]]
     if not ((t.force_low[:end] <= commands) & (commands <= t.force_high[:end])).all():
@@ -260,15 +280,15 @@ def _tube(
 ) -> Iterator[str]:
     """Yield what is wrong with some ticks of a tube."""
     c, g, d, m = prover.start(cell)
-    kept = m
+    kept, motion = m, prover.motion_of(cell)
     for number in range(max(ticks, default=-1) + 1):
         if number not in ticks:
             low, high = np.empty(len(c)), np.empty(len(c))
-            tube.box_of(c, g, d, m, low, high)
+            sets.box_of(c, g, d, m, low, high)
             p = len(c) // 2
             m = tube.step(
                 problem.table,
-                prover.motion,
+                motion,
                 number,
                 c,
                 g,
@@ -280,12 +300,14 @@ def _tube(
                 np.empty(p),
                 np.empty(p),
             )
-            m = tube.tidy(number, g, d, kept, m)
+            m = sets.tidy(number, g, d, kept, m)
             continue
         where = f'{name}, tick {number}'
-        before, after, m = stepped(problem, prover.motion, number, c, g, d, m)
+        if prover.apart:
+            yield from motion_faults(prover, cell, motion, number, where)
+        before, after, m = stepped(problem, motion, number, c, g, d, m)
         yield from law_faults(problem, before, where)
-        yield from step_faults(prover.motion, before, after, where)
-        m = tube.tidy(number, g, d, kept, m)
+        yield from step_faults(motion, before, after, where)
+        m = sets.tidy(number, g, d, kept, m)
         tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
         yield from tidy_faults(after, tidied, kept, where)

@@ -55,6 +55,8 @@ def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterat
     constant = exact(motion.constant[before.number].tolist())
     carried = exact(motion.carried[before.number].tolist())
     any_n, mass = exact(motion.any_n), exact(motion.mass)
+    pushed = exact(motion.pushed[before.number].tolist())
+    shaken = exact(motion.shaken[before.number].tolist())
     closed: Matrix = [list(row) for row in a]
     for k in range(n):
         for i in range(p):
@@ -63,12 +65,12 @@ def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterat
     sizes = [abs(c[i]) + d[i] + sum(map(abs, g[i])) for i in range(n)]
     command = [laws[i][2] + laws[i][0] * c[i] + laws[i][1] * c[p + i] for i in range(p)]
     spread = [_spread(laws[i], c, g, d, i) for i in range(p)]
-    pushed = [sum((abs(column[i]) for column in carried), Fraction(0)) for i in range(p)]
-    rho = [laws[i][3] + any_n + mass * (spread[i] + pushed[i] + any_n) for i in range(p)]
+    known = [sum((abs(column[i]) for column in carried), Fraction(0)) for i in range(p)]
+    rho = [laws[i][3] + any_n + mass * (spread[i] + known[i] + any_n) for i in range(p)]
     for k in range(n):
         centre = sum(closed[k][i] * c[i] for i in range(n))
-        centre += sum(b[k][i] * (laws[i][2] + constant[i]) for i in range(p))
-        gap = abs(new_c[k] - centre) + sum(abs(closed[k][i]) * d[i] for i in range(n))
+        centre += sum(b[k][i] * (laws[i][2] + constant[i]) for i in range(p)) + pushed[k]
+        gap = abs(new_c[k] - centre) + shaken[k] + sum(abs(closed[k][i]) * d[i] for i in range(n))
         for j in range(m):
             image = sum(closed[k][i] * g[i][j] for i in range(n))
             if j < len(carried):
@@ -77,9 +79,9 @@ def step_faults(motion: Motion, before: Tick, after: Tick, where: str) -> Iterat
                     image += sum(b[k][i] * mass * (command[i] + constant[i]) for i in range(p))
             gap += abs(new_g[k][j] - image)
         gap += sum(abs(abs(new_g[k][m + i]) - abs(b[k][i]) * rho[i]) for i in range(p))
-        terms = sum(abs(a[k][i]) * sizes[i] for i in range(n))
+        terms = sum(abs(a[k][i]) * sizes[i] for i in range(n)) + abs(pushed[k]) + shaken[k]
         terms += sum(
-            abs(b[k][i]) * (abs(command[i]) + spread[i] + abs(constant[i]) + pushed[i] + any_n)
+            abs(b[k][i]) * (abs(command[i]) + spread[i] + abs(constant[i]) + known[i] + any_n)
             for i in range(p)
         )
         if gap + FLIGHT * terms > new_d[k]:

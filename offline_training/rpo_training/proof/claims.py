@@ -17,11 +17,11 @@ from rpo_core.requirements import Requirements
 from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
 from rpo_training.proof.cells import Found
 from rpo_training.proof.problem import HOLD, Problem
-from rpo_training.proof.tube import Rest
+from rpo_training.proof.sets import Rest
 
 Floats = NDArray[np.float64]
 Groups = Mapping[str, Found]
-"""Planar and vertical cells."""
+"""Cells of each group, in the order in which they are proven."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Claim:
     key : the requirement of `rpo_core.requirements` that it is
     bound : no start exceeds it; infinite: none is known
     found : the greatest value that was flown, from `start` (6,) [m, m/s]
-    open_cells : planar cells whose bound exceeds the limit
+    open_cells : cells whose bound exceeds the limit
     """
 
     key: str
@@ -51,11 +51,21 @@ class Claim:
         return PROVEN if self.bound <= self.limit else UNDECIDED
 
 
+def main(groups: Groups) -> Found:
+    """Return the cells of the group that is proven last, on which those before it add."""
+    return groups[list(groups)[-1]]
+
+
+def _others(groups: Groups, name: str) -> list[float]:
+    """Return the greatest bound of each other group."""
+    return [float(found.column(name).max()) for found in list(groups.values())[:-1]]
+
+
 def _planar(name: str) -> Callable[[Groups], Floats]:
     """Return the bound of each planar cell, in which every vertical start is counted."""
 
     def bounds(groups: Groups) -> Floats:
-        return groups['planar'].column(name)
+        return main(groups).column(name)
 
     return bounds
 
@@ -64,16 +74,15 @@ def _per_axis(name: str) -> Callable[[Groups], Floats]:
     """Return the bound of each planar cell, or of the vertical one where that is greater."""
 
     def bounds(groups: Groups) -> Floats:
-        above = float(groups['vertical'].column(name).max())
-        return np.asarray(np.maximum(groups['planar'].column(name), above))
+        above = max(_others(groups, name), default=0.0)
+        return np.asarray(np.maximum(main(groups).column(name), above))
 
     return bounds
 
 
 def _sum(name: str) -> Callable[[Groups], Floats]:
     def bounds(groups: Groups) -> Floats:
-        above = float(groups['vertical'].column(name).max())
-        return np.asarray(groups['planar'].column(name) + above)
+        return np.asarray(main(groups).column(name) + sum(_others(groups, name)))
 
     return bounds
 
@@ -91,8 +100,10 @@ BOUNDS: dict[str, Callable[[Groups], Floats]] = {
 
 def of_planar(groups: Groups, key: str) -> Floats:
     """Return the bound (k,) of each planar cell, where nothing moves on z."""
-    vertical = groups['vertical']
-    return BOUNDS[key]({**groups, 'vertical': replace(vertical, values=0.0 * vertical.values[:1])})
+    still = {
+        k: replace(found, values=np.zeros_like(found.values[:1])) for k, found in groups.items()
+    }
+    return BOUNDS[key]({**still, list(groups)[-1]: main(groups)})
 
 
 def unknown(problem: Problem) -> list[str]:
@@ -139,11 +150,9 @@ def claims_of(
 
 
 def _open(groups: Groups, key: str, limit: float) -> int:
-    """Return the number of planar cells that exceed a limit; all of them, if z alone does."""
-    found = int((of_planar(groups, key) > limit).sum())
-    if not found and (BOUNDS[key](groups) > limit).any():
-        return len(groups['planar'].values)
-    return found
+    """Return the number of cells that exceed a limit: of the last group, and of those before it."""
+    earlier = [BOUNDS[key]({name: groups[name]}) for name in list(groups)[:-1]]
+    return sum(int((bounds > limit).sum()) for bounds in [of_planar(groups, key), *earlier])
 
 
 def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
@@ -173,7 +182,8 @@ def ranges_of(groups: Groups) -> dict[str, Range]:
     than is added here.
     """
     low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
-    for found in groups.values():
+    for every in groups.values():
+        found = every.flown
         least, most = found.column('energy_low_n2s'), found.column('energy_high_n2s')
         least = np.where(np.isfinite(least), least, 0.0)
         low, high = low + float(least.min()), high + float(most.max())

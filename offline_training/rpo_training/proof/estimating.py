@@ -13,8 +13,9 @@ import numpy as np
 from rpo_training.proof import kept, probing
 from rpo_training.proof.cells import Found, Prover, roots
 from rpo_training.proof.claims import BOUNDS, nowhere, of_planar
+from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import joined
-from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.problem import Problem
 from rpo_training.proof.proving import targets_of
 from rpo_training.proof.rest import rest_of
 
@@ -59,9 +60,10 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
     targets = targets_of(problem, {key for key in values if values[key] > limits[key]})
     groups: dict[str, Found] = {}
     parts: list[Found] = []
-    above, total, seconds = None, 0, 0.0
-    for group in reversed(GROUPS):
-        prover = Prover(problem, group, rest or nowhere(problem), above)
+    total, seconds = 0, 0.0
+    for group in problem.groups:
+        around = around_of(problem, group, groups)
+        prover = Prover(problem, group, rest or nowhere(problem), *around)
         every = roots(problem, group)
         chosen = np.random.default_rng(SEED).permutation(len(every))[:count].tolist()
         prover.fly(every[0])  # the kernels are compiled before the time is taken
@@ -71,8 +73,7 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
             parts.append(prover.prove([every[k]], targets))
         seconds, total = time.process_time() - began, len(every)
         groups[group] = joined(parts)
-        above = groups[group].tail
-    each = [{**groups, 'planar': part} for part in parts]
+    each = [{**groups, group: part} for part in parts]
     return Estimate(
         total,
         len(parts),

@@ -18,6 +18,7 @@ planar.npz, vertical.npz, summary.yaml
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +29,15 @@ from rpo_core import files
 from rpo_core.validation import InputError, mapping
 from rpo_training.cluster.pool import versions
 from rpo_training.outputs import digest_of, make_folder, read_arrays, write_text
-from rpo_training.proof import kept
+from rpo_training.proof import cells, kept
 from rpo_training.proof.cells import VALUES, Found
-from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.problem import Problem
 from rpo_training.proof.tables import Table
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
 _FOUND = ('centre', 'half', 'values', 'boxes')
-_TAIL = 'tail'
+_TAIL, _REACH = 'tail', 'reach'
 
 
 class Folder:
@@ -105,7 +106,7 @@ class Folder:
         if not path.is_file():
             return None
         try:
-            return Found(**read_arrays(path, *_FOUND, _TAIL))
+            return Found(**read_arrays(path, *_FOUND, _TAIL, _REACH))
         except InputError:
             return None
 
@@ -115,8 +116,8 @@ class Folder:
 
     def cells(self, group: str) -> Found:
         """Return all cells of a finished proof."""
-        found = Found(**read_arrays(self.path / f'{group}.npz', *_FOUND, _TAIL))
-        n = len(GROUPS[group])
+        found = Found(**read_arrays(self.path / f'{group}.npz', *_FOUND, _TAIL, _REACH))
+        n = len(cells.roots(self.problem, group)[0].centre)
         if found.centre.shape != (len(found.values), n) or found.values.shape[1] != len(VALUES):
             raise InputError(f'{self.path / group}.npz: must have rows of {n} and {len(VALUES)}')
         return found
@@ -146,4 +147,5 @@ def joined(parts: Iterable[Found]) -> Found:
     """Return the cells of all units."""
     found = list(parts)
     joint = {name: np.concatenate([getattr(p, name) for p in found]) for name in _FOUND}
-    return Found(**joint, tail=np.max([p.tail for p in found], axis=0))
+    reach = reduce(cells.joint, [p.reach for p in found])
+    return Found(**joint, tail=np.max([p.tail for p in found], axis=0), reach=reach)

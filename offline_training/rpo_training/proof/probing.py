@@ -15,7 +15,7 @@ from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_training.proof import flights
 from rpo_training.proof.claims import Groups, of_planar, values_of
-from rpo_training.proof.problem import GROUPS, Problem
+from rpo_training.proof.problem import Problem
 
 Floats = NDArray[np.float64]
 Flown = dict[str, tuple[float, tuple[float, ...], Scenario]]
@@ -102,16 +102,16 @@ def suspects(problem: Problem, groups: Groups, key: str, count: int, seed: int) 
     """Yield starts from the planar and the vertical cells whose bounds of a claim are greatest."""
     rng = np.random.default_rng(seed)
     column = 'slew_n_s' if key == 'slew_per_axis_n_s' else 'mean_error_m'
-    orders = {
-        'planar': np.argsort(of_planar(groups, key))[::-1],
-        'vertical': np.argsort(groups['vertical'].column(column))[::-1],
-    }
+    orders = {name: np.argsort(found.column(column))[::-1] for name, found in groups.items()}
+    orders[list(groups)[-1]] = np.argsort(of_planar(groups, key))[::-1]
     for number in range(count):
         start = np.zeros(6)
         for name, order in orders.items():
             found, cell = groups[name], order[(number // 4) % len(order)]
-            share = rng.uniform(-1.0, 1.0, found.centre.shape[1])
-            start[list(GROUPS[name])] = found.centre[cell] + share * found.half[cell]
+            chosen = list(problem.groups[name])
+            share = rng.uniform(-1.0, 1.0, len(chosen))
+            size = found.half[cell][: len(chosen)]
+            start[chosen] = found.centre[cell][: len(chosen)] + share * size
         yield start
 
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from rpo_core import controller as controllers
 from rpo_core import cw, scenario
 from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.disturbance import Harmonic
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.stage import section_of
-from rpo_core.validation import InputError, check_fields, mapping, real, schema
+from rpo_core.validation import InputError, check_fields, flag, mapping, real, schema
 from rpo_training.proof import steep, tables
 from rpo_training.proof.tube import Motion
 
@@ -31,8 +32,14 @@ HOLD = 'hold_error_per_axis_m'
 HOLD_ERROR_M = 0.5
 """What a scenario without requirements must hold, from its end on: the paper's claim."""
 
-GROUPS = {'planar': (0, 1, 3, 4), 'vertical': (2, 5)}
+GROUPS: dict[str, tuple[int, ...]] = {'vertical': (2, 5), 'planar': (0, 1, 3, 4)}
 """States that move together, in the order of a state: x and y are coupled, z is alone."""
+
+APART: dict[str, tuple[int, ...]] = {'z': (2, 5), 'y': (1, 4), 'x': (0, 3)}
+"""The same, where each axis has cells of its own; see `apart`."""
+
+EVER_N = 1e-12
+"""Share of the disturbance by which its sinusoids may be rounded."""
 
 _share = partial(real, least=0.0, below=0.5)
 _Six = tuple[float, float, float, float, float, float]
@@ -54,6 +61,7 @@ class Settings:
     disturbance_share : harmonics of the scenario's disturbance have any phase and any amplitude up
         to so many times, its constant any size up to so many times
     any_n : a disturbance that changes at every tick, of any axis
+    axes_apart : each axis has cells of its own, in the unknown constants too; see `apart`
     cell_m, cell_m_s : half-width of the first cells
     claims : requirements that the proof is about; none given: all that the scenario has
     coarseness : of the table of the surface, see `tables.table_of`
@@ -65,6 +73,7 @@ class Settings:
     disturbance_share: Annotated[float, partial(real, least=0.0, most=10.0)] = 0.0
     any_n: Annotated[float, partial(real, unit='N', least=0.0, most=1.0)] = 0.0
     coarseness: Annotated[float, partial(real, least=1.0, most=16.0)] = 1.0
+    axes_apart: Annotated[bool, flag] = False
     cell_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 1.0
     cell_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.0125
     claims: tuple[str, ...] = ()
@@ -133,6 +142,16 @@ class Problem:
         return self.controller.system.rules.is_odd and still and centred
 
     @property
+    def groups(self) -> dict[str, tuple[int, ...]]:
+        """States that move together, in the order in which they are proven."""
+        return APART if self.settings.axes_apart else GROUPS
+
+    @property
+    def rests(self) -> bool:
+        """Whether tubes must come to rest: nothing but an `any_n` pushes."""
+        return self.undisturbed and not self.settings.axes_apart
+
+    @property
     def undisturbed(self) -> bool:
         """Whether nothing but an `any_n` pushes."""
         return self.scenario.disturbance.is_zero
@@ -171,7 +190,7 @@ class Problem:
 
     def motion(self, group: str, ticks: int) -> Motion:
         """Return what moves the sets of a group of states, for so many ticks."""
-        chosen = list(GROUPS[group])
+        chosen = list(self.groups[group])
         axes = [i for i in chosen if i < 3]
         a, b = cw.matrices(self.scenario.step)
         constant, carried = self._forces(axes, ticks)
@@ -181,21 +200,32 @@ class Problem:
             self.scenario.dt_s,
             constant,
             carried,
-            self._lightness,
-            self.settings.any_n,
+            self.lightness,
+            self.settings.any_n + EVER_N * self.strongest_n,
+            np.zeros((ticks, len(chosen))),
+            np.zeros((ticks, len(chosen))),
         )
 
     @property
-    def _lightness(self) -> float:
+    def lightness(self) -> float:
         """Share by which 1/m may differ from 1 / nominal mass, on either side."""
         share = self.settings.mass_share
         return share / (1.0 - share)
+
+    def waves(self, axis: int) -> list[float | Harmonic]:
+        """Return the parts of an axis's disturbance whose constants are unknown."""
+        disturbance = self.scenario.disturbance
+        if self.settings.disturbance_share == 0.0:
+            return []
+        found: list[float | Harmonic] = [disturbance.constant_n[axis]]
+        found = found if found[0] else []
+        return [*found, *(h for h in disturbance.harmonics if 'xyz'.index(h.axis) == axis)]
 
     def _forces(self, axes: Sequence[int], ticks: int) -> tuple[Floats, Floats]:
         """Return known forces (N, p) and those of each unknown constant (N, q, p) [N]."""
         times = np.array([self.scenario.time_s(k) for k in range(ticks)])
         disturbance, share = self.scenario.disturbance, self.settings.disturbance_share
-        extra = [np.zeros((ticks, len(axes)))] if self._lightness > 0.0 else []
+        extra = [np.zeros((ticks, len(axes)))] if self.lightness > 0.0 else []
         if share == 0.0:
             constant = np.zeros((ticks, len(axes)))
             if not disturbance.is_zero:
@@ -203,17 +233,17 @@ class Problem:
             return np.ascontiguousarray(constant), _stacked(extra, ticks, len(axes))
         found = []
         for place, axis in enumerate(axes):
-            waves: list[Floats] = []
-            if disturbance.constant_n[axis]:
-                waves.append(np.full(ticks, share * abs(disturbance.constant_n[axis])))
-            for h in disturbance.harmonics:
-                if 'xyz'.index(h.axis) == axis:
-                    size = share * abs(h.amplitude_n)
-                    angle = h.angular_rate_rad_s * times
-                    waves += [size * np.cos(angle), size * np.sin(angle)]
-            for wave in waves:
+            columns: list[Floats] = []
+            for wave in self.waves(axis):
+                if isinstance(wave, Harmonic):
+                    size = share * abs(wave.amplitude_n)
+                    angle = wave.angular_rate_rad_s * times
+                    columns += [size * np.cos(angle), size * np.sin(angle)]
+                else:
+                    columns.append(np.full(ticks, share * abs(wave)))
+            for values in columns:
                 column = np.zeros((ticks, len(axes)))
-                column[:, place] = wave * (1.0 + 1e-12)
+                column[:, place] = values * (1.0 + 1e-12)
                 found.append(column)
         return np.zeros((ticks, len(axes))), _stacked([*found, *extra], ticks, len(axes))
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
@@ -21,12 +22,14 @@ from rpo_training.analysis.certificate import REFUTED
 from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import kept, probing
+from rpo_training.proof.apart import Beside
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
 from rpo_training.proof.claims import Claim, claims_of, nowhere, ranges_of
+from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
-from rpo_training.proof.tube import Rest
+from rpo_training.proof.sets import Rest
 
 UNIT = 25
 """First cells of a unit."""
@@ -47,6 +50,7 @@ class Work(NamedTuple):
     rest: Rest
     targets: Targets
     above: NDArray[np.float64] | None
+    beside: Beside
 
 
 @dataclass(frozen=True)
@@ -75,16 +79,18 @@ def prove(
     problem.__dict__['table'] = folder.table()
     limits = problem.limits
     speed = limits.get('hold_speed_per_axis_m_s')
-    rest = rest_of(problem, problem.hold_error_m, speed)
+    rest = None
+    if not problem.settings.axes_apart:
+        rest = rest_of(problem, problem.hold_error_m, speed)
     asked = rest or nowhere(problem)
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
     groups: dict[str, Found] = {}
-    targets, above = targets_of(problem, refuted), None
-    for group in ('vertical', 'planar'):
-        work = Work(problem, group, asked, targets, above)
+    targets = targets_of(problem, refuted)
+    for group in problem.groups:
+        around = around_of(problem, group, groups)
+        work = Work(problem, group, asked, targets, *around)
         groups[group] = _cells(folder, work, workers, address, progress)
-        above = groups[group].tail
     flown = _suspected(problem, groups, rest, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
     claims = claims_of(problem, groups, rest, values)
@@ -150,7 +156,7 @@ def _on_threads(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
 ) -> Source:
     """Yield units as they are finished."""
-    prover = Prover(work.problem, work.group, work.rest, work.above)
+    prover = Prover(work.problem, work.group, work.rest, work.above, work.beside)
     workers = workers or len(os.sched_getaffinity(0))
     executor = ThreadPoolExecutor(workers, 'rpo-prove')
     todo, under_way = iter(pending), dict[Future[Found], int]()
@@ -168,31 +174,30 @@ def _on_threads(
 
 
 @lru_cache(maxsize=2)
-def _prover(texts: tuple[str, str, str], group: str, rest: Rest, above: bytes | None) -> Prover:
-    tail = None if above is None else np.frombuffer(above).reshape(2, -1)
+def _prover(texts: tuple[str, str, str], group: str, rest: Rest, around: bytes) -> Prover:
     problem = Problem.of_texts(texts)
     problem.__dict__['table'] = kept.table_of(problem)
-    return Prover(problem, group, rest, tail)
+    return Prover(problem, group, rest, *pickle.loads(around))
 
 
 def prove_remote(
     texts: tuple[str, str, str],
     group: str,
     rest: Rest,
-    above: bytes | None,
+    around: bytes,
     cells: list[Cell],
     targets: Targets,
 ) -> Found:
     """Prove a unit on a worker."""
-    return _prover(texts, group, rest, above).prove(cells, targets)
+    return _prover(texts, group, rest, around).prove(cells, targets)
 
 
 def _on_cluster(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
 ) -> Source:
     """Yield units as they come in."""
-    above = None if work.above is None else work.above.tobytes()
-    same = work.problem.texts, work.group, work.rest, above
+    around = pickle.dumps((work.above, work.beside))
+    same = work.problem.texts, work.group, work.rest, around
     calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
     with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
         yield from pool.results(client, prove_remote, calls)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_training.proof.problem import Problem
-from rpo_training.proof.tube import MOST, Motion, Rest, box_of, rests, step
+from rpo_training.proof.sets import MOST, Rest, box_of, rests
+from rpo_training.proof.tube import Motion, step
 
 Floats = NDArray[np.float64]
 

@@ -245,3 +245,17 @@ def drift_of(
         least -= outside
         most += outside
     return Drift(bend, least, most, b[v, axis] / dt, dt)
+
+
+@compiled
+def pushed(drift: Drift, r: float, half_m: float, v: float, half: float) -> Drift:
+    """Return a drift to which other axes add r +- half_m [m] and v +- half [m/s] in the tick."""
+    bend = (abs(r) + half_m) / drift.dt_s + 0.5 * (abs(v) + half)
+    room = TINY * (abs(v) + half)
+    return Drift(
+        drift.bend_m_s + bend * (1.0 + TINY),
+        drift.low + (v - half - room) / drift.dt_s,
+        drift.high + (v + half + room) / drift.dt_s,
+        drift.push,
+        drift.dt_s,
+    )

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A tube: zonotopes that hold every state of the closed loop, tick by tick. Kernels.
 
-A set is {c + G xi + delta : |xi_j| <= 1, |delta_i| <= d_i}. State: the p positions [m], then the p
+A set is a zonotope (`sets`). State: the p positions [m], then the p
 velocities [m/s] of axes that move together: x and y, or z alone. In a tick each axis gets a law of
 its box, so the state follows x' = A x + B (K x + k_0 + rho xi), which a zonotope follows exactly.
 """
@@ -16,26 +16,9 @@ import numpy as np
 from rpo_training.engine.lanes import compiled
 from rpo_training.proof.laws import law_of
 from rpo_training.proof.parts import slew_by_parts
-from rpo_training.proof.slew import Strip, drift_of, slew_of
+from rpo_training.proof.sets import ROUND, Rest, box_of, rests, strip_of, tidy, weigh
+from rpo_training.proof.slew import Strip, drift_of, pushed, slew_of
 from rpo_training.proof.tables import Table
-
-ROUND = 2.0**-44
-"""Share of the sizes of all terms by which a tick is widened, for what rounding can do.
-
-A sum of at most 200 products, each of which has at most 8 roundings, is wrong by at most
-208 x 2^-53 of the sum of the sizes of its terms, less than half of this (Higham 2002, section 3.1).
-The other half holds the flight's own arithmetic: sums of five products, of coefficients that are
-right to 8 x 2^-53.
-"""
-
-MOST = 180
-"""Generators, at which the small ones become a box."""
-
-BATCH = 16
-"""Ticks whose rounding is kept as a box, before it becomes generators."""
-
-WORTH_S = 20.0
-"""Weight of a velocity [m/s] beside a position [m], where generators are compared."""
 
 
 class Motion(NamedTuple):
@@ -46,6 +29,8 @@ class Motion(NamedTuple):
     carried : (N, q, p) force [N] of each of the first q generators at each tick
     mass : share by which 1/m may differ; generator `q` - 1 carries it, if > 0
     any_n : force per axis [N] that may change at every tick
+    pushed, shaken : (N, n) what axes outside the set add to the state at each tick: the middle, and
+        the half-width
     """
 
     a: Any
@@ -55,6 +40,8 @@ class Motion(NamedTuple):
     carried: Any
     mass: float
     any_n: float
+    pushed: Any
+    shaken: Any
 
 
 class Trace(NamedTuple):
@@ -64,6 +51,7 @@ class Trace(NamedTuple):
     force_low, force_high : (N, p) commanded force [N]
     slew : (N, p) bound of the change of the command until the next tick [N/s]
     laws : (N, p, 6) k_r, k_v, k_0, rho; tilt and half-width of the strip that they hold on
+    weights : (j,) sizes of the first generators, summed over the ticks
     """
 
     low: Any
@@ -72,74 +60,7 @@ class Trace(NamedTuple):
     force_high: Any
     slew: Any
     laws: Any
-
-
-class Rest(NamedTuple):
-    """A set that the closed loop maps into itself: |r| <= radius_m, |v + rate r| <= speed_m_s."""
-
-    radius_m: float
-    rate: float
-    speed_m_s: float
-
-
-@compiled
-def box_of(c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> None:
-    """Fill the box of a set whose first m generators count, rounded outwards."""
-    for i in range(len(c)):
-        radius = d[i]
-        for j in range(m):
-            radius += abs(g[i, j])
-        radius = radius * (1.0 + ROUND) + abs(c[i]) * ROUND
-        low[i], high[i] = c[i] - radius, c[i] + radius
-
-
-@compiled
-def strip_of(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
-    """Return tilt [1/s] and half-width [m/s] of a strip in r, v that holds the set.
-
-    Every v - tilt r of the set is within the half-width of that of its middle; the tilt is the one
-    of least squares.
-    """
-    product, square = 0.0, 1e-300
-    for j in range(m):
-        product, square = product + g[r, j] * g[v, j], square + g[r, j] * g[r, j]
-    tilt = product / square
-    half = d[v] + abs(tilt) * d[r]
-    size = half
-    for j in range(m):
-        half += abs(g[v, j] - tilt * g[r, j])
-        size += abs(g[v, j]) + abs(tilt * g[r, j])
-    return tilt, half + ROUND * size
-
-
-@compiled
-def reduce(g: Any, d: Any, kept: int, m: int) -> int:
-    """Keep the first `kept` and the larger half of the other generators, box the small ones."""
-    n = len(d)
-    sizes = np.empty(m - kept)
-    for j in range(kept, m):
-        total, largest = 0.0, 0.0
-        for i in range(n):
-            size = abs(g[i, j]) * (1.0 if 2 * i < n else WORTH_S)
-            total, largest = total + size, max(largest, size)
-        sizes[j - kept] = total - largest
-    small = np.sort(sizes)[(m - kept) // 2]
-    box = np.zeros(n)
-    count = kept
-    for j in range(kept, m):
-        if sizes[j - kept] <= small:
-            for i in range(n):
-                box[i] += abs(g[i, j])
-        else:
-            for i in range(n):
-                g[i, count] = g[i, j]
-            count += 1
-    for i in range(n):
-        for k in range(n):
-            g[k, count + i] = 0.0
-        g[i, count + i] = (box[i] + d[i]) * (1.0 + ROUND)
-        d[i] = 0.0
-    return count + n
+    weights: Any
 
 
 @compiled
@@ -209,22 +130,6 @@ def step(
 
 
 @compiled
-def tidy(tick: int, g: Any, d: Any, kept: int, m: int) -> int:
-    """Make generators of the box of rounding, now and then, and a box of small generators."""
-    n = len(d)
-    if tick % BATCH == BATCH - 1:
-        for i in range(n):
-            for k in range(n):
-                g[k, m + i] = 0.0
-            g[i, m + i] = d[i]
-            d[i] = 0.0
-        m += n
-    if m > MOST:
-        m = reduce(g, d, kept, m)
-    return m
-
-
-@compiled
 def _move(
     motion: Motion,
     tick: int,
@@ -258,8 +163,9 @@ def _move(
             total += motion.b[k, i] * middle[i]
             for j in range(q):
                 size[k] += abs(motion.b[k, i] * motion.carried[tick, j, i])
-        new[k] = total
-        size[k] = wide + ROUND * (size[k] + wide)
+        new[k] = total + motion.pushed[tick, k]
+        far = abs(motion.pushed[tick, k]) + motion.shaken[tick, k]
+        size[k] = wide + motion.shaken[tick, k] + ROUND * (size[k] + wide + far)
     for k in range(n):
         c[k], d[k] = new[k], size[k]
     for j in range(m):
@@ -280,23 +186,6 @@ def _move(
 
 
 @compiled
-def rests(rest: Rest, c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> bool:
-    """Whether a set is inside the set of rest, on every axis."""
-    p = len(c) // 2
-    for i in range(p):
-        if max(-low[i], high[i]) > rest.radius_m:
-            return False
-        spread = d[p + i] + rest.rate * d[i]
-        size = spread + abs(c[p + i]) + abs(rest.rate * c[i])
-        for j in range(m):
-            spread += abs(g[p + i, j] + rest.rate * g[i, j])
-            size += abs(g[p + i, j]) + abs(rest.rate * g[i, j])
-        if abs(c[p + i] + rest.rate * c[i]) + spread + ROUND * size > rest.speed_m_s:
-            return False
-    return True
-
-
-@compiled
 def fly(
     table: Table,
     motion: Motion,
@@ -309,7 +198,6 @@ def fly(
     until: int,
     widest: Any,
     most_m: float,
-    slew_n_s: float,
     trace: Trace,
 ) -> tuple[int, int]:
     """Move a set; return the last tick that the trace holds, and the tick at which it rests.
@@ -317,20 +205,19 @@ def fly(
     c (n,), g (n, capacity), d (n,) : the set, changed in place
     rest, until : the flight ends at rest, but not before tick `until`; -1 where it never rests
     widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
-    slew_n_s : a bound of slew that exceeds it is made sharper
     """
     last = len(trace.laws)
-    resting, fastest = -1, 0.0
+    resting = -1
+    trace.weights[:] = 0.0
     for tick in range(last + 1):
         low, high = trace.low[tick], trace.high[tick]
         box_of(c, g, d, m, low, high)
+        weigh(g, kept, trace.weights)
         for i in range(len(c)):
             if not high[i] - low[i] <= 2.0 * widest[i]:
                 return tick, -1
             if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
                 return tick, -1
-        if tick > 0:
-            fastest = max(fastest, _slew(table, motion, tick - 1, trace, fastest, slew_n_s))
         if tick > 0 and resting < 0 and rests(rest, c, g, d, m, low, high):
             resting = tick
         if tick == last or (tick >= until and resting >= 0):
@@ -356,12 +243,23 @@ def fly(
 
 
 @compiled
+def fill_slew(table: Table, motion: Motion, trace: Trace, last: int, limit_n_s: float) -> None:
+    """Fill the bounds of slew of a tube that lasts until a tick.
+
+    limit_n_s : what is asked for; a bound that exceeds it is made sharper, until that fails
+    """
+    most = 0.0
+    for tick in range(last):
+        most = max(most, _slew(table, motion, tick, trace, most, limit_n_s))
+
+
+@compiled
 def _slew(
-    table: Table, motion: Motion, tick: int, trace: Trace, enough: float, limit: float
+    table: Table, motion: Motion, tick: int, trace: Trace, most: float, limit: float
 ) -> float:
     """Fill the bound of slew from a tick to the next; return the greatest of the axes.
 
-    enough : of an earlier tick; limit : what is asked for [N/s]
+    most : of earlier ticks; one that is no greater need not be sharp
     """
     low, high, p = trace.low[tick], trace.high[tick], trace.slew.shape[1]
     f0, f1 = trace.force_low[tick], trace.force_high[tick]
@@ -373,9 +271,11 @@ def _slew(
         other = max(other, motion.any_n + total)
     for i in range(p):
         other = max(other, other + motion.mass * max(abs(f0[i]), abs(f1[i])))
-    most = 0.0
+    enough = most
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
+        far, wide = motion.pushed[tick], motion.shaken[tick]
+        drift = pushed(drift, far[i], wide[i], far[p + i], wide[p + i])
         strip = Strip(
             0.5 * (low[i] + high[i]),
             0.5 * (low[p + i] + high[p + i]),
@@ -384,7 +284,7 @@ def _slew(
             trace.laws[tick, i, 5],
         )
         bound = slew_of(table, drift, strip, f0[i], f1[i], enough)
-        if bound > limit:
+        if bound > limit >= most:
             bound = slew_by_parts(table, drift, strip, f0[i], f1[i], limit)
         trace.slew[tick, i] = bound
         most = max(most, bound)

@@ -1,0 +1,132 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Axes that are proven alone: cells of a disturbance and of mass; the checker looks at them too."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from proofs import COARSE
+
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario
+from rpo_training.proof import apart, cells, check, check_apart, check_ticks, proving
+from rpo_training.proof.claims import nowhere
+from rpo_training.proof.corridor import around_of
+from rpo_training.proof.folder import Folder
+from rpo_training.proof.problem import APART, Problem, Settings
+
+
+def paper_like(**options):
+    """The paper's disturbance, at any phase and with a mass that differs, near the target."""
+    base = replace(
+        load_scenario('paper_test'),
+        initial_position_m=(2.0, 3.0, -2.0),
+        duration_s=120.0,
+        requirements=None,
+    )
+    chosen = {'disturbance_share': 0.6, 'mass_share': 0.05, 'cell_m_s': 0.02, **options}
+    settings = Settings(
+        centre=base.start,
+        half=(0.4, 0.4, 0.4, 0.02, 0.02, 0.02),
+        axes_apart=True,
+        coarseness=COARSE,
+        **chosen,
+    )
+    return Problem.of(load_controller('allround'), base, settings)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    made = Folder.create(tmp_path_factory.mktemp('apart') / 'proof', paper_like())
+    proving.prove(made, 1, '', lambda *_: None, probes=20)
+    return made
+
+
+@pytest.fixture(scope='module')
+def groups(folder):
+    return {group: folder.cells(group) for group in APART}
+
+
+def prover_of(folder, groups, group):
+    before = {name: groups[name] for name in list(APART)[: list(APART).index(group)]}
+    around = around_of(folder.problem, group, before)
+    return cells.Prover(folder.problem, group, nowhere(folder.problem), *around)
+
+
+def test_it_is_proven_and_checked(folder, groups):
+    claims = folder.summary()['claims']
+    assert [claim['verdict'] for claim in claims.values()] == ['proven']
+    assert 'for ever' not in next(iter(claims.values()))['statement']
+    assert any(len(found.values) > 1 for found in groups.values())
+    assert not check.check(folder, check.Sample(starts=2, ticks=3, surface=1, flights=100))
+
+
+def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, groups):
+    """Drawn without the prover's help: where it starts, each axis has a tube that holds it."""
+    problem, rng = folder.problem, np.random.default_rng(4)
+    for _ in range(3):
+        point = {g: np.array([rng.uniform(*r) for r in apart.ranges(problem, g)]) for g in APART}
+        for unknown in point.values():
+            unknown[-1] = point['x'][-1]  # one mass for all axes
+            unknown[-3:-1] *= 0.7
+        scenario = problem.scenario
+        for group, unknown in point.items():
+            scenario = apart.scenario_in(problem, group, unknown, scenario)
+        start = np.array(problem.settings.centre) + rng.uniform(-1, 1, 6) * problem.settings.half
+        x, y, z, vx, vy, vz = start.tolist()
+        scenario = replace(
+            scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
+        )
+        flight = fly(scenario, problem.controller)
+        for group, chosen in APART.items():
+            prover, found = prover_of(folder, groups, group), groups[group]
+            at = np.concatenate([start[list(chosen)], point[group]])
+            (k, *_) = np.flatnonzero((np.abs(found.centre - at) <= found.half).all(axis=1))
+            prover.fly(cells.Cell(tuple(found.centre[k]), tuple(found.half[k])))
+            states = flight.states[:, list(chosen)]
+            assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
+
+
+def test_a_push_outside_the_corridor_gives_nothing(folder, groups):
+    """What is known of y follows from the corridor of x; a tube of x that leaves it is open."""
+    prover = prover_of(folder, groups, 'x')
+    cell = cells.roots(folder.problem, 'x')[0]
+    narrow = prover.beside.corridor.copy()
+    narrow[1, 300:] = narrow[0, 300:]
+    prover.beside = prover.beside._replace(corridor=narrow)
+    row = prover.values(cell)[0]
+    assert row[cells.VALUES.index('last_s')] < 30.0
+    assert np.isinf(row[cells.VALUES.index('hold_error_m')])
+
+
+def test_planted_errors_are_found(folder, groups):
+    """A narrower reach, an empty cell that is none, other forces, masses and pushes."""
+    prover, rng = prover_of(folder, groups, 'x'), np.random.default_rng(1)
+    found = copy.deepcopy(groups['x'])
+    found.reach[1] -= 1e-9
+    every = check.Sample(starts=0, ticks=0)
+    assert list(check.tube_faults(prover, found, rng, every, lambda *_: None))
+    found.values[0, cells.VALUES.index('last_s')] = -0.1
+    assert list(check_apart.empty_faults(folder.problem, 'x', found))
+    cell = cells.Cell(tuple(groups['x'].centre[0]), tuple(groups['x'].half[0]))
+    motion = prover.motion_of(cell)
+    assert not list(check_apart.motion_faults(prover, cell, motion, 50, ''))
+    for wrong in (
+        motion._replace(constant=motion.constant + 1e-9),
+        motion._replace(carried=motion.carried * 0.999),
+        motion._replace(mass=motion.mass * 0.999),
+        motion._replace(b=motion.b * (1.0 + 1e-9)),
+        motion._replace(pushed=motion.pushed + 1e-3),
+        motion._replace(shaken=motion.shaken * 0.9),
+    ):
+        assert list(check_apart.motion_faults(prover, cell, wrong, 50, ''))
+    c, g, d, m = prover.start(cell)
+    before, after, _ = check.stepped(folder.problem, motion, 50, c, g, d, m)
+    assert not list(check_ticks.step_faults(motion, before, after, ''))
+    still = motion._replace(pushed=0.0 * motion.pushed)
+    assert list(check_ticks.step_faults(still, before, after, ''))
