@@ -41,8 +41,9 @@ WIDEST = (8.0, 1.0)
 OVERLAP = 2.0**-48
 """Share of its place and width by which a cell reaches into its neighbours."""
 
-FINER = 32.0
-"""Vertical cells are so much smaller: they are few, and add to what all planar ones have."""
+FINER, FINER_MOVING = 64.0, 4.0
+"""Vertical cells are so much smaller, from rest and else: they are few, and add to what all planar
+ones have."""
 
 VALUES = (
     'depth',
@@ -91,8 +92,8 @@ class Found:
     """Cells of a unit, with what their tubes say.
 
     centre, half : (k, n); values : (k, len(VALUES)); boxes : (k, checkpoints, 2, n) low, high
-    tail : (2, ticks of the window) greatest square of the norms of position and velocity of any
-        cell at each tick
+    tail : (u, 2, ticks of the window) greatest square of the norms of position and velocity at each
+        tick, of any cell of each unit
     reach : (2, N+1, 2) least and greatest state of any cell, where axes are apart; else (2, 0, n)
     """
 
@@ -123,11 +124,12 @@ class Found:
 def roots(problem: Problem, group: str) -> list[Cell]:
     """Return the first cells, which cover the box of starts; half of it where all is odd."""
     settings, chosen = problem.settings, problem.groups[group]
-    lines = []
+    lines, finer = [], 1.0
+    if group == 'vertical':
+        finer = FINER_MOVING if settings.half[5] else FINER
     for place, i in enumerate(chosen):
         centre, half = settings.centre[i], settings.half[i]
-        size = settings.cell_m if i < 3 else settings.cell_m_s
-        size = size / FINER if group == 'vertical' else size
+        size = (settings.cell_m if i < 3 else settings.cell_m_s) / finer
         low = centre - half
         if problem.odd and place == 0:
             low, half = centre, half / 2
@@ -167,7 +169,7 @@ class Prover(threading.local):
     """Moves the sets of a group; one for each thread.
 
     rest : where tubes end
-    above : (2, ticks of the window) squares of norms of other groups, which add to these
+    above : (u, 2, ticks of the window) squares of norms of other groups: one of them adds to these
     beside : the other axis, where axes are apart
     """
 
@@ -182,7 +184,7 @@ class Prover(threading.local):
         self.problem, self.group, self.rest = problem, group, rest
         self.apart, self.beside = problem.settings.axes_apart, beside
         self.windows: Windows = windows_of(problem.scenario)
-        self.above = np.zeros((2, self.windows.tail)) if above is None else above
+        self.above = np.zeros((1, 2, self.windows.tail)) if above is None else above
         self.ticks = LONGER * max(problem.hold_tick, problem.scenario.ticks)
         if not problem.rests:
             self.ticks = problem.scenario.ticks
@@ -231,7 +233,7 @@ class Prover(threading.local):
     def fly(self, cell: Cell) -> tuple[int, int]:
         """Fill `trace`; return its last tick, and the tick from which the tube rests or -1.
 
-        A tube that does not last has no bounds of slew.
+        A tube that does not last, or of which no slew is asked for, has no bounds of slew.
         """
         motion = self.motion_of(cell)
         c, g, d, m = self.start(cell)
@@ -253,7 +255,7 @@ class Prover(threading.local):
             self.trace,
         )
         last = self._inside(int(last))
-        if last >= until:
+        if last >= until and math.isfinite(self.slew_n_s):
             fill_slew(self.problem.table, motion, self.trace, last, self.slew_n_s)
         else:
             self.trace.slew[:] = np.inf
@@ -274,15 +276,15 @@ class Prover(threading.local):
         last, resting = (-1, -1) if empty else self.fly(cell)
         size = np.maximum(-t.low[: last + 1], t.high[: last + 1])
         judged, hold = self.windows.ticks, self.problem.hold_tick
-        row, squares = np.full(len(VALUES), np.inf), np.full(self.above.shape, np.inf)
+        row, squares = np.full(len(VALUES), np.inf), np.full(self.above.shape[1:], np.inf)
         row[:3] = cell.depth, last * dt, resting * dt if resting >= 0 else np.inf
         if empty:
-            row[3:], squares = 0.0, np.zeros(self.above.shape)
+            row[3:], squares = 0.0, np.zeros(self.above.shape[1:])
         if last >= max(judged, hold):
             late = size[hold:]
             tail = size[judged - self.windows.tail + 1 : judged + 1] ** 2
             squares = np.stack([tail[:, :p].sum(axis=1), tail[:, p:].sum(axis=1)]) * (1.0 + 1e-12)
-            means = np.sqrt(squares + self.above).mean(axis=1)
+            means = np.sqrt(squares + self.above).mean(axis=2).max(axis=0)
             commands = np.maximum(-t.force_low[:judged], t.force_high[:judged])
             least = np.maximum(np.maximum(t.force_low[:judged], -t.force_high[:judged]), 0.0)
             outside = np.flatnonzero((size[:, :p] > 0.5).any(axis=1))
@@ -353,7 +355,7 @@ class Prover(threading.local):
             np.array([cell.half for cell in done]),
             np.array(rows),
             np.array(boxes),
-            np.max(tails, axis=0),
+            np.max(tails, axis=0)[None],
             np.empty((2, 0, 0)) if reach is None else reach,
         )
 

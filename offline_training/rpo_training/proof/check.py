@@ -218,7 +218,7 @@ def tube_faults(
         values, boxes, tail, reach = prover.values(cell)
         if (reach[0] < found.reach[0]).any() or (reach[1] > found.reach[1]).any():
             yield f'{name}: leaves what its group reaches'
-        if not (tail <= found.tail).all():
+        if not (tail <= found.tail).all(axis=(1, 2)).any():
             yield f'{name}: its norms exceed those of the group'
         if not np.array_equal(values, found.values[k]):
             wrong = cells.VALUES[int((values != found.values[k]).argmax())]

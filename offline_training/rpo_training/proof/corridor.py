@@ -29,7 +29,9 @@ def around_of(
 ) -> tuple[Floats | None, Beside]:
     """Return what a group adds to, and what is beside it; groups : those that are proven."""
     tails = [found.tail for found in groups.values()]
-    above = np.sum(tails, axis=0) if tails else None
+    above = tails[0] if tails else None
+    if len(tails) > 1:  # of each, the greatest of all units
+        above = np.sum([tail.max(axis=0, keepdims=True) for tail in tails], axis=0)
     if group == 'y':
         return above, Beside(_corridor(problem.texts), None)
     if group == 'x':

@@ -148,4 +148,4 @@ def joined(parts: Iterable[Found]) -> Found:
     found = list(parts)
     joint = {name: np.concatenate([getattr(p, name) for p in found]) for name in _FOUND}
     reach = reduce(cells.joint, [p.reach for p in found])
-    return Found(**joint, tail=np.max([p.tail for p in found], axis=0), reach=reach)
+    return Found(**joint, tail=np.concatenate([p.tail for p in found]), reach=reach)
