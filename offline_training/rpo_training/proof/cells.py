@@ -29,7 +29,7 @@ LONGER = 2
 DEEPEST, DEEPEST_APART = 16, 40
 """Halvings of a cell, at most: across two or four sides, or up to eight."""
 
-MOST_TUBES, MOST_TUBES_APART = 240, 3000
+MOST_TUBES, MOST_TUBES_APART = 240, 20000
 """Tubes for each first cell of a unit, after which no more cells are halved."""
 
 CHECKPOINT_S = 10.0

@@ -31,8 +31,8 @@ from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.rest import rest_of
 from rpo_training.proof.sets import Rest
 
-UNIT = 25
-"""First cells of a unit."""
+UNIT, UNIT_APART = 25, 1
+"""First cells of a unit; where axes are apart, each has many cells."""
 
 PROBES, SUSPECTS = 2000, 200
 """Flights before the proof, from anywhere, and after it for each claim, from the worst cells."""
@@ -135,17 +135,18 @@ def _suspected(
 def _cells(folder: Folder, work: Work, workers: int, address: str, progress: Progress) -> Found:
     """Return all cells of a group; those of finished units are read."""
     group, cells = work.group, roots(work.problem, work.group)
-    units = [cells[first : first + UNIT] for first in range(0, len(cells), UNIT)]
+    size = UNIT_APART if work.problem.settings.axes_apart else UNIT
+    units = [cells[first : first + size] for first in range(0, len(cells), size)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
     pending = [unit for unit, found in parts.items() if found is None]
     finished = len(units) - len(pending)
-    progress(f'{group} cells', finished * UNIT, len(cells))
+    progress(f'{group} cells', finished * size, len(cells))
     make = _on_cluster if address else _on_threads
     for unit, found in make(work, units, pending, workers, address):
         folder.put(group, unit, found)
         parts[unit] = found
         finished += 1
-        progress(f'{group} cells', min(finished * UNIT, len(cells)), len(cells))
+        progress(f'{group} cells', min(finished * size, len(cells)), len(cells))
     return joined(part for part in parts.values() if part is not None)
 
 
