@@ -13,6 +13,7 @@ from proofs import COARSE
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.requirements import Requirements
 from rpo_core.scenario import load_scenario
 from rpo_training.proof import apart, cells, check, check_apart, check_ticks, proving
 from rpo_training.proof.claims import nowhere
@@ -102,6 +103,18 @@ def test_a_push_outside_the_corridor_gives_nothing(folder, groups):
     row = prover.values(cell)[0]
     assert row[cells.VALUES.index('last_s')] < 30.0
     assert np.isinf(row[cells.VALUES.index('hold_error_m')])
+
+
+def test_what_is_refuted_at_once_is_not_searched(tmp_path):
+    """No cell is halved for a claim that flights have refuted."""
+    strict = replace(paper_like().scenario, requirements=Requirements(slew_per_axis_n_s=0.001))
+    settings = replace(paper_like().settings, claims=('slew_per_axis_n_s',))
+    problem = Problem.of(load_controller('allround'), strict, settings)
+    made = Folder.create(tmp_path / 'proof', problem)
+    proving.prove(made, 1, '', lambda *_: None, probes=10)
+    assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
+    for group in APART:
+        assert len(made.cells(group).values) == len(cells.roots(problem, group))
 
 
 def test_planted_errors_are_found(folder, groups):

@@ -50,7 +50,12 @@ ALONE = Beside(None, None)
 
 
 def coupled(problem: Problem, motion: Motion, group: str, states: Floats) -> Motion:
-    """Return a motion that the other axis pushes; its states are in bounds (2, N+1, 2)."""
+    """Return a motion that the other axis pushes; its states are in bounds (2, N+1, 2).
+
+    Bounds that are not finite: nothing is known of the push, and of this axis.
+    """
+    if not np.isfinite(states).all():
+        return motion._replace(pushed=np.full_like(motion.pushed, np.nan))
     own, other = APART[group], APART['y' if group == 'x' else 'x']
     a, b = cw.matrices(problem.scenario.step)
     a, b = a[np.ix_(own, other)], b[np.ix_(own, other[:1])][:, 0]

@@ -328,19 +328,23 @@ class Prover(threading.local):
             self.problem, self.group, np.array(cell.centre), np.array(cell.half)
         )
 
-    def prove(self, cells: list[Cell], targets: Targets) -> Found:
-        """Return the cells, halved where a target is missed, with what is known of them."""
+    def prove(self, cells: list[Cell], targets: Targets | None) -> Found:
+        """Return the cells, halved where a target is missed, with what is known of them.
+
+        targets : None, where every claim is refuted already: nothing is halved
+        """
+        goals = np.full(len(Targets._fields), np.inf) if targets is None else np.array(targets)
         names = [VALUES.index(name) for name in Targets._fields]
         rows, boxes, tails, done = [], [], [], []
         deepest = DEEPEST_APART if self.apart else DEEPEST
         most = (MOST_TUBES_APART if self.apart else MOST_TUBES) * len(cells)
-        if not np.isfinite(self.motion.pushed).all():
-            most = 0  # nothing is known of the other axis: no smaller cell helps
+        if targets is None or not np.isfinite(self.motion.pushed).all():
+            most = 0  # or nothing is known of the other axis: no smaller cell helps
         todo, tubes, reach = list(reversed(cells)), 0, None
         while todo:
             cell = todo.pop()
             row, box, squares, far = self.values(cell)
-            reached = self.arrived(row) and bool((row[names] <= np.array(targets)).all())
+            reached = self.arrived(row) and bool((row[names] <= goals).all())
             tubes += 1
             if not reached and cell.depth < deepest and tubes < most:
                 todo += reversed(list(halves(cell, self.weights(cell))))

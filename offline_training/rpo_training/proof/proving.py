@@ -24,7 +24,7 @@ from rpo_training.outputs import write_text
 from rpo_training.proof import kept, probing
 from rpo_training.proof.apart import Beside
 from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
-from rpo_training.proof.claims import Claim, claims_of, nowhere, ranges_of
+from rpo_training.proof.claims import BOUNDS, Claim, claims_of, nowhere, ranges_of
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
@@ -48,7 +48,7 @@ class Work(NamedTuple):
     problem: Problem
     group: str
     rest: Rest
-    targets: Targets
+    targets: Targets | None
     above: NDArray[np.float64] | None
     beside: Beside
 
@@ -86,7 +86,7 @@ def prove(
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
     groups: dict[str, Found] = {}
-    targets = targets_of(problem, refuted)
+    targets = targets_of(problem, refuted) if set(limits) & set(BOUNDS) - refuted else None
     for group in problem.groups:
         around = around_of(problem, group, groups)
         work = Work(problem, group, asked, targets, *around)
@@ -187,7 +187,7 @@ def prove_remote(
     rest: Rest,
     around: bytes,
     cells: list[Cell],
-    targets: Targets,
+    targets: Targets | None,
 ) -> Found:
     """Prove a unit on a worker."""
     return _prover(texts, group, rest, around).prove(cells, targets)
