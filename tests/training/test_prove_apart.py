@@ -105,6 +105,17 @@ def test_a_push_outside_the_corridor_gives_nothing(folder, groups):
     assert np.isinf(row[cells.VALUES.index('hold_error_m')])
 
 
+@pytest.mark.parametrize('group', APART)
+def test_the_motion_of_every_cell_is_what_is_flown(folder, groups, group):
+    """At its corners, where the rounding of the sinusoids is largest."""
+    prover, found = prover_of(folder, groups, group), groups[group]
+    for centre, half in zip(found.centre.tolist(), found.half.tolist(), strict=True):
+        cell = cells.Cell(tuple(centre), tuple(half))
+        for tick in range(0, folder.problem.scenario.ticks, 100):
+            motion = prover.motion_of(cell)
+            assert not list(check_apart.motion_faults(prover, cell, motion, tick, ''))
+
+
 def test_what_is_refuted_at_once_is_not_searched(tmp_path):
     """No cell is halved for a claim that flights have refuted."""
     strict = replace(paper_like().scenario, requirements=Requirements(slew_per_axis_n_s=0.001))

@@ -38,8 +38,8 @@ GROUPS: dict[str, tuple[int, ...]] = {'vertical': (2, 5), 'planar': (0, 1, 3, 4)
 APART: dict[str, tuple[int, ...]] = {'z': (2, 5), 'y': (1, 4), 'x': (0, 3)}
 """The same, where each axis has cells of its own; see `apart`."""
 
-EVER_N = 1e-12
-"""Share of the disturbance by which its sinusoids may be rounded."""
+EVER_N = 4e-12
+"""Share of the disturbance by which its sinusoids may be rounded, and are widened (`_forces`)."""
 
 _share = partial(real, least=0.0, below=0.5)
 _Six = tuple[float, float, float, float, float, float]
