@@ -29,13 +29,13 @@ def report_of(path: Path) -> Report:
     """Return the report of a finished proof's folder; raises InputError."""
     folder = Folder.open(path)
     summary = folder.summary()
-    groups = {group: folder.cells(group) for group in ('planar', 'vertical')}
+    groups = {group: folder.cells(group) for group in folder.problem.groups}
     claims = summary['claims']
     with style.applied():
         pictures = [
             _margins(folder, groups, key, claim)
             for key, claim in claims.items()
-            if claim['limit'] > 0.0
+            if claim['limit'] > 0.0 and 'planar' in groups
         ]
     problem, settings = folder.problem, folder.problem.settings
     box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
@@ -50,7 +50,7 @@ def report_of(path: Path) -> Report:
                 'Claims',
                 (_table(claims), *_refuted(path, claims), _ranges(summary), _rest(summary)),
             ),
-            Section('Margins', tuple(pictures)),
+            *([Section('Margins', tuple(pictures))] if pictures else []),
             Section('Files', files_of),
         ),
     )
