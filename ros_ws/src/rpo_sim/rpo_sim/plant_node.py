@@ -92,6 +92,7 @@ class PlantNode(Loop):
         self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
+        self._complete = False  # whether all was there at the last look
         self._begun = self.sent_s = self.progress_s = time.monotonic()
         self.report(health.OK, WAITING, 'waiting for peers')
 
@@ -221,17 +222,18 @@ class PlantNode(Loop):
             self.send()
             self.topics.before_flight(self.scenario.stamp_ns(-1))
         awaited = self.plant.missing + ['the recorder'] * self.recorder.awaited()
+        complete, self._complete = self._complete, not awaited
         if self.recorder.failure:
             self.abort(f'the recorder failed: {self.recorder.failure}')
-        elif not awaited:
+        elif complete and not awaited:  # a look later: a node that refuses has said so by now
             self.progress_s = self._logged_s = now_s
             self.report(health.OK, RUNNING, 'flying')
             self.get_logger().info(f'flying {self.scenario.name}')
             self.advance()
             self.pacing.begin()
-        elif 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
+        elif awaited and 0.0 < self.values['start_timeout_s'] < now_s - self._begun:
             self.abort(f'no answer in time from {", ".join(awaited)}')
-        elif now_s - self._logged_s > _LOG_S:
+        elif awaited and now_s - self._logged_s > _LOG_S:
             self._logged_s = now_s
             self.get_logger().info(f'waiting for {", ".join(awaited)}')
 
