@@ -19,6 +19,7 @@ from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
 from rpo_training.proof import cells, check, check_ticks, kept, laws, probing, proving, tables
+from rpo_training.proof.claims import ranges_of
 from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
@@ -332,6 +333,19 @@ def test_the_energy_of_flights_is_in_its_range(tmp_path):
     assert low <= min(energies) and max(energies) <= high
     mean, off = np.mean(energies[8:]), 4.0 * np.std(energies[8:]) / 292**0.5
     assert ranges['mean_energy_n2s']['low'] - off <= mean <= ranges['mean_energy_n2s']['high'] + off
+
+
+def test_what_follows_of_the_cells_is_the_same_in_any_order():
+    """The checker compares it bit by bit; sums of BLAS depend on the number of threads."""
+    rng, n = np.random.default_rng(3), 3001
+    values = rng.uniform(0.1, 9.0, (n, len(cells.VALUES)))
+    half = rng.uniform(0.1, 1.0, (n, 4))
+    rest = np.zeros((n, 1, 2, 4)), np.zeros((1, 2, 1)), np.zeros((2, 0, 4))
+    plain, turned = (
+        {'planar': cells.Found(half, half[order], values[order], *rest)}
+        for order in (np.arange(n), rng.permutation(n))
+    )
+    assert ranges_of(plain) == ranges_of(turned)
 
 
 def test_a_table_is_found_in_the_cache(tmp_path, monkeypatch):

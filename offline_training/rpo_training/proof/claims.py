@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -188,8 +189,11 @@ def ranges_of(groups: Groups) -> dict[str, Range]:
         least = np.where(np.isfinite(least), least, 0.0)
         low, high = low + float(least.min()), high + float(most.max())
         sides = np.where(found.half > 0.0, found.half, 1.0)
-        share = sides.prod(axis=1) / sides.prod(axis=1).sum()
-        mean_low, mean_high = mean_low + float(share @ least), mean_high + float(share @ most)
+        share = sides.prod(axis=1)
+        share = share / math.fsum(share)
+        # Exact sums: those of NumPy differ in the last digit where the memory is another.
+        mean_low += math.fsum(share * least)
+        mean_high += math.fsum(share * most)
 
     def greatest(name: str) -> float:
         return max(float(found.column(name).max()) for found in groups.values())
