@@ -153,11 +153,11 @@ class Chain:
 
         Another state may take long: from the target's centre guidance finds no way out.
         """
-        rows = map(interfaces.row_of, self.inputs)
-        zero = (0.0,) * 24
-        self.step(
-            0, {r.name: start if r.carries == STATE else zero[: len(r.columns)] for r in rows}
-        )
+        signals: Signals = {}
+        for name in self.inputs:
+            row = interfaces.row_of(name)
+            signals[name] = start if row.carries == STATE else (0.0,) * len(row.columns)
+        self.step(0, signals)
         self.reset()
 
     def step(self, tick: int, signals: Signals) -> None:
