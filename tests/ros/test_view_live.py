@@ -58,6 +58,16 @@ def until(page, expression: str) -> None:
         time.sleep(0.1)
 
 
+def opened(ros, page):
+    """Start the node of the page, and look at it; return the node and its address."""
+    web = ros.node('rpo_view', 'web', port=0)
+    web.says('is shown at')
+    url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
+    look(page, WIDTH, 'light')
+    page.call('Page.navigate', url=url)
+    return web, url
+
+
 def ink(page, canvas: str) -> int:
     """Return how many colours a canvas shows."""
     return page.evaluate(
@@ -72,11 +82,7 @@ def ink(page, canvas: str) -> int:
 def test_the_page_follows_a_flight(ros_env, tmp_path):
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
-        web = ros.node('rpo_view', 'web', port=0)
-        web.says('is shown at')
-        url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
-        look(page, WIDTH, 'light')
-        page.call('Page.navigate', url=url)
+        web, url = opened(ros, page)
         until(page, 'typeof now !== "undefined" && now !== null')
         assert 'is a plant running' in page.evaluate('el("sentence").textContent')
         ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
@@ -109,11 +115,7 @@ def test_the_page_shows_what_guidance_and_assurance_say(ros_env, tmp_path):
     """And nothing of stages that the flight has not: here an estimator and pulses."""
     pictures = Path(os.environ.get('RPO_PICTURES', tmp_path))
     with node_processes(ros_env, tmp_path) as ros, browser(CHROMIUM, tmp_path / 'profile') as page:
-        web = ros.node('rpo_view', 'web', port=0)
-        web.says('is shown at')
-        url = re.search(r'http://127\.0\.0\.1:\d+/', web.output)[0]
-        look(page, WIDTH, 'light')
-        page.call('Page.navigate', url=url)
+        opened(ros, page)
         ros.node(
             'rpo_bringup', 'final_approach', '--scenario', 'on_command', '--real-time-factor',
             '40', '--no-report', '--output', str(tmp_path / 'run'),

@@ -20,7 +20,7 @@ from rpo_core.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_
 from rpo_core.controller_file import Reason, register
 from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
-from rpo_core.pace import Numbers, ascending, fired_rules, key, numbers, table_claims
+from rpo_core.pace import Numbers, ascending, fired_rules, force_table, key, numbers, table_claims
 from rpo_core.validation import InputError, real, shown
 
 DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
@@ -99,13 +99,10 @@ class MoreWords(Family):
 
     def tables(self) -> list[Table]:
         """Return its rules as a table, and the peaks of its words."""
-        headings = ('distance', 'peak [m]', *SPEEDS)
-        rows = [
-            (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
-            for word, peak, row in zip(DISTANCES, self._distances, self._table, strict=True)
-        ]
-        peaks = ('peak of the speed [m/s]', '', *(f'{peak:.3g}' for peak in self._speeds))
-        return [Table('Force towards the target [N] of each axis', headings, [peaks, *rows])]
+        title = 'Force towards the target [N] of each axis'
+        words = dict(zip(SPEEDS, self._speeds, strict=True))
+        rows = dict(zip(zip(DISTANCES, self._distances, strict=True), self._table, strict=True))
+        return [force_table(title, 'peak of the speed [m/s]', words, rows)]
 
     def claims(self) -> list[Claim]:
         """Return what is proven of it: the table bounds and signs an interpolated force."""

@@ -137,14 +137,10 @@ class Pace(Family):
 
     def tables(self) -> list[Table]:
         """Return its rules as a table, and the peaks of its words."""
-        headings = ('distance', 'peak [m]', *PACES)
-        rows = [
-            (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
-            for word, peak, row in zip(DISTANCES, self._peaks, self._rows, strict=True)
-        ]
-        peaks = ('peak of the pace', '', *(f'{peak:.3g}' for peak in self.pace_peaks))
         title = f'Force towards the target [N] of each axis; lead {self.lead_s:g} s'
-        return [Table(title, headings, [peaks, *rows])]
+        words = dict(zip(PACES, self.pace_peaks, strict=True))
+        rows = dict(zip(zip(DISTANCES, self._peaks, strict=True), self._rows, strict=True))
+        return [force_table(title, 'peak of the pace', words, rows)]
 
     def claims(self) -> list[Claim]:
         """Return what is proven of it: the table bounds and signs an interpolated force."""
@@ -222,6 +218,23 @@ class Pace(Family):
             pace_peaks=(*_PACES[:3], *(values[f'{word}: peak'] for word in PACES[3:-1]), 1.0),
             forces_n=tuple((*row, -row[0]) for row in rows),
         )
+
+
+def force_table(
+    title: str, second: str, words: Mapping[str, float], forces: Mapping[tuple[str, float], Numbers]
+) -> Table:
+    """Return the forces by distance and a second input, and the peaks of the words of both.
+
+    second : what the peaks of the second input are
+    words : of the second input -> peak
+    forces : word and peak [m] of a distance -> forces towards the target [N]
+    """
+    peaks = (second, '', *(f'{peak:.3g}' for peak in words.values()))
+    rows = [
+        (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
+        for (word, peak), row in forces.items()
+    ]
+    return Table(title, ('distance', 'peak [m]', *words), [peaks, *rows])
 
 
 def table_claims(
