@@ -25,6 +25,7 @@ from rpo_training.evaluation.comparison import metrics_of
 from rpo_training.proof import cells, probing
 from rpo_training.proof.claims import nowhere
 from rpo_training.proof.problem import Problem, Settings
+from rpo_training.proof.prover import Prover
 from rpo_training.safety.attack import attack
 from rpo_training.safety.quiet import quiet
 
@@ -61,7 +62,7 @@ def _prove(base: Scenario, controller: FuzzyController) -> None:
     metre = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
     settings = Settings(centre=(0.0,) * 6, half=metre, coarseness=16.0)
     problem = Problem.of(controller, base, settings)
-    cells.Prover(problem, 'planar', nowhere(problem)).values(cells.roots(problem, 'planar')[0])
+    Prover(problem, 'planar', nowhere(problem)).values(cells.roots(problem, 'planar')[0])
     probing.fly(problem, base)
 
 

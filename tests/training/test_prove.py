@@ -23,6 +23,7 @@ from rpo_training.proof.claims import ranges_of
 from rpo_training.proof.estimating import estimate
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import GROUPS, Problem, Settings
+from rpo_training.proof.prover import Prover
 from rpo_training.proof.rest import rest_of
 from rpo_training.proof.sets import Rest
 
@@ -83,7 +84,7 @@ def test_tubes_hold_the_flights_of_their_cells(name):
         ('planar', (0.3, 0.1, 0.0, 0.0), (0.3, 0.3, 0.0, 0.0)),
         ('vertical', (38.0, -0.03), (0.5, 0.02)),
     ):
-        prover = cells.Prover(problem, group, NOWHERE)
+        prover = Prover(problem, group, NOWHERE)
         cell = cells.Cell(centre, half)
         last, _ = prover.fly(cell)
         chosen = list(GROUPS[group])
@@ -113,7 +114,7 @@ def test_divided_cells_sharpen_the_slew():
     cell = cells.Cell((73.0, 51.0, 0.0, 0.0), (0.1, 0.1, 0.0, 0.0))
     for steep in (table.steep, np.full_like(table.steep, -1)):
         problem.__dict__['table'] = table._replace(steep=steep)
-        prover = cells.Prover(problem, 'planar', NOWHERE)
+        prover = Prover(problem, 'planar', NOWHERE)
         prover.fly(cell)
         bounds.append(prover.trace.slew[: problem.scenario.ticks - 1].max())
     problem.__dict__['table'] = table
@@ -132,7 +133,7 @@ def test_a_strip_in_parts_sharpens_the_slew():
     cell, bounds = cells.Cell((71.0, 23.0, 0.0, 0.0), (0.5, 0.5, 0.0, 0.0)), []
     rng, judged = np.random.default_rng(1), problem.scenario.ticks - 1
     for limit_n_s in (np.inf, 0.1):
-        prover = cells.Prover(problem, 'planar', NOWHERE)
+        prover = Prover(problem, 'planar', NOWHERE)
         prover.slew_n_s = limit_n_s
         prover.fly(cell)
         bounds.append(float(prover.trace.slew[:judged].max()))
@@ -279,7 +280,7 @@ def test_a_known_disturbance_is_part_of_the_tube():
     problem = Problem.of(load_controller('robust'), base, settings)
     flight = fly(base, problem.controller)
     for group, chosen in GROUPS.items():
-        prover = cells.Prover(problem, group, NOWHERE)
+        prover = Prover(problem, group, NOWHERE)
         centre = tuple(start[i] for i in chosen)
         last, _ = prover.fly(cells.Cell(centre, tuple(settings.half[i] for i in chosen)))
         assert last == base.ticks

@@ -9,18 +9,70 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from proofs import COARSE
 
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.requirements import Requirements
 from rpo_core.scenario import load_scenario
-from rpo_training.proof import apart, cells, check, check_apart, check_ticks, proving
+from rpo_training.proof import apart, cells, check, check_apart, check_ticks, merging, proving
 from rpo_training.proof.claims import nowhere
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import APART, Problem, Settings
+from rpo_training.proof.prover import Prover
+from rpo_training.proof.slew import Strip
 from rpo_training.report.proof import report_of
+
+CASES = st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+def strips_of(rng):
+    """Return some strips in the plane, near each other and of any tilt, or thin."""
+    count = int(rng.integers(1, 9))
+    r, v = rng.uniform(-3.0, 3.0, count), rng.uniform(-0.3, 0.3, count)
+    half_m, half = rng.choice([0.0, 0.01, 1.0, 3.0], count), rng.choice([0.0, 0.001, 0.1], count)
+    rows = zip(r, v, half_m, rng.uniform(-0.2, 0.2, count), half, strict=True)
+    return [Strip(*map(float, row)) for row in rows]
+
+
+@given(CASES)
+@settings(max_examples=40, deadline=None)
+def test_strips_are_covered_and_halved(rng):
+    """All of them, in rational numbers; points of them, however they are drawn."""
+    strips, size = strips_of(rng), (float(rng.uniform(0.05, 2.0)), float(rng.uniform(0.005, 0.2)))
+    made = merging.cover(strips, size)
+    room = 1.0 + 1e-9
+    assert all(one.half_m <= size[0] * room + 1e-12 for one in made)
+    assert all(one.half <= size[1] * room + 1e-12 for one in made)
+    for one in strips:
+        assert check_apart.is_covered(one, made)
+        assert check_apart.is_covered(one, merging.halves(one))
+        a, b = rng.uniform(-1.0, 1.0, (2, 20))
+        r = one.r + a * one.half_m
+        v = one.v + one.tilt * a * one.half_m + b * one.half
+        inside = [
+            (np.abs(r - s.r) <= s.half_m) & (np.abs(v - s.v - s.tilt * (r - s.r)) <= s.half)
+            for s in made
+        ]
+        assert np.any(inside, axis=0).all()
+
+
+@given(CASES)
+@settings(max_examples=40, deadline=None)
+def test_a_gap_in_the_cover_is_found(rng):
+    """A strip is left out, or a little narrower, where no other one is."""
+    start = Strip(1.0, 0.1, 2.0, float(rng.uniform(-0.2, 0.2)), 0.1)
+    made = merging.cover([start], (0.3, 0.02))
+    k = int(rng.integers(len(made)))
+    assert check_apart.is_covered(start, made)
+    assert not check_apart.is_covered(start, made[:k] + made[k + 1 :])
+    narrow = made[k]._replace(half_m=made[k].half_m * 0.999)
+    assert not check_apart.is_covered(start, [*made[:k], narrow, *made[k + 1 :]])
+    low = made[k]._replace(half=made[k].half * 0.999)
+    assert not check_apart.is_covered(start, [*made[:k], low, *made[k + 1 :]])
 
 
 def paper_like(**options):
@@ -28,18 +80,18 @@ def paper_like(**options):
     base = replace(
         load_scenario('paper_test'),
         initial_position_m=(2.0, 3.0, -2.0),
-        duration_s=120.0,
+        duration_s=140.0,
         requirements=None,
     )
     chosen = {'disturbance_share': 0.6, 'mass_share': 0.05, 'cell_m_s': 0.02, **options}
-    settings = Settings(
+    made = Settings(
         centre=base.start,
         half=(0.4, 0.4, 0.4, 0.02, 0.02, 0.02),
         axes_apart=True,
         coarseness=COARSE,
         **chosen,
     )
-    return Problem.of(load_controller('allround'), base, settings)
+    return Problem.of(load_controller('allround'), base, made)
 
 
 @pytest.fixture(scope='module')
@@ -57,7 +109,7 @@ def groups(folder):
 def prover_of(folder, groups, group):
     before = {name: groups[name] for name in list(APART)[: list(APART).index(group)]}
     around = around_of(folder.problem, group, before)
-    return cells.Prover(folder.problem, group, nowhere(folder.problem), *around)
+    return Prover(folder.problem, group, nowhere(folder.problem), *around)
 
 
 def test_it_is_proven_and_checked(folder, groups):
@@ -121,9 +173,10 @@ def test_the_motion_of_every_cell_is_what_is_flown(folder, groups, group):
 
 def test_what_is_refuted_at_once_is_not_searched(tmp_path):
     """No cell is halved for a claim that flights have refuted."""
-    strict = replace(paper_like().scenario, requirements=Requirements(slew_per_axis_n_s=0.001))
-    settings = replace(paper_like().settings, claims=('slew_per_axis_n_s',))
-    problem = Problem.of(load_controller('allround'), strict, settings)
+    required = Requirements(hold_from_s=90.0, hold_error_per_axis_m=0.001)
+    strict = replace(paper_like().scenario, requirements=required)
+    chosen = replace(paper_like().settings, mass_share=0.0)
+    problem = Problem.of(load_controller('allround'), strict, chosen)
     made = Folder.create(tmp_path / 'proof', problem)
     proving.prove(made, 1, '', lambda *_: None, probes=10)
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
@@ -131,16 +184,47 @@ def test_what_is_refuted_at_once_is_not_searched(tmp_path):
         assert len(made.cells(group).values) == len(cells.roots(problem, group))
 
 
+def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):
+    """The set of a strip, and the strip that holds its set at the end of a stage."""
+    prover, found = prover_of(folder, groups, 'y'), groups['y']
+    k = int(np.flatnonzero(found.column('last_s') > 0.0)[0])
+    cell = cells.Cell(tuple(found.centre[k]), tuple(found.half[k]))
+    first, second, *_ = list(prover.stages(cell))
+    assert (first.last, second.first) == (700, 700)
+    one, motion = first.moved[0], prover.motion_of(cell)
+    c, g, d, m = merging.set_of(one.strip, motion.carried.shape[1])
+    assert not list(check_apart.start_faults(one.strip, c, g[:, :m], d, ''))
+    for wrong in (
+        one.strip._replace(r=one.strip.r + 1e-12),
+        one.strip._replace(half=one.strip.half * (1.0 + 1e-12)),
+        one.strip._replace(tilt=one.strip.tilt + 1e-9),
+    ):
+        assert list(check_apart.start_faults(wrong, c, g[:, :m], d, ''))
+    numbers = range(first.first, first.last)
+    moving = check_ticks.set_faults(folder.problem, motion, (c, g, d, m), numbers, set(), '')
+    with pytest.raises(StopIteration) as stopped:
+        next(moving)
+    m = stopped.value.value
+    assert not list(check_apart.end_faults(one.end, c, g[:, :m], d, ''))
+    for wrong in (
+        one.end._replace(half_m=one.end.half_m * 0.999),
+        one.end._replace(half=one.end.half * 0.999),
+        one.end._replace(v=one.end.v + 1e-6),
+    ):
+        assert list(check_apart.end_faults(wrong, c, g[:, :m], d, ''))
+
+
 def test_planted_errors_are_found(folder, groups):
     """A narrower reach, an empty cell that is none, other forces, masses and pushes."""
     prover, rng = prover_of(folder, groups, 'x'), np.random.default_rng(1)
     found = copy.deepcopy(groups['x'])
     found.reach[1] -= 1e-9
-    every = check.Sample(starts=0, ticks=0)
+    every = check.Sample(starts=1, ticks=0)
     assert list(check.tube_faults(prover, found, rng, every, lambda *_: None))
-    found.values[0, cells.VALUES.index('last_s')] = -0.1
+    k = int(np.flatnonzero(found.column('last_s') > 0.0)[0])
+    found.values[k, cells.VALUES.index('last_s')] = -0.1
     assert list(check_apart.empty_faults(folder.problem, 'x', found))
-    cell = cells.Cell(tuple(groups['x'].centre[0]), tuple(groups['x'].half[0]))
+    cell = cells.Cell(tuple(found.centre[k]), tuple(found.half[k]))
     motion = prover.motion_of(cell)
     assert not list(check_apart.motion_faults(prover, cell, motion, 50, ''))
     for wrong in (
@@ -153,7 +237,7 @@ def test_planted_errors_are_found(folder, groups):
     ):
         assert list(check_apart.motion_faults(prover, cell, wrong, 50, ''))
     c, g, d, m = prover.start(cell)
-    before, after, _ = check.stepped(folder.problem, motion, 50, c, g, d, m)
+    before, after, _ = check_ticks.stepped(folder.problem, motion, 50, c, g, d, m)
     assert not list(check_ticks.step_faults(motion, before, after, ''))
     still = motion._replace(pushed=0.0 * motion.pushed)
     assert list(check_ticks.step_faults(still, before, after, ''))

@@ -13,6 +13,7 @@ from proofs import small_proof
 
 from rpo_training.proof import cells, check, check_ticks, sets
 from rpo_training.proof.problem import GROUPS
+from rpo_training.proof.prover import Prover
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
 
@@ -28,7 +29,7 @@ class Bench:
 
     def prover(self, group):
         above = self.groups['vertical'].tail if group == 'planar' else None
-        return cells.Prover(self.problem, group, self.rest, above)
+        return Prover(self.problem, group, self.rest, above)
 
     def tick(self, rng):
         """Return a prover, a tick of a tube before and after, and after small ones are boxed."""
@@ -40,7 +41,7 @@ class Bench:
         boxing = False
         last = int(rng.integers(20, 120))
         while number < last or not boxing:
-            before, after, m = check.stepped(self.problem, prover.motion, number, c, g, d, m)
+            before, after, m = check_ticks.stepped(self.problem, prover.motion, number, c, g, d, m)
             m = sets.tidy(number, g, d, kept, m)
             boxing = m < after.g.shape[1]
             number += 1

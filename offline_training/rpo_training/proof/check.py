@@ -11,7 +11,7 @@ the law is valid, and the next set holds the image of the set, in rational numbe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,23 +21,24 @@ from rpo_core import files, scenario
 from rpo_core.flight import Flight, fly
 from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import REFUTED
-from rpo_training.proof import apart, cells, probing, rest, sets, tube
-from rpo_training.proof.cells import Cell, Found, Prover
-from rpo_training.proof.check_apart import empty_faults, motion_faults
+from rpo_training.proof import apart, cells, probing, rest
+from rpo_training.proof.cells import Cell, Found
+from rpo_training.proof.check_apart import empty_faults, merging_faults
 from rpo_training.proof.check_ticks import (
-    Tick,
     law_faults,
+    set_faults,
     step_faults,
+    stepped,
     surface_faults,
-    tidy_faults,
 )
 from rpo_training.proof.claims import claims_of, nowhere, ranges_of, values_of
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.exact import exact
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import Problem
+from rpo_training.proof.prover import Prover
 from rpo_training.proof.sets import Rest
-from rpo_training.proof.tube import Motion
+from rpo_training.proof.tube import Trace
 
 FLIGHTS_EACH = 50
 """Flights from each cell that is drawn."""
@@ -188,21 +189,6 @@ def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
                 yield f'{group} set of rest: a tick leaves it'
 
 
-def stepped(
-    problem: Problem, motion: Motion, number: int, c: Floats, g: Floats, d: Floats, m: int
-) -> tuple[Tick, Tick, int]:
-    """Move a set by a tick with the prover's kernel; return before, after, and generators."""
-    n = len(c)
-    p = n // 2
-    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
-    sets.box_of(c, g, d, m, low, high)
-    before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
-    m = tube.step(
-        problem.table, motion, number, c, g, d, m, low, high, laws, np.empty(p), np.empty(p)
-    )
-    return before, Tick(number + 1, c.copy(), g[:, : max(m, 0)].copy(), d.copy(), laws), m
-
-
 def tube_faults(
     prover: Prover, found: Found, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
@@ -227,7 +213,13 @@ def tube_faults(
             yield f'{name}: its boxes are others'
         last = round(values[1] / problem.scenario.dt_s)
         ticks = set(rng.integers(max(last, 1), size=sample.ticks).tolist())
-        yield from _tube(problem, prover, cell, ticks, name)
+        if prover.apart:
+            yield from merging_faults(prover, cell, ticks, rng, name)
+            continue
+        motion, start = prover.motion_of(cell), prover.start(cell)
+        yield from set_faults(
+            problem, motion, start, range(max(ticks, default=-1) + 1), ticks, name
+        )
 
 
 def flight_faults(
@@ -242,8 +234,7 @@ def flight_faults(
         if found.column('last_s')[k] < 0.0:
             continue
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()))
-        last, _ = prover.fly(cell)
-        end = min(last, problem.scenario.ticks)
+        tubes = _tubes(prover, cell)
         for _ in range(min(FLIGHTS_EACH, count - done)):
             point = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(cell.centre))
             start = np.array(problem.settings.centre) + half * rng.uniform(-1.0, 1.0, 6)
@@ -252,62 +243,51 @@ def flight_faults(
             unknown = point[len(chosen) :]
             if len(unknown):
                 drawn = apart.scenario_in(problem, prover.group, unknown, drawn)
-            if not _holds(prover, probing.fly(problem, drawn), end):
+            if not _in_some(prover, probing.fly(problem, drawn), tubes):
                 yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
             done += 1
 
 
-def _holds(prover: Prover, flight: Flight, end: int) -> bool:
-    """Whether a tube holds the states, commands and slew of a flight, until tick `end`."""
+Tubes = list[tuple[int, int, list[Trace]]]
+"""From a tick to a tick: a flight is in one of some tubes."""
+
+
+def _tubes(prover: Prover, cell: Cell) -> Tubes:
+    """Return the tubes of a cell, as far as all of them last."""
+    if prover.apart:
+        return [
+            (stage.first, stage.last, [one.trace for one in stage.moved])
+            for stage in prover.stages(cell)
+            if stage.lasts
+        ]
+    last, _ = prover.fly(cell)
+    return [(0, min(last, prover.problem.scenario.ticks), [prover.trace])]
+
+
+def _in_some(prover: Prover, flight: Flight, tubes: Tubes) -> bool:
+    """Whether a flight is in a tube of a cell at every tick."""
     chosen = list(prover.problem.groups[prover.group])
-    p, t = len(chosen) // 2, prover.trace
-    states, commands = flight.states[: end + 1, chosen], flight.forces_n[:end, chosen[:p]]
-    if not ((t.force_low[:end] <= commands) & (commands <= t.force_high[:end])).all():
+    states, commands = flight.states[:, chosen], flight.forces_n[:, chosen[: len(chosen) // 2]]
+    dt = prover.problem.scenario.dt_s
+    return all(
+        any(_holds(one, states[first : last + 1], commands[first : last + 1], dt) for one in some)
+        for first, last, some in tubes
+    )
+
+
+def _holds(trace: Trace, states: Floats, commands: Floats, dt_s: float) -> bool:
+    """Whether a tube holds states (k+1, n), commands of k ticks (or one more), and their slew."""
+    ticks, n = len(states) - 1, states.shape[1]
+    p = n // 2
+    least, most, some = trace.force_low[:ticks], trace.force_high[:ticks], commands[:ticks]
+    if not ((least <= some) & (some <= most)).all():
         return False
-    slew = np.abs(np.diff(commands, axis=0)) / prover.problem.scenario.dt_s
-    if not (slew <= t.slew[: end - 1]).all():
+    slew = np.abs(np.diff(commands, axis=0)) / dt_s
+    if not (slew <= trace.slew[: len(slew)]).all():
         return False
-    low, high = t.low[: end + 1], t.high[: end + 1]
+    low, high = trace.low[: ticks + 1], trace.high[: ticks + 1]
     if not ((low <= states) & (states <= high)).all():
         return False
-    away = states[:end] - (low[:end] + high[:end]) / 2
-    tilt, half = t.laws[:end, :, 4], t.laws[:end, :, 5]
+    away = states[:ticks] - (low[:ticks] + high[:ticks]) / 2
+    tilt, half = trace.laws[:ticks, :, 4], trace.laws[:ticks, :, 5]
     return bool((np.abs(away[:, p:] - tilt * away[:, :p]) <= half + 1e-12).all())
-
-
-def _tube(
-    problem: Problem, prover: Prover, cell: Cell, ticks: set[int], name: str
-) -> Iterator[str]:
-    """Yield what is wrong with some ticks of a tube."""
-    c, g, d, m = prover.start(cell)
-    kept, motion = m, prover.motion_of(cell)
-    for number in range(max(ticks, default=-1) + 1):
-        if number not in ticks:
-            low, high = np.empty(len(c)), np.empty(len(c))
-            sets.box_of(c, g, d, m, low, high)
-            p = len(c) // 2
-            m = tube.step(
-                problem.table,
-                motion,
-                number,
-                c,
-                g,
-                d,
-                m,
-                low,
-                high,
-                np.empty((p, 6)),
-                np.empty(p),
-                np.empty(p),
-            )
-            m = sets.tidy(number, g, d, kept, m)
-            continue
-        where = f'{name}, tick {number}'
-        if prover.apart:
-            yield from motion_faults(prover, cell, motion, number, where)
-        before, after, m = stepped(problem, motion, number, c, g, d, m)
-        yield from law_faults(problem, before, where)
-        yield from step_faults(motion, before, after, where)
-        m = sets.tidy(number, g, d, kept, m)
-        tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
-        yield from tidy_faults(after, tidied, kept, where)

@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_training.proof import tables
+from rpo_training.proof import sets, tables, tube
 from rpo_training.proof.exact import FLIGHT, Matrix, Row, Strip, exact, law_holds, output
 from rpo_training.proof.laws import Law
 from rpo_training.proof.problem import Problem
@@ -32,6 +32,51 @@ class Tick:
     g: Floats
     d: Floats
     laws: Floats
+
+
+def stepped(
+    problem: Problem, motion: Motion, number: int, c: Floats, g: Floats, d: Floats, m: int
+) -> tuple[Tick, Tick, int]:
+    """Move a set by a tick with the prover's kernel; return before, after, and generators."""
+    n = len(c)
+    p = n // 2
+    low, high, laws = np.empty(n), np.empty(n), np.empty((p, 6))
+    sets.box_of(c, g, d, m, low, high)
+    before = Tick(number, c.copy(), g[:, :m].copy(), d.copy(), laws)
+    m = tube.step(
+        problem.table, motion, number, c, g, d, m, low, high, laws, np.empty(p), np.empty(p)
+    )
+    return before, Tick(number + 1, c.copy(), g[:, : max(m, 0)].copy(), d.copy(), laws), m
+
+
+Start = tuple[Floats, Floats, Floats, int]
+"""A set: centre, generators, box, number of generators."""
+
+
+def set_faults(
+    problem: Problem, motion: Motion, start: Start, numbers: range, ticks: set[int], name: str
+) -> Generator[str, None, int]:
+    """Move a set in place; yield what is wrong at some ticks, return its number of generators."""
+    c, g, d, m = start
+    n, kept = len(c), m
+    p = n // 2
+    for number in numbers:
+        where, low, high = f'{name}, tick {number}', np.empty(n), np.empty(n)
+        if number in ticks:
+            before, after, m = stepped(problem, motion, number, c, g, d, m)
+            yield from law_faults(problem, before, where)
+            yield from step_faults(motion, before, after, where)
+            m = sets.tidy(number - numbers.start, g, d, kept, m)
+            tidied = replace(after, g=g[:, :m].copy(), d=d.copy())
+            yield from tidy_faults(after, tidied, kept, where)
+            continue
+        sets.box_of(c, g, d, m, low, high)
+        laws, force = np.empty((p, 6)), np.empty((2, p))
+        m = tube.step(
+            problem.table, motion, number, c, g, d, m, low, high, laws, force[0], force[1]
+        )
+        m = sets.tidy(number - numbers.start, g, d, kept, m)
+    return m
 
 
 def law_faults(problem: Problem, tick: Tick, where: str) -> Iterator[str]:

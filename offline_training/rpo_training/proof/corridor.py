@@ -17,10 +17,10 @@ from rpo_training.proof.problem import APART, Problem
 
 Floats = NDArray[np.float64]
 
-FLIGHTS, SEED = 60, 7
+FLIGHTS, SEED = 200, 7
 """Flights whose states are the corridor."""
 
-WIDER, MARGIN = 1.3, (0.3, 0.03)
+WIDER, MARGIN = 1.1, (0.3, 0.03)
 """The corridor is so many times as wide, and wider by so much [m], [m/s]."""
 
 

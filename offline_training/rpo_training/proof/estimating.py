@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_training.proof import kept, probing
-from rpo_training.proof.cells import Found, Prover, roots
+from rpo_training.proof.cells import Found, roots
 from rpo_training.proof.claims import BOUNDS, nowhere, of_planar
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import joined
 from rpo_training.proof.problem import Problem
+from rpo_training.proof.prover import Prover
 from rpo_training.proof.proving import targets_of
 from rpo_training.proof.rest import rest_of
 
@@ -26,10 +27,11 @@ Progress = Callable[[str, int, int], None]
 
 
 class Estimate(NamedTuple):
-    """What was found in some of the first planar cells.
+    """What was found in some of the first cells: the planar ones, or those of x.
 
-    cells, sampled : first planar cells in all, and those that were proven
+    cells, sampled : first cells in all, and those that were proven
     tubes, seconds : of these, in all
+    hours : of one core for all first cells of all groups
     open_cells, bounds, flown : requirement -> first cells that stay open, largest bound of all
         cells, greatest value of some flights from anywhere in the box
     restless : first cells of which some tube does not come to rest
@@ -43,11 +45,7 @@ class Estimate(NamedTuple):
     bounds: dict[str, float]
     flown: dict[str, float]
     restless: int
-
-    @property
-    def hours(self) -> float:
-        """Hours of one core for all planar cells."""
-        return self.seconds / self.sampled * self.cells / 3600.0
+    hours: float
 
 
 def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
@@ -60,7 +58,7 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
     targets = targets_of(problem, {key for key in values if values[key] > limits[key]})
     groups: dict[str, Found] = {}
     parts: list[Found] = []
-    total, seconds = 0, 0.0
+    total, seconds, hours = 0, 0.0, 0.0
     for group in problem.groups:
         around = around_of(problem, group, groups)
         prover = Prover(problem, group, rest or nowhere(problem), *around)
@@ -72,6 +70,7 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
             progress(f'some {group} cells', number, len(chosen))
             parts.append(prover.prove([every[k]], targets))
         seconds, total = time.process_time() - began, len(every)
+        hours += seconds / len(parts) * total / 3600.0
         groups[group] = joined(parts)
     each = [{**groups, group: part} for part in parts]
     return Estimate(
@@ -83,4 +82,5 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
         {key: float(BOUNDS[key](groups).max()) for key in limits},
         values,
         sum(not bool(np.isfinite(part.column('rest_s')).all()) for part in parts),
+        hours,
     )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -23,18 +24,26 @@ Flown = dict[str, tuple[float, tuple[float, ...], Scenario]]
 
 
 def varied(problem: Problem, rng: np.random.Generator, start: Floats) -> Scenario:
-    """Return the scenario from a start, with what may differ drawn at random."""
+    """Return the scenario from a start, with what may differ drawn at random.
+
+    In every second flight constants, amplitudes and the mass are as far out as they may be.
+    """
     base, settings = problem.scenario, problem.settings
     x, y, z, vx, vy, vz = start.tolist()
-    mass = base.mass_kg * (1.0 + settings.mass_share * float(rng.uniform(-1.0, 1.0)))
-    disturbance = base.disturbance
-    if settings.disturbance_share > 0.0:
-        share = settings.disturbance_share
-        cx, cy, cz = (share * c * float(rng.uniform(-1.0, 1.0)) for c in disturbance.constant_n)
+    far = rng.random() < 0.5
+
+    def share() -> float:
+        drawn = float(rng.uniform(-1.0, 1.0))
+        return math.copysign(1.0, drawn) if far else drawn
+
+    mass = base.mass_kg * (1.0 + settings.mass_share * share())
+    disturbance, most = base.disturbance, settings.disturbance_share
+    if most > 0.0:
+        cx, cy, cz = (most * c * share() for c in disturbance.constant_n)
         harmonics = tuple(
             replace(
                 h,
-                amplitude_n=h.amplitude_n * share * float(rng.uniform(0.0, 1.0) ** 0.5),
+                amplitude_n=h.amplitude_n * most * abs(share()) ** 0.5,
                 phase_rad=float(rng.uniform(0.0, 6.28)),
             )
             for h in disturbance.harmonics

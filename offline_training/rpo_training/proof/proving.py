@@ -23,11 +23,12 @@ from rpo_training.cluster import pool
 from rpo_training.outputs import write_text
 from rpo_training.proof import kept, probing
 from rpo_training.proof.apart import Beside
-from rpo_training.proof.cells import Cell, Found, Prover, Targets, roots
+from rpo_training.proof.cells import Cell, Found, Targets, roots
 from rpo_training.proof.claims import BOUNDS, Claim, claims_of, nowhere, ranges_of
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
+from rpo_training.proof.prover import Prover
 from rpo_training.proof.rest import rest_of
 from rpo_training.proof.sets import Rest
 
@@ -79,9 +80,7 @@ def prove(
     problem.__dict__['table'] = folder.table()
     limits = problem.limits
     speed = limits.get('hold_speed_per_axis_m_s')
-    rest = None
-    if not problem.settings.axes_apart:
-        rest = rest_of(problem, problem.hold_error_m, speed)
+    rest = rest_of(problem, problem.hold_error_m, speed)
     asked = rest or nowhere(problem)
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}

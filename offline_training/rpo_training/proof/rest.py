@@ -30,8 +30,10 @@ SHARES = (0.9, 0.7, 0.5)
 def rest_of(problem: Problem, radius_m: float, speed_m_s: float | None) -> Rest | None:
     """Return a set of rest within a radius and, if given, a speed; None if none was found.
 
-    The largest is sought first: tubes are in it the sooner.
+    The largest is sought first: tubes are in it the sooner. None where axes are apart.
     """
+    if problem.settings.axes_apart:
+        return None
     for shrink, rate, share in itertools.product((1.0, 0.7, 0.5, 0.3, 0.2), RATES, SHARES):
         radius = 0.95 * shrink * radius_m
         rest = Rest(radius, rate, share * rate * radius)

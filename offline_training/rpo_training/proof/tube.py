@@ -199,8 +199,8 @@ def fly(
     widest: Any,
     most_m: float,
     trace: Trace,
-) -> tuple[int, int]:
-    """Move a set; return the last tick that the trace holds, and the tick at which it rests.
+) -> tuple[int, int, int]:
+    """Move a set; return the last tick of the trace, the one at which it rests, its generators.
 
     c (n,), g (n, capacity), d (n,) : the set, changed in place
     rest, until : the flight ends at rest, but not before tick `until`; -1 where it never rests
@@ -215,13 +215,13 @@ def fly(
         weigh(g, kept, trace.weights)
         for i in range(len(c)):
             if not high[i] - low[i] <= 2.0 * widest[i]:
-                return tick, -1
+                return tick, -1, m
             if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
-                return tick, -1
+                return tick, -1, m
         if tick > 0 and resting < 0 and rests(rest, c, g, d, m, low, high):
             resting = tick
         if tick == last or (tick >= until and resting >= 0):
-            return tick, resting
+            return tick, resting, m
         m = step(
             table,
             motion,
@@ -237,9 +237,9 @@ def fly(
             trace.force_high[tick],
         )
         if m < 0:
-            return tick, -1
+            return tick, -1, m
         m = tidy(tick, g, d, kept, m)
-    return last, resting
+    return last, resting, m
 
 
 @compiled
@@ -263,19 +263,21 @@ def _slew(
     """
     low, high, p = trace.low[tick], trace.high[tick], trace.slew.shape[1]
     f0, f1 = trace.force_low[tick], trace.force_high[tick]
-    other = motion.any_n
+    other = 0.0
     for i in range(p):
-        total = abs(motion.constant[tick, i])
+        total = motion.any_n
         for j in range(motion.carried.shape[1]):
             total += abs(motion.carried[tick, j, i])
-        other = max(other, motion.any_n + total)
-    for i in range(p):
-        other = max(other, other + motion.mass * max(abs(f0[i]), abs(f1[i])))
+        known = max(abs(f0[i]), abs(f1[i])) + abs(motion.constant[tick, i])
+        other = max(other, total + motion.mass * (total + known))
     enough = most
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
-        far, wide = motion.pushed[tick], motion.shaken[tick]
-        drift = pushed(drift, far[i], wide[i], far[p + i], wide[p + i])
+        far, fast = motion.pushed[tick, i], motion.pushed[tick, p + i]
+        for j in range(p):
+            far += motion.b[i, j] * motion.constant[tick, j]
+            fast += motion.b[p + i, j] * motion.constant[tick, j]
+        drift = pushed(drift, far, motion.shaken[tick, i], fast, motion.shaken[tick, p + i])
         strip = Strip(
             0.5 * (low[i] + high[i]),
             0.5 * (low[p + i] + high[p + i]),
