@@ -117,8 +117,9 @@ def test_it_is_proven_and_checked(folder, groups):
     assert [claim['verdict'] for claim in claims.values()] == ['proven']
     assert 'for ever' not in next(iter(claims.values()))['statement']
     assert any(len(found.values) > 1 for found in groups.values())
-    titles = [section.title for section in report_of(folder.path).sections]
-    assert titles == ['Claims', 'Files']  # no plane of starts to draw
+    sections = {section.title: section for section in report_of(folder.path).sections}
+    assert list(sections) == ['Claims', 'Margins', 'Files']
+    assert [block.name for block in sections['Margins'].blocks] == ['reach', 'constants']
     assert not check.check(folder, check.Sample(starts=2, ticks=3, surface=1, flights=30))
 
 

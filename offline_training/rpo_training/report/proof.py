@@ -9,20 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_log.show import style
 from rpo_training.proof.cells import Found
 from rpo_training.proof.claims import of_planar
 from rpo_training.proof.folder import TEXTS, Folder
+from rpo_training.report import plane, proof_apart
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
-
-Floats = NDArray[np.float64]
-
-_POINTS = 161
-_LEVELS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
-"""Shares of a limit; what is beyond is open, or refuted."""
 
 
 def report_of(path: Path) -> Report:
@@ -30,14 +24,16 @@ def report_of(path: Path) -> Report:
     folder = Folder.open(path)
     summary = folder.summary()
     groups = {group: folder.cells(group) for group in folder.problem.groups}
-    claims = summary['claims']
+    problem, claims = folder.problem, summary['claims']
     with style.applied():
         pictures = [
             _margins(folder, groups, key, claim)
             for key, claim in claims.items()
             if claim['limit'] > 0.0 and 'planar' in groups
         ]
-    problem, settings = folder.problem, folder.problem.settings
+        if problem.settings.axes_apart:
+            pictures = proof_apart.pictures_of(problem, groups)
+    settings = problem.settings
     box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
     verdicts = [claim['verdict'] for claim in claims.values()]
     counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
@@ -107,21 +103,16 @@ def _rest(summary: dict[str, Any]) -> Text:
 
 def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str, Any]) -> Picture:
     """Return the x-y plane of starts, coloured by bound beside limit."""
-    from matplotlib.colors import ListedColormap
-
-    planar = groups['planar']
+    planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, key) / claim['limit']
-    grid, values = _raster(folder, planar, shares)
+    x, y = (plane.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
+    values = plane.greatest(x, y, low, high, shares)
+    if folder.problem.odd:
+        values = np.maximum(values, plane.greatest(x, y, -high, -low, shares))
     figure, axes = style.new_panels(6.2)
-    half = style.SHADES // 2
-    colours = [*style.SCALE[half : half + len(_LEVELS) - 1], style.LIGHT['bad']]
-    levels = [*_LEVELS, 1e9]
-    image = axes.contourf(*grid, values, levels, colors=ListedColormap(colours).colors)
-    bar = figure.colorbar(image, ax=axes, label='bound / limit', ticks=_LEVELS)
-    bar.ax.grid(False)
-    axes.grid(False)
+    plane.draw(figure, [axes], [(y, x, values)])
     axes.set(title=claim['statement'], xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
-    axes.set_aspect('equal')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
     return Picture(
@@ -131,19 +122,3 @@ def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str
         f'The worst cell is about ({place}).',
         f'{claim["open_cells"]} of {len(shares)} cells exceed the limit.',
     )
-
-
-def _raster(folder: Folder, planar: Found, shares: Floats) -> tuple[tuple[Floats, Floats], Floats]:
-    """Return a grid of y and x, and the greatest share of the cells at each point."""
-    settings = folder.problem.settings
-    x, y = (settings.centre[i] + settings.half[i] * np.linspace(-1.0, 1.0, _POINTS) for i in (0, 1))
-    values = np.zeros((_POINTS, _POINTS))
-    low, high = planar.centre - planar.half, planar.centre + planar.half
-    images = [(low, high), (-high, -low)] if folder.problem.odd else [(low, high)]
-    for least, most in images:
-        first = [np.searchsorted(a, least[:, i], side='left') for i, a in ((0, x), (1, y))]
-        last = [np.searchsorted(a, most[:, i], side='right') for i, a in ((0, x), (1, y))]
-        for k, share in enumerate(shares):
-            part = values[first[0][k] : last[0][k], first[1][k] : last[1][k]]
-            np.maximum(part, share, out=part)
-    return (y, x), values
