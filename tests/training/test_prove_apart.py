@@ -183,6 +183,10 @@ def test_what_is_refuted_at_once_is_not_searched(tmp_path):
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
     for group in APART:
         assert len(made.cells(group).values) == len(cells.roots(problem, group))
+    assert not check.check(made, check.Sample(starts=1, ticks=1, surface=1, flights=5))
+    found = made.cells('z')
+    found.values[0, cells.VALUES.index('hold_error_m')] = 0.1
+    assert list(check_apart.empty_faults(problem, 'z', found))
 
 
 def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):

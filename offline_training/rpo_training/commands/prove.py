@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import time
 from collections.abc import Sequence
@@ -252,5 +253,7 @@ def _print(folder: Folder) -> None:
     title += _box(folder.problem)
     print_table(('claim', 'limit', 'proven', 'flown', 'open cells', ''), rows, title)
     for found in summary['ranges'].values():
+        if math.isinf(found['high']):
+            continue
         least = f'{found["low"]:.4g} to ' if found['low'] else 'at most '
         echo(f'{found["statement"]}: {least}{found["high"]:.4g} {found["unit"]}')

@@ -194,7 +194,7 @@ def tube_faults(
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
     problem, group = prover.problem, prover.group
-    flown = np.flatnonzero(found.column('last_s') >= 0.0)
+    flown = np.flatnonzero(found.column('last_s') > 0.0)
     chosen = rng.permutation(flown)[: sample.starts or len(flown)]
     for number, k in enumerate(chosen.tolist()):
         say(f'{group} tubes', number, len(chosen))
@@ -228,11 +228,10 @@ def flight_faults(
     """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
     problem, chosen, done = prover.problem, list(prover.problem.groups[prover.group]), 0
     half = np.array(problem.settings.half) * problem.settings.axes_apart
-    while done < count:
+    flown = np.flatnonzero(found.column('last_s') > 0.0)
+    while done < count and len(flown):
         say(f'{prover.group} flights', done, count)
-        k = int(rng.integers(len(found.centre)))
-        if found.column('last_s')[k] < 0.0:
-            continue
+        k = int(rng.choice(flown))
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()))
         tubes = _tubes(prover, cell)
         for _ in range(min(FLIGHTS_EACH, count - done)):

@@ -32,10 +32,13 @@ COEFFICIENT = 32 * UNIT
 
 
 def empty_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
-    """Yield cells that are said to hold nothing, and hold a sinusoid that is asked for."""
-    for k in np.flatnonzero(found.column('last_s') < 0.0).tolist():
+    """Yield cells without a tube that say something, or are said to hold nothing, and do."""
+    for k in np.flatnonzero(found.column('last_s') <= 0.0).tolist():
         centre, half = found.centre[k], found.half[k]
-        if not (problem.settings.axes_apart and apart.is_outside(problem, group, centre, half)):
+        if found.column('last_s')[k] == 0.0:
+            if np.isfinite(found.values[k, 2:]).any():
+                yield f'{group} cell {k}: is bounded without a tube'
+        elif not (problem.settings.axes_apart and apart.is_outside(problem, group, centre, half)):
             yield f'{group} cell {k}: is not empty'
 
 

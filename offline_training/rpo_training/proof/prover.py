@@ -204,9 +204,8 @@ class Prover(threading.local):
             row[3:] *= 1.0 + 1e-12
             row[VALUES.index('energy_low_n2s')] *= 1.0 - 4e-12
         every = round(CHECKPOINT_S / dt)
-        count = judged // every + 1
-        boxes = np.full((count, 2, 2 * p), np.nan)
-        shown = min(count, last // every + 1)
+        boxes = np.full((self._checkpoints, 2, 2 * p), np.nan)
+        shown = min(len(boxes), last // every + 1)
         for side, values in enumerate((t.low, t.high)):
             boxes[:shown, side] = values[: last + 1 : every][:shown]
         return row, boxes, squares, self._reach(last, empty)
@@ -233,15 +232,17 @@ class Prover(threading.local):
     def prove(self, cells: list[Cell], targets: Targets | None) -> Found:
         """Return the cells, halved where a target is missed, with what is known of them.
 
-        targets : None, where every claim is refuted already: nothing is halved
+        targets : None, where every claim is refuted already: then nothing is known of them
         """
-        goals = np.full(len(Targets._fields), np.inf) if targets is None else np.array(targets)
+        if targets is None:
+            return self.nothing(cells)
+        goals = np.array(targets)
         names = [VALUES.index(name) for name in Targets._fields]
         rows, boxes, tails, done = [], [], [], []
         deepest = DEEPEST_APART if self.apart else DEEPEST
         most = (MOST_TUBES_APART if self.apart else MOST_TUBES) * len(cells)
-        if targets is None or not np.isfinite(self.motion.pushed).all():
-            most = 0  # or nothing is known of the other axis: no smaller cell helps
+        if not np.isfinite(self.motion.pushed).all():
+            most = 0  # nothing is known of the other axis: no smaller cell helps
         todo, tubes, reach = list(reversed(cells)), 0, None
         while todo:
             cell = todo.pop()
@@ -264,6 +265,30 @@ class Prover(threading.local):
             np.max(tails, axis=0)[None],
             np.empty((2, 0, 0)) if reach is None else reach,
         )
+
+    def nothing(self, cells: list[Cell]) -> Found:
+        """Return the cells, of which nothing is known."""
+        n, k = len(self.motion.a), len(cells)
+        values = np.full((k, len(VALUES)), np.inf)
+        values[:, :2] = 0.0
+        reach = np.array([-np.inf, np.inf])[:, None, None] * np.ones((self._reached, n))
+        return Found(
+            np.array([cell.centre for cell in cells]),
+            np.array([cell.half for cell in cells]),
+            values,
+            np.full((k, self._checkpoints, 2, n), np.nan),
+            np.full((1, *self.above.shape[1:]), np.inf),
+            reach,
+        )
+
+    @property
+    def _checkpoints(self) -> int:
+        return self.windows.ticks // round(CHECKPOINT_S / self.problem.scenario.dt_s) + 1
+
+    @property
+    def _reached(self) -> int:
+        """Ticks of which the greatest and least states are kept."""
+        return self.ticks + 1 if self.apart else 0
 
     def arrived(self, row: Floats) -> bool:
         """Whether a tube comes to rest or, where that is not asked for, lasts to the end."""
