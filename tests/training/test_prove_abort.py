@@ -264,7 +264,8 @@ def test_what_is_too_strict_stays_open(monkeypatch):
     proof = rendezvous.prove(LAWS, lambda *_: None)
     found = rendezvous.verdict(proof, 'SRA01')
     assert {said for _, said in found.boxes} == {'open'} and not found.as_expected
-    assert np.isinf(found.speed_m_s)
+    assert np.isinf(found.speed_m_s) and found.near_m == 0.0
+    assert np.isfinite(proof.trace.near).all()  # also of the moments just before it fails
 
 
 def test_only_the_benchmark_with_a_proof_is_proven():

@@ -193,15 +193,15 @@ def nearest(tables: Tables, low: Any, high: Any, last: int) -> tuple[float, floa
     """Return bounds of how near to the target drifts of some ticks come, from a box of states.
 
     The distance is the larger of |x| and |y|. No drift comes nearer than the first, and each one
-    comes nearer than the second.
+    comes at least as near as the second.
     """
     n = len(low)
     c, d = 0.5 * (low + high), 0.5 * (high - low)
     for i in range(n):
         d[i] += ROUND * (abs(low[i]) + abs(high[i]))
     at, to = np.empty((2, n)), np.empty((2, n))
-    _drift(tables, 0, c, d, at)
     least, sure, k = math.inf, math.inf, 0
+    _drift(tables, k, c, d, at)
     while k < last:
         gap, inside, speed = 0.0, 0.0, 0.0
         for i in range(2):
@@ -273,7 +273,7 @@ def _stretched(start: Any, low: Any, high: Any) -> bool:
 
 @compiled
 def fly(tables: Tables, c: Any, g: Any, d: Any, limits: Trace, ticks: int, trace: Trace) -> int:
-    """Move a cell; return the tick from which on the trace says too little, N if none.
+    """Move a cell; return the tick from which on the trace says too little or nothing, N if none.
 
     c (4,), g (4, CAPACITY), d (4,) : the set, changed in place; its generators are the first two
     limits : what is asked for; ticks : at which drifts end
@@ -290,7 +290,7 @@ def fly(tables: Tables, c: Any, g: Any, d: Any, limits: Trace, ticks: int, trace
             vx, vy = max(-least[2], most[2]), max(-least[3], most[3])
             trace.speed[i] = math.sqrt(vx * vx + vy * vy) * (1.0 + ROUND)
             if trace.cone[i] > limits.cone[i] or trace.speed[i] > limits.speed[i]:
-                return i
+                return began
         if i >= len(trace.near):
             continue
         if i == began:
