@@ -22,7 +22,7 @@ from rpo_training.engine.cases import case_of_set
 from rpo_training.engine.flights import flights_of
 from rpo_training.evaluation.assessment import assess
 from rpo_training.evaluation.comparison import metrics_of
-from rpo_training.proof import cells, probing
+from rpo_training.proof import cells, probing, rendezvous
 from rpo_training.proof.claims import nowhere
 from rpo_training.proof.problem import Problem, Settings
 from rpo_training.proof.prover import Prover
@@ -55,6 +55,7 @@ def main() -> None:
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)
+    rendezvous.prepare(load_scenario('quick'))
 
 
 def _prove(base: Scenario, controller: FuzzyController) -> None:

@@ -39,8 +39,9 @@ assurance.abort.stuck_s=60`
 """
 
 PEERS_EXAMPLES = """
-Example: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
-offline_training/examples/benchmarks/vbar_approach.yaml`
+Examples: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
+offline_training/examples/benchmarks/vbar_approach.yaml` | `rpo safety peers
+offline_training/examples/benchmarks/arch_rendezvous.yaml --prove`
 """
 
 LEGEND = (
@@ -235,11 +236,18 @@ def peers(
     ] = 'allround',
     starts: Annotated[int, typer.Option(min=1, max=10_000, help='drawn starts of each')] = 20,
     seed: Annotated[int, typer.Option(min=0, help='of the starts')] = 1,
+    prove: Annotated[
+        bool,
+        typer.Option('--prove', help='ARCH-COMP: prove its regulator instead, from every start'),
+    ] = False,
 ) -> None:
     """Fly benchmarks of others, with our stack and with the controllers that they have.
 
-    Exit code 1 if our stack breaks a constraint.
+    Exit code 1 if our stack breaks a constraint; with --prove, if an instance is not as named.
     """
+    if prove:
+        _prove_peers(files)
+        return
     from rpo_core.controller import load_controller
     from rpo_core.scenario import load_scenario
     from rpo_core.validation import choice
@@ -256,3 +264,28 @@ def peers(
         broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
     if broken:
         raise typer.Exit(1)
+
+
+def _prove_peers(files: list[str]) -> None:
+    """Print what is proven of ARCH-COMP's instances."""
+    from rpo_core.scenario import load_scenario
+    from rpo_core.validation import choice
+    from rpo_training.display import print_table, progress
+    from rpo_training.proof import rendezvous
+    from rpo_training.safety import peers as benchmarks
+
+    scenarios = [load_scenario(file) for file in files]
+    for scenario in scenarios:
+        choice('scenario', scenario.name, (benchmarks.ARCH,))
+    for scenario in scenarios:
+        with interruptible(lambda: 'stopped'), progress() as show:
+            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
+        found = [rendezvous.verdict(proof, name) for name in benchmarks.ABORT_MIN]
+        title = (
+            f'{scenario.name}: {benchmarks.arch_lqr().name}, from every start, {proof.cells} cells'
+        )
+        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
+        for sentence in filter(None, map(rendezvous.flight_of, found)):
+            typer.echo(sentence)
+        if not all(v.as_expected for v in found):
+            raise typer.Exit(1)

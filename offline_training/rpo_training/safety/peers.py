@@ -29,11 +29,43 @@ ABORTS_S = np.arange(7200.0, 9001.0, 30.0)
 CONE_M, CONE_DEG, CONE_M_S, BOX_M = 100.0, 30.0, 3.3 / 60.0, 0.1
 """ARCH-COMP: the last 100 m in a cone of 30 degrees at 3.3 m/min; half of the target's edge."""
 
+HORIZON_MIN = 300.0
+"""ARCH-COMP: a flight and its drift last so long."""
+
+STARTS_M, STARTS_HALF_M = (-900.0, -400.0), 25.0
+"""ARCH-COMP: middle of the square of starts, at rest, and half of its edge."""
+
+ABORT_MIN: dict[str, tuple[float, float] | None] = {
+    'SRNA01': None,
+    'SRA01': (120.0, 120.0),
+    'SRA02': (120.0, 125.0),
+    'SRA03': (120.0, 145.0),
+    'SRA04': (240.0, 240.0),
+    'SRA05': (235.0, 240.0),
+    'SRA06': (230.0, 240.0),
+    'SRA07': (50.0, 150.0),
+    'SRA08': (0.0, 240.0),
+    'SRU01': (260.0, 260.0),
+    'SRU02': (0.0, 260.0),
+}
+"""ARCH-COMP's instances: when the thrusters may fail. U: not safe."""
+
+BOXES_M = (BOX_M, 0.2)
+"""Half of the target's edge: as ARCH-COMP's text and CORA have it; as JuliaReach and Hylaa do."""
+
 CAPTURE_M, CAPTURE_M_S = 5.0, 0.05
 """V-BAR: at the hold point."""
 
-_K1 = ((-28.8287, 0.1005, -1449.9754, 0.0046), (-0.087, -33.2562, 0.00462, -1451.5013))
-_K2 = ((-288.0288, 0.1312, -9614.9898, 0.0), (-0.1312, -288.0, 0.0, -9614.9883))
+Gains = tuple[tuple[float, ...], ...]
+
+K_FAR: Gains = (
+    (-28.8287, 0.1005, -1449.9754, 0.0046),
+    (-0.087, -33.2562, 0.00462, -1451.5013),
+)
+K_NEAR: Gains = (
+    (-288.0288, 0.1312, -9614.9898, 0.0),
+    (-0.1312, -288.0, 0.0, -9614.9883),
+)
 """Gains of ARCH-COMP for (x, y, vx, vy) in m and m/min, in kg m/min^2: far, and in the cone."""
 
 _PD_RAD_S, _PD_HELD_S = 0.01, 10.0  # V-BAR's PD: natural frequency, damping 1; a step of it
@@ -74,7 +106,7 @@ def arch_lqr() -> Peer:
     """Return the switched linear quadratic regulator of ARCH-COMP, in m, s and N."""
 
     def law(state: Any) -> Any:
-        gains = np.array(_K2 if state[0] >= -CONE_M else _K1)
+        gains = np.array(K_NEAR if state[0] >= -CONE_M else K_FAR)
         plane = np.array([state[0], state[1], 60.0 * state[3], 60.0 * state[4]])
         return (*(gains @ plane / 3600.0), 0.0)
 
@@ -121,7 +153,7 @@ class Rendezvous(NamedTuple):
     delta_v_m_s: float
 
 
-def rendezvous(flight: Flight, until_s: float = 18000.0) -> Rendezvous:
+def rendezvous(flight: Flight, until_s: float = 60.0 * HORIZON_MIN) -> Rendezvous:
     """Judge a flight by the constraints of ARCH-COMP; drifts last until 300 minutes."""
     states, dt = flight.states, flight.scenario.dt_s
     inside = (states[:, 0] >= -CONE_M) & (np.abs(states[:, :2]).max(axis=1) > BOX_M)
@@ -174,8 +206,9 @@ def delta_v(flight: Flight, ticks: int | None = None) -> float:
 
 def arch_starts(scenario: Scenario, count: int, seed: int) -> list[Scenario]:
     """Return flights from the set of starts: its corners, and drawn ones."""
-    corners = [(x, y) for x in (-925.0, -875.0) for y in (-425.0, -375.0)]
-    drawn = np.random.default_rng(seed).uniform([-925, -425], [-875, -375], (count, 2)).tolist()
+    low, high = (tuple(m + s * STARTS_HALF_M for m in STARTS_M) for s in (-1.0, 1.0))
+    corners = [(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    drawn = np.random.default_rng(seed).uniform(low, high, (count, 2)).tolist()
     return [replace(scenario, initial_position_m=(x, y, 0.0)) for x, y in [*corners, *drawn]]
 
 
