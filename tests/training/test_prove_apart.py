@@ -94,6 +94,14 @@ def paper_like(**options):
     return Problem.of(load_controller('allround'), base, made)
 
 
+@pytest.fixture(scope='module', autouse=True)
+def _merged_often():
+    """Strips near the target do not become long; here others cover them all the same."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(merging, 'LONG', 0.0)
+        yield
+
+
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
     made = Folder.create(tmp_path_factory.mktemp('apart') / 'proof', paper_like())

@@ -20,8 +20,9 @@ Floats = NDArray[np.float64]
 FLIGHTS, SEED = 200, 7
 """Flights whose states are the corridor."""
 
-WIDER, MARGIN = 1.1, (0.3, 0.03)
-"""The corridor is so many times as wide, and wider by so much [m], [m/s]."""
+WIDER, MARGIN = 1.2, (1.5, 0.03)
+"""The corridor is so many times as wide, and wider by so much [m], [m/s]. Through Coriolis y feels
+the velocity; positions may be far."""
 
 
 def around_of(

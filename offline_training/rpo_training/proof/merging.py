@@ -1,11 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""An axis alone: its set is moved in strips, and new strips cover them again and again.
+"""An axis alone: its set is moved in strips, and other strips cover them again and again.
 
 In the plane of position and velocity all flights of an axis come to one line, that of the approach.
-So the tubes of many starts meet: for a stage of some seconds strips are moved, each with a law of
-its own at every tick; then few strips cover all of them. What a set had to do with the unknown
-constants is forgotten there, and costs width; the constants themselves stay those of the cell.
+So the tubes of many starts meet. For a stage of a minute strips are moved, each with a law of its
+own at every tick; then, if they have become long, other strips cover all of them. What a set had to
+do with the unknown constants is forgotten there, and costs width; the constants themselves stay
+those of the cell.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ from rpo_training.proof.tube import Motion, Trace, fill_slew, fly
 Floats = NDArray[np.float64]
 
 STAGE_S = 70.0
-"""Strips are moved for so long, before others cover them."""
+"""Strips are moved for so long, before others may cover them."""
+
+LONG = 3.0
+"""They are covered if one of them has become so many times as long as strips should be."""
 
 SETTLE_S = 60.0
 """So long before the time of hold they are covered for the last time, for what is forgotten then
@@ -80,22 +84,28 @@ class Limits(NamedTuple):
 def stages(
     table: Table, motion: Motion, start: Strip, hold_tick: int, limits: Limits
 ) -> Iterator[Stage]:
-    """Yield the stages of a flight from a strip; no more after one that does not last."""
+    """Yield the stages of a flight from a strip; no more after one that does not last.
+
+    Strips are covered anew where one has become long; else they fly on, as they began.
+    """
     ticks, every = len(motion.constant), round(STAGE_S / motion.dt)
     merged = range(every, hold_tick - round(SETTLE_S / motion.dt) + 1, every)
-    held = [start]
-    for first, last in pairwise([0, *(tick for tick in merged if tick < ticks), ticks]):
+    first, strips = 0, cover([start], limits.size)
+    for last in [*(tick for tick in merged if tick < ticks), ticks]:
         part = motion._replace(
             **{
                 name: getattr(motion, name)[first:last]
                 for name in ('constant', 'carried', 'pushed', 'shaken')
             }
         )
-        stage = Stage(first, list(_moved(table, part, cover(held, limits.size), limits)))
+        stage = Stage(first, list(_moved(table, part, strips, limits)))
+        longest = max((end.half_m for end in stage.ends), default=0.0)
+        if stage.lasts and last < ticks and longest <= LONG * limits.size[0]:
+            continue
         yield stage
         if not stage.lasts:
             return
-        held = stage.ends
+        first, strips = last, cover(stage.ends, limits.size)
 
 
 def _moved(
