@@ -56,12 +56,14 @@ def prove(
         bool,
         typer.Option(
             '--axes-apart',
-            help='each axis alone, in cells of disturbance and mass too: for a small box of starts',
+            help='each axis alone, in cells of its unknown disturbance and mass',
         ),
     ] = False,
-    cell: Annotated[float, typer.Option(help='half-width of the first cells [m]')] = 1.0,
+    cell: Annotated[
+        float, typer.Option(help='half-width of the first cells, or of strips of axes apart [m]')
+    ] = 1.0,
     cell_velocity: Annotated[
-        float, typer.Option(help='half-width of the first cells in velocity [m/s]')
+        float, typer.Option(help='half-width of them in velocity [m/s]')
     ] = 0.025,
     claim: Annotated[
         list[str] | None,

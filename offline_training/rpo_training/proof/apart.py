@@ -1,17 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Each axis alone: cells of its start, of the unknown constants of its disturbance, and of mass.
+"""Each axis alone: cells of the unknown constants of its disturbance, and of mass.
 
 A set that holds every disturbance and mass at once does not contract; a cell that holds some does.
-x and y together would need cells of ten dimensions. Alone they need four to six, and what the other
-axis does is a push in known bounds:
+x and y together would have six constants. Alone they have three or four, and what the other axis
+does is a push in known bounds:
 
     x is assumed to stay in a corridor, that of some flights and a margin. Under this y is proven,
     and under what is proven of y, x; and x does stay in the corridor.
 
 So none of the three can fail first: if all hold up to a tick, then they hold at the next. A cell is
-(r, v, c_1, ..., c_q): each unknown constant is a share of its range, -1 to 1; the last one is that
-of the mass, if it may differ, with 1/m = (1 + lightness c_q) / nominal mass.
+(r, v, c_1, ..., c_q), with all starts (r, v) of the axis (`merging`). Each unknown constant is a
+share of its range, -1 to 1; the last one is that of the mass, if it may differ, with
+1/m = (1 + lightness c_q) / nominal mass.
 """
 
 from __future__ import annotations

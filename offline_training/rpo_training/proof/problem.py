@@ -62,7 +62,7 @@ class Settings:
         to so many times, its constant any size up to so many times
     any_n : a disturbance that changes at every tick, of any axis
     axes_apart : each axis has cells of its own, in the unknown constants too; see `apart`
-    cell_m, cell_m_s : half-width of the first cells
+    cell_m, cell_m_s : half-width of the first cells; of strips, where axes are apart
     claims : requirements that the proof is about; none given: all that the scenario has
     coarseness : of the table of the surface, see `tables.table_of`
     """
