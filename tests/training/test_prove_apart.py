@@ -17,7 +17,16 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_core.requirements import Requirements
 from rpo_core.scenario import load_scenario
-from rpo_training.proof import apart, cells, check, check_apart, check_ticks, merging, proving
+from rpo_training.proof import (
+    apart,
+    cells,
+    check,
+    check_apart,
+    check_ticks,
+    merging,
+    probing,
+    proving,
+)
 from rpo_training.proof.claims import nowhere
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder
@@ -155,6 +164,27 @@ def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, gro
             prover.fly(cells.Cell(tuple(found.centre[k]), tuple(found.half[k])))
             states = flight.states[:, list(chosen)]
             assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_the_slew_of_strips_holds_flights_of_any_disturbance_and_mass(folder, groups, sign):
+    """From the ends of a cell whose force and mass are far from the middle ones."""
+    required = Requirements(hold_from_s=90.0, hold_error_per_axis_m=0.5, slew_per_axis_n_s=0.3)
+    problem = paper_like(disturbance_share=1.5, mass_share=0.09)
+    base = replace(problem.scenario, requirements=required)
+    problem = Problem.of(problem.controller, base, problem.settings)
+    prover = Prover(problem, 'y', nowhere(problem), *around_of(problem, 'y', groups))
+    roots, rng = cells.roots(problem, 'y'), np.random.default_rng(3)
+    far = [sign * 0.75, sign * 0.25, sign * 0.75]
+    cell = min(roots, key=lambda c: float(np.abs(np.array(c.centre[2:5]) - far).sum()))
+    tubes = check._tubes(prover, cell)
+    assert all(np.isfinite(one.slew).all() for *_, some in tubes for one in some)
+    for _ in range(6):
+        start = np.array(base.start) + rng.choice([-1.0, 1.0], 6) * problem.settings.half
+        unknown = np.array(cell.centre) + np.array(cell.half) * rng.choice([-1.0, 1.0], 6)
+        drawn = probing.varied(problem, rng, start)
+        drawn = apart.scenario_in(problem, 'y', unknown[2:], drawn)
+        assert check._in_some(prover, probing.fly(problem, drawn), tubes)
 
 
 def test_a_push_outside_the_corridor_gives_nothing(folder, groups):
