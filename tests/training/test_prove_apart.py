@@ -140,6 +140,18 @@ def test_it_is_proven_and_checked(folder, groups):
     assert not check.check(folder, check.Sample(starts=2, ticks=3, surface=1, flights=30))
 
 
+@pytest.mark.parametrize('mass_share', [0.0, 0.05])
+def test_a_known_disturbance_is_proven_and_checked(tmp_path, mass_share):
+    """Without unknown constants there is one cell of each axis; the mass alone has some."""
+    problem = paper_like(disturbance_share=0.0, mass_share=mass_share)
+    made = Folder.create(tmp_path / 'proof', problem)
+    proving.prove(made, 1, '', lambda *_: None, probes=10)
+    assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['proven']
+    assert len(made.cells('y').values) == (1 if mass_share == 0.0 else cells.PARTS)
+    assert [b.name for b in report_of(made.path).pictures] == ['reach']
+    assert not check.check(made, check.Sample(starts=1, ticks=2, surface=1, flights=10))
+
+
 def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, groups):
     """Drawn without the prover's help: where it starts, each axis has a tube that holds it."""
     problem, rng = folder.problem, np.random.default_rng(4)

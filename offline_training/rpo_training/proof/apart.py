@@ -112,7 +112,10 @@ def scenario_in(problem: Problem, group: str, constants: Floats, scenario: Scena
     """Return a scenario with the unknown constants of an axis."""
     axis, share = APART[group][0], problem.settings.disturbance_share
     left = constants.tolist()
-    constant, harmonics = list(scenario.disturbance.constant_n), []
+    constant = list(scenario.disturbance.constant_n)
+    harmonics = list(scenario.disturbance.harmonics)
+    if share > 0.0:
+        harmonics = [h for h in harmonics if 'xyz'.index(h.axis) != axis]
     for wave in problem.waves(axis):
         if not isinstance(wave, Harmonic):
             constant[axis] = share * abs(wave) * left.pop(0)
@@ -122,11 +125,10 @@ def scenario_in(problem: Problem, group: str, constants: Floats, scenario: Scena
         size = share * abs(wave.amplitude_n) * float(np.hypot(a, b))
         rate = wave.angular_rate_rad_s
         harmonics.append(Harmonic(wave.axis, wave.function, size, rate, float(phase)))
-    others = [h for h in scenario.disturbance.harmonics if 'xyz'.index(h.axis) != axis]
     x, y, z = constant
     mass = problem.scenario.mass_kg / (1.0 + problem.lightness * left[0]) if left else None
     return replace(
         scenario,
-        disturbance=Disturbance((x, y, z), (*others, *harmonics)),
+        disturbance=Disturbance((x, y, z), tuple(harmonics)),
         mass_kg=mass or scenario.mass_kg,
     )
