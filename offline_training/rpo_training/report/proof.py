@@ -109,7 +109,7 @@ def _margins(folder: Folder, groups: dict[str, Found], key: str, claim: dict[str
     low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
     values = plane.greatest(x, y, low, high, shares)
     if folder.problem.odd:
-        values = np.maximum(values, plane.greatest(x, y, -high, -low, shares))
+        values = np.fmax(values, plane.greatest(x, y, -high, -low, shares))
     figure, axes = style.new_panels(6.2)
     plane.draw(figure, [axes], [(y, x, values)])
     axes.set(title=claim['statement'], xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
