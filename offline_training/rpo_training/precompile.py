@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compile the kernels ahead of their first use: `python -m rpo_training.precompile`.
 
-numba keeps what it compiled beside the sources. Several processes that start on a fresh checkout
+What is compiled is kept beside the sources (`rpo_core.compile_cache`). Several processes that start on a fresh checkout
 at once would each compile the same kernels; one that runs before them spares them that.
 """
 

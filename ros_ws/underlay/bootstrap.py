@@ -17,7 +17,7 @@ from typing import Dict, Iterator, List, Optional, Sequence
 
 import host
 from host import Interpreter, SetupError
-from layers import Environment, Identity, digest, say
+from layers import Environment, Identity, say
 from workspace import Workspace
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -120,27 +120,9 @@ def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
     if missing:
         venv.install(missing)
     venv.install_editable(ROOT / 'offline_training')
-    forget_stale_kernels(venv)
     outdated = workspace.outdated()
     if outdated:
         workspace.build(venv.python, underlay_environment(ros_prefix), outdated)
-
-
-def forget_stale_kernels(venv: Environment) -> None:
-    """Remove compiled kernels when the source of any has changed.
-
-    numba looks at a kernel's own file alone: not at kernels that it calls in other files, nor at
-    classes that have moved.
-    """
-    folders = [ROOT / 'ros_ws' / 'src', ROOT / 'offline_training']
-    sources = (path.read_bytes() for folder in folders for path in sorted(folder.rglob('*.py')))
-    mark = digest(*(text for text in sources if b'@kernel' in text or b'@compiled' in text))
-    if venv.record.get('kernels') == mark:
-        return
-    for folder in folders:
-        for compiled in folder.rglob('__pycache__/*.nb[ic]'):
-            compiled.unlink()
-    venv.write(kernels=mark)
 
 
 def parse_arguments(argv: Optional[Sequence[str]] = None) -> argparse.Namespace:

@@ -363,22 +363,6 @@ class TestWorkspace:
         (install / 'lib' / 'rpo_x' / 'node').unlink()
         assert space.outdated() == ['rpo_x']
 
-    def test_compiled_kernels_go_when_the_source_of_one_changes(self, tmp_path, monkeypatch):
-        folder = tmp_path / 'ros_ws' / 'src' / '__pycache__'
-        folder.mkdir(parents=True)
-        source, compiled = folder.parent / 'sums.py', folder / 'sums.add-3.py311.nbi'
-        monkeypatch.setattr(bootstrap, 'ROOT', tmp_path)
-        (tmp_path / '.venv').mkdir()
-        identity = layers.Identity(str(tmp_path), '', '', '')._asdict()
-        layers.Environment(tmp_path).write(identity=identity, layers={})
-        left = []
-        for text in ('@kernel\n', '@kernel\n', '@kernel\npass\n'):
-            source.write_text(text)
-            compiled.touch()
-            bootstrap.forget_stale_kernels(layers.Environment(tmp_path))
-            left.append(compiled.exists())
-        assert left == [False, True, False]
-
     def test_a_failed_build_is_tried_from_nothing_once(self, package, tmp_path):
         space = workspace.Workspace(tmp_path)
         tries = []

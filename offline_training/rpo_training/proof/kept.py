@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 import rpo_core
 import rpo_training.analysis
 import rpo_training.proof
+from rpo_core.compile_cache import user_cache
 from rpo_core.validation import InputError
 from rpo_training.cluster.pool import versions
 from rpo_training.outputs import digest_of, read_arrays, write_aside
@@ -70,12 +70,11 @@ def table_of(problem: Problem) -> Table:
 
 
 def _place(problem: Problem) -> Path:
-    base = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
     required = problem.scenario.requirements
     slew = None if required is None else required.slew_per_axis_n_s
     numbers = problem.scenario.max_force_n, problem.scenario.mass_kg, slew
     named = repr((numbers, problem.settings.coarseness, versions(), code_digest()))
-    return Path(base) / 'rpo' / 'tables' / f'{digest_of(problem.texts[0], named)}.npz'
+    return user_cache() / 'tables' / f'{digest_of(problem.texts[0], named)}.npz'
 
 
 def read(path: Path, problem: Problem) -> Table:

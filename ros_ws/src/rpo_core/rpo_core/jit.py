@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from rpo_core.compile_cache import folder_for
 from rpo_core.validation import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
@@ -53,9 +54,12 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
     """Compile with more options of numba where `COMPILED`, else return it as it is."""
     if not COMPILED:
         return function
+    numba = _numba()
+    # numba's own look at the sources stops at the file: see `compile_cache`.
+    numba.config.CACHE_DIR = str(folder_for(function.__module__))
     # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
     options = {'cache': True, 'error_model': 'numpy', 'fastmath': False, **options}
-    return cast(Kernel, _numba().njit(**options)(function))
+    return cast(Kernel, numba.njit(**options)(function))
 
 
 @cache

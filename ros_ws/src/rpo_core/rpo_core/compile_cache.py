@@ -1,0 +1,110 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where compiled kernels are kept: a folder for each state of the sources they were made from.
+
+numba looks only at the file that defines a function. A kernel that calls another one has the other
+one's machine code inside it, so numba alone would run the old code after an edit of the other file.
+Here the folder is named by a digest of the compiler, of the constants of the module, and of all
+sources with kernels or types of tuples in its package and in the packages whose kernels it uses.
+numba adds the processor and the types of the arguments.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+KEPT = 3
+"""States of one module that are kept: edits and branches come and go."""
+
+_FROZEN = (bool, int, float, complex, str, bytes, tuple, np.generic)
+"""Types of global names whose value a compiled function contains."""
+
+
+@cache
+def folder_for(module: str) -> Path:
+    """Return the folder for what is compiled of a module, and remove folders of its old states.
+
+    module : its full name. The first of its kernels asks, behind the imports of the module: what
+    it imports later, and what it computes with functions of other modules, is not in the digest.
+    """
+    source = Path(str(sys.modules[module].__file__))
+    base = source.parent / '__pycache__'
+    if not os.access(base if base.exists() else source.parent, os.W_OK):
+        base = user_cache() / 'kernels' / module.rpartition('.')[0]
+    folder = base / f'{source.stem}-{digest(module)[:20]}'
+    if not folder.exists():
+        with suppress(OSError):  # a cache that cannot be written costs time only
+            folder.mkdir(parents=True)
+            _forget(base, source.stem)
+    return folder
+
+
+def user_cache() -> Path:
+    """Return the folder for what may be computed again, below the user's home."""
+    return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'rpo'
+
+
+@cache
+def digest(module: str) -> str:
+    """Return the SHA-256, in hexadecimal, of all that the compiled code of a module depends on."""
+    found = hashlib.sha256(_sources(module.partition('.')[0]).encode())
+    used = set()
+    for key, value in sorted(vars(sys.modules[module]).items()):
+        origin = _origin(value)
+        if origin is not None:
+            used.add(origin)
+        elif isinstance(value, np.ndarray):
+            found.update(f'{key} {value.dtype} {value.shape}'.encode() + value.tobytes())
+        elif isinstance(value, _FROZEN) and not key.startswith('__'):
+            found.update(f'{key} {value!r}'.encode())
+    for name in sorted(used - {module}):
+        found.update(f'{name} {digest(name)}'.encode())
+    return found.hexdigest()
+
+
+@cache
+def _sources(package: str) -> str:
+    """Return the digest of the compiler, and of the sources of a package that it may look into.
+
+    A kernel takes tuples whose types its module need not import: so whole packages.
+    """
+    found = hashlib.sha256(f'{version("numba")} {version("llvmlite")} {np.__version__}'.encode())
+    first = Path(str(sys.modules[package].__file__))
+    for path in sorted(first.parent.rglob('*.py')) if first.name == '__init__.py' else [first]:
+        text = path.read_bytes()
+        if any(word in text for word in (b'jit', b'NamedTuple', b'namedtuple')):
+            found.update(f'{path.relative_to(first.parent)} {len(text)} '.encode() + text)
+    return found.hexdigest()
+
+
+def _origin(value: Any) -> str | None:
+    """Return the module of a kernel, of a type of tuples, or of kernels; None for other values."""
+    if isinstance(value, ModuleType):
+        return value.__name__ if any(map(_is_kernel, vars(value).values())) else None
+    named = _is_kernel(value) or hasattr(value, '_fields')
+    return value.__module__ if named else None
+
+
+def _is_kernel(value: Any) -> bool:
+    return hasattr(value, 'py_func')
+
+
+def _forget(base: Path, stem: str) -> None:
+    """Remove all but the newest folders of one module, and what older versions left beside them."""
+    folders = [path for path in base.glob(f'{stem}-*') if path.is_dir()]
+    folders.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+    for path in folders[KEPT:]:
+        shutil.rmtree(path, ignore_errors=True)
+    for path in base.glob(f'{stem}.*.nb[ic]'):
+        path.unlink(missing_ok=True)
