@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compile the kernels ahead of their first use: `python -m rpo_training.precompile`.
 
-What is compiled is kept beside the sources (`rpo_core.compile_cache`). Several processes that start on a fresh checkout
-at once would each compile the same kernels; one that runs before them spares them that.
+What is compiled is kept beside the sources (`rpo_core.compile_cache`). Several processes that start
+on a fresh checkout at once would each compile the same kernels; one before them spares them that.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(modules):
     edit(modules / 'low.py', 'left: float\n    right: float', 'right: float\n    left: float')
     assert run(modules.parent, 'import small.top') == '1994.0 0'
     edit(modules / 'low.py', 'right: float\n    left: float', 'left: float\n    right: float')
-    assert run(modules.parent, 'import small.top') == '194.0 1'  # a state seen before is still there
+    assert run(modules.parent, 'import small.top') == '194.0 1'  # seen before, and kept
 
 
 def test_old_states_do_not_pile_up(modules):
