@@ -239,6 +239,13 @@ def test_a_name_that_does_not_exist_is_noticed():
     assert not holds_symbol('rpo_core.fuzy')
 
 
+def test_the_quality_declaration_names_every_package():
+    text = (ROOT / 'QUALITY_DECLARATION.md').read_text()
+    packages = [path.parent.name for path in ROOT.glob('ros_ws/src/*/package.xml')]
+    assert len(packages) >= 10
+    assert [name for name in packages if f'`{name}`' not in text] == []
+
+
 def test_the_api_reference_names_what_exists():
     names = re.findall(r'^::: (\S+)$', (DOCS / 'api.md').read_text(), re.MULTILINE)
     assert len(names) > 25
