@@ -95,6 +95,13 @@ def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(modules):
     assert run(modules.parent, 'import small.top') == '194.0 1'  # seen before, and kept
 
 
+def test_a_package_without_init_has_its_kernels_compiled_too(modules):
+    (modules / '__init__.py').unlink()
+    assert run(modules.parent, 'import small.top') == '204.0 0'
+    edit(modules / 'low.py', 'return +x', 'return -x')
+    assert run(modules.parent, 'import small.top') == '196.0 0'
+
+
 def test_old_states_do_not_pile_up(modules):
     for gain in range(5):
         (modules / 'low.py').write_text(LOW.replace('GAIN = 2.0', f'GAIN = {gain}.0'))

@@ -80,12 +80,19 @@ def _sources(package: str) -> str:
     A kernel takes tuples whose types its module need not import: so whole packages.
     """
     found = hashlib.sha256(f'{version("numba")} {version("llvmlite")} {np.__version__}'.encode())
-    first = Path(str(sys.modules[package].__file__))
-    for path in sorted(first.parent.rglob('*.py')) if first.name == '__init__.py' else [first]:
+    for path in _files(sys.modules[package]):
         text = path.read_bytes()
         if any(word in text for word in (b'jit', b'NamedTuple', b'namedtuple')):
-            found.update(f'{path.relative_to(first.parent)} {len(text)} '.encode() + text)
+            found.update(f'{path.name} {len(text)} '.encode() + text)
     return found.hexdigest()
+
+
+def _files(package: ModuleType) -> list[Path]:
+    """Return the sources of a package, of one without an `__init__`, or of a single module."""
+    folders = getattr(package, '__path__', None)
+    if folders is None:
+        return [Path(str(package.__file__))]
+    return sorted(path for folder in folders for path in Path(folder).rglob('*.py'))
 
 
 def _origin(value: Any) -> str | None:
