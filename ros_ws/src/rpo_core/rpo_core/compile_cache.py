@@ -99,12 +99,12 @@ def _origin(value: Any) -> str | None:
     """Return the module of a kernel, of a type of tuples, or of kernels; None for other values."""
     if isinstance(value, ModuleType):
         return value.__name__ if any(map(_is_kernel, vars(value).values())) else None
-    named = _is_kernel(value) or hasattr(value, '_fields')
+    named = _is_kernel(value) or (isinstance(value, type) and hasattr(value, '_fields'))
     return value.__module__ if named else None
 
 
 def _is_kernel(value: Any) -> bool:
-    return hasattr(value, 'py_func')
+    return 'py_func' in getattr(value, '__dict__', ())  # asks no object that makes up its answers
 
 
 def _forget(base: Path, stem: str) -> None:
