@@ -105,8 +105,8 @@ class Case:
     def _is_same(self, folder: Path, found: Verification) -> bool:
         if list(shown(folder, found)) != list(shown(self.run, found)):
             return False
-        listed = sums.read_sums(self.run) or {}
-        now = sums.read_sums(folder) or {}
+        listed = sums.read_sums(self.run).digests
+        now = sums.read_sums(folder).digests
         kept = (name for name in found.digested if listed.get(name) == now.get(name))
         return all(sums.digest_of(folder / name) == listed[name] for name in kept)
 
