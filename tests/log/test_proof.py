@@ -45,13 +45,13 @@ def decision(run: Run, tick: int) -> bytes:
     return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
 
 
-def record(folder: Path) -> Path:
+def record(folder: Path, duration_s: float = 3.0, **options) -> Path:
     """Write a run folder as the recorder leaves it."""
-    run = make_run(3.0)
+    run = make_run(duration_s)
     run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
-    run.write(folder)
+    run.write(folder, **options)
     decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
-    for tick in range(0, 31, 10):
+    for tick in range(0, run.base.last_tick + 1, 10):
         decisions.record(decision(run, tick), tick)
     decisions.close()
     health = HealthLogWriter(folder)

@@ -112,7 +112,7 @@ def write_sums(folder: Path, known: Mapping[str, str] | None = None, without: st
         raise LogError(
             Fault.BAD_SUMS,
             folder,
-            f'has too many files, {len(names)}, for a {SUMS_FILE} of at most {MAX_SUMS_BYTES} bytes',
+            f'has {len(names)} files, too many for {SUMS_FILE}: at most {MAX_SUMS_BYTES} bytes',
         )
     try:
         (folder / SIGNATURE_FILE).unlink(missing_ok=True)

@@ -137,18 +137,18 @@ class Evidence:
 
     def _judge_signature(self, folder: Path, trusted: Path | None, digests: Digests) -> None:
         """Say who signed the folder, if all that was read to verify it is as it was signed."""
-        unsigned = ', '.join(name for name in self._read if name not in digests.matched)
+        unsigned = ', '.join(name for name in self._read if name not in digests.sums.digests)
         if trusted is None:
             if os.path.lexists(folder / SIGNATURE_FILE):
                 self._unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
             if digests.sums.content is not None and unsigned:
-                self._unknown.append(f'whether {unsigned} was recorded: {SUMS_FILE} lists it not')
+                self._unknown.append(f'{SUMS_FILE} does not list {unsigned}')
             return
         signer = signature.signer(folder, digests.sums, trusted)
         if signer is None:
             self._gaps.append(f'no key of {trusted} has signed it')
         elif unsigned:
-            self._gaps.append(f'{signer} has not signed {unsigned}, which {SUMS_FILE} lists not')
+            self._gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
         elif not digests.faults:
             self._signed_by, self._signed = signer, digests.matched
 
