@@ -137,7 +137,7 @@ def _link(rng: random.Random, folder: Path, forger: Forger) -> str:
 def _edit_sums(rng: random.Random, folder: Path, forger: Forger) -> str:
     """Change a line of the digests, or how it is written."""
     path = folder / SUMS_FILE
-    lines = path.read_text(errors='surrogateescape').splitlines()
+    lines = path.read_text(errors='surrogateescape').splitlines() or ['']
     at = rng.randrange(len(lines))
     digest, _, name = lines[at].partition('  ')
     edits: dict[str, list[str]] = {
@@ -165,7 +165,8 @@ def _edit_sums(rng: random.Random, folder: Path, forger: Forger) -> str:
 
 def _edit_signature(rng: random.Random, folder: Path, forger: Forger) -> str:
     path = folder / SIGNATURE_FILE
-    data, at = path.read_bytes(), rng.randrange(64)
+    data = path.read_bytes() or b'\0'
+    at = rng.randrange(len(data))
     flipped = data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :]
     ways = (flipped, data[:at], data + b'\0', b'', bytes(64), data.hex().encode(), data * 2)
     data = rng.choice(ways)
