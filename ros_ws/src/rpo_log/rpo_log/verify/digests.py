@@ -9,9 +9,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from rpo_log.errors import LogError
 from rpo_log.format import sums
 from rpo_log.format.run import SUMS_FILE
 from rpo_log.format.sums import Contents, Sums
+from rpo_log.read.records import FileRecords
 
 MAX_BESIDE_BYTES = 1 << 28
 """A longer file beside a log is not hashed: ours have at most some megabytes."""
@@ -53,10 +55,18 @@ class Digests:
 
 
 def _digest(folder: Path, name: str, read: Mapping[str, str]) -> str:
-    """Return the SHA-256 of a file; empty if it is longer than a file beside a log can be."""
+    """Return the SHA-256 of a file; empty if it is too long: beside a log, or behind its end."""
     if name in read:
         return read[name]
-    return sums.digest_of(folder / name, None if _LOG.fullmatch(name) else MAX_BESIDE_BYTES)
+    if _LOG.fullmatch(name):
+        records = FileRecords(folder / name, tolerant=True)
+        try:
+            for _ in records:
+                pass
+            return '' if records.unread else records.sha256.hexdigest()
+        except LogError:  # no MCAP file: it is as any other
+            pass
+    return sums.digest_of(folder / name, MAX_BESIDE_BYTES)
 
 
 def _faults(
