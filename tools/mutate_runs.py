@@ -10,6 +10,10 @@ drawn from its number alone. It fails if
   command shows something else of what is proven;
 - anything but one sentence comes out;
 - it takes more than 10 s, or the process more than 1 GB.
+
+With `--signed` the folder is signed first, and each case is a lie of someone without the key: a
+file that is signed, the digests, the signature or the log that is read is another. It fails if the
+folder verifies or is called signed, or if a signed file that differs is not exit code 1.
 """
 
 from __future__ import annotations
@@ -25,21 +29,28 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rpo_core.validation import InputError
+from rpo_log import signature
 from rpo_log.errors import ExitCode
 from rpo_log.format import sums
-from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE
+from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
 from rpo_log.read.decisions import read_decisions
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.info import inspect
+from rpo_log.tools.sign import sign_run
 from rpo_log.verify import Verification, verify
-from tools.mutations import mutate
+from tools.lies import Forger, evidence, lie
+from tools.mutations import Parts, mutate
 
 MOST_S = 10.0
 MOST_BYTES = 1 << 30
+
+_WORDS = {ExitCode.DIFFERENT: 'different', ExitCode.INCOMPLETE: 'incomplete'}
+_ATTEMPTS = 100
 
 
 def shown(folder: Path, proven: Verification) -> Iterator[Any]:
@@ -68,14 +79,19 @@ class Case:
         if self.true.exit_code != ExitCode.OK:
             raise InputError(f'{run}: must verify; {self.true.sentence()}')
 
+    def change(self, rng: random.Random, scratch: Path) -> tuple[Path, str]:
+        """Return a changed copy of the folder, and what was changed."""
+        folder = scratch / 'run'
+        shutil.copytree(self.run, folder, ignore=shutil.ignore_patterns('report'))
+        return folder, mutate(rng, folder)
+
     def judge(self, seed: int, number: int, scratch: Path) -> tuple[str, str]:
         """Return the outcome of a case: a word, and what was changed."""
         rng = random.Random(f'{seed} {number}')
-        folder = scratch / 'run'
-        shutil.rmtree(folder, ignore_errors=True)
-        shutil.copytree(self.run, folder, ignore=shutil.ignore_patterns('report'))
+        shutil.rmtree(scratch / 'case', ignore_errors=True)
+        (scratch / 'case').mkdir()
         try:
-            kind = mutate(rng, folder)
+            folder, kind = self.change(rng, scratch / 'case')
         except (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError) as error:
             return 'not written', type(error).__name__  # the writer refuses such a file
         outcome, took_s = self._timed(folder)
@@ -91,13 +107,17 @@ class Case:
 
     def _outcome(self, folder: Path) -> str:
         try:
-            found = verify(folder)
+            return self.outcome(folder)
         except InputError as error:
             return 'refused' if '\n' not in str(error) else 'NOT ONE SENTENCE'
         except Exception as error:  # whatever comes out is what this program looks for
             return f'TRACEBACK {type(error).__name__}'
+
+    def outcome(self, folder: Path) -> str:
+        """Verify a changed folder; return what came out, in capitals if it must not."""
+        found = verify(folder)
         if found.exit_code != ExitCode.OK:
-            return 'different' if found.exit_code == ExitCode.DIFFERENT else 'incomplete'
+            return _WORDS[found.exit_code]
         if dict(found.premises) != dict(self.true.premises):
             return 'verified, rests on other files'
         return 'verified' if self._is_same(folder, found) else 'FALSE PROOF'
@@ -105,17 +125,93 @@ class Case:
     def _is_same(self, folder: Path, found: Verification) -> bool:
         if list(shown(folder, found)) != list(shown(self.run, found)):
             return False
-        listed = sums.read_sums(self.run) or {}
-        now = sums.read_sums(folder) or {}
+        listed = sums.read_sums(self.run).digests
+        now = sums.read_sums(folder).digests
         kept = (name for name in found.digested if listed.get(name) == now.get(name))
         return all(sums.digest_of(folder / name) == listed[name] for name in kept)
 
 
-def run_cases(run: Path, seed: int, first: int, last: int) -> Counter[tuple[str, str]]:
-    """Judge the cases from `first` to before `last`; return how often each outcome came."""
-    case = Case(run)
+class SignedCase(Case):
+    """Verifies lies about one run folder, which is signed here.
+
+    run : the true folder, which verifies
+    other : another run, which the same key signs; by default this one, its log written anew
+    scratch : where the signed folders and the keys are kept
+    """
+
+    def __init__(self, run: Path, other: Path | None, scratch: Path) -> None:
+        signature.make_key(scratch / 'forger.pem')
+        self.trusted = signature.make_key(scratch / 'me.pem')
+        signed, self._forger = scratch / 'signed', Forger(scratch / 'forger.pem', scratch / 'other')
+        shutil.copytree(run, signed)
+        shutil.copytree(other or run, self._forger.other)
+        if other is None:
+            for path in self._forger.other.glob('run*.mcap'):
+                Parts.of(path).write(path)
+            sums.write_sums(self._forger.other)
+        for folder in (signed, self._forger.other):
+            sign_run(folder, scratch / 'me.pem')
+        super().__init__(signed)
+        self._names = verify(signed, self.trusted).signed
+        self._true = evidence(signed, self._names)
+        self._all = {*self._names, *sums.read_sums(self._forger.other).digests}
+
+    def change(self, rng: random.Random, scratch: Path) -> tuple[Path, str]:
+        """Return a changed copy of the folder that is a lie, and what was changed."""
+        for attempt in range(_ATTEMPTS):
+            place = scratch / str(attempt)
+            forger = replace(self._forger, other=place / 'other')
+            shutil.copytree(self.run, place / 'run')
+            shutil.copytree(self._forger.other, forger.other)
+            try:
+                kind = lie(rng, place / 'run', forger)
+            except (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError):
+                continue  # a change of a file that is not there any more
+            if not self._is_true(place / 'run'):
+                return place / 'run', kind
+        raise InputError(f'no lie in {_ATTEMPTS} attempts')
+
+    def _is_true(self, folder: Path) -> bool:
+        """Return whether a folder shows what one of the two signed folders shows."""
+        if evidence(folder, self._names) == self._true:
+            return True
+        return evidence(folder, self._all) == evidence(self._forger.other, self._all)
+
+    def outcome(self, folder: Path) -> str:
+        """Verify a changed folder; return what came out, in capitals if it must not."""
+        now = evidence(folder, self._names)
+        sealed = all(now[name] == self._true[name] for name in (SUMS_FILE, SIGNATURE_FILE))
+        differs = any(now[name] != self._true[name] for name in self._names)
+        try:
+            found = verify(folder, self.trusted)
+        except InputError:
+            if sealed and differs:
+                return 'NOT EXIT CODE 1'
+            raise
+        if found.exit_code == ExitCode.OK:
+            return 'ACCEPTED'
+        if found.signed_by or f'signed by {self.trusted.name}' in '\n'.join(found.lines()):
+            return 'CALLED SIGNED'
+        if sealed and differs and found.exit_code != ExitCode.DIFFERENT:
+            return 'NOT EXIT CODE 1'
+        return _WORDS[found.exit_code]
+
+
+def run_cases(
+    run: Path,
+    seed: int,
+    first: int,
+    last: int,
+    signed: bool = False,
+    other: Path | None = None,
+) -> Counter[tuple[str, str]]:
+    """Judge the cases from `first` to before `last`; return how often each outcome came.
+
+    signed, other : whether the folder is signed and the cases are lies, see `SignedCase`
+    """
     found: Counter[tuple[str, str]] = Counter()
     with tempfile.TemporaryDirectory() as scratch:
+        case = SignedCase(run, other, Path(scratch)) if signed else Case(run)
         for number in range(first, last):
             outcome, kind = case.judge(seed, number, Path(scratch))
             if outcome.split()[0].isupper():
@@ -129,7 +225,7 @@ def failures(found: Counter[tuple[str, str]]) -> int:
     return sum(count for (outcome, _), count in found.items() if outcome.split()[0].isupper())
 
 
-def _work(arguments: tuple[Path, int, int, int]) -> Counter[tuple[str, str]]:
+def _work(arguments: tuple[Path, int, int, int, bool, Path | None]) -> Counter[tuple[str, str]]:
     return run_cases(*arguments)
 
 
@@ -142,12 +238,21 @@ def main() -> int:
     parser.add_argument('--cases', type=int, default=1000)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--first', type=int, default=0, help='number of the first case')
+    parser.add_argument('--signed', action='store_true', help='sign the run; each case is a lie')
+    parser.add_argument('--other', type=Path, help='run folder from which lies take files')
     parser.add_argument('--workers', type=int, default=1, help='processes')
     options = parser.parse_args()
     begun = time.monotonic()
     size = 250
     parts = [
-        (options.run, options.seed, first, min(first + size, options.first + options.cases))
+        (
+            options.run,
+            options.seed,
+            first,
+            min(first + size, options.first + options.cases),
+            options.signed,
+            options.other,
+        )
         for first in range(options.first, options.first + options.cases, size)
     ]
     found: Counter[tuple[str, str]] = Counter()

@@ -245,8 +245,8 @@ def _mutate_files(rng: random.Random, path: Path) -> str:
     return f'file {what}'
 
 
-def mutate(rng: random.Random, folder: Path) -> str:
-    """Change a run folder; return what kind of change it was."""
+def change(rng: random.Random, folder: Path) -> tuple[Path, str]:
+    """Change a file of a run folder; return which, and what kind of change it was."""
     paths = sorted(path for path in folder.iterdir() if path.is_file())
     weights = [12 if p.name == 'run.mcap' else 4 if p.suffix == '.mcap' else 1 for p in paths]
     path = rng.choices(paths, weights)[0]
@@ -257,6 +257,12 @@ def mutate(rng: random.Random, folder: Path) -> str:
         kind = _mutate_bytes(rng, path)
     else:
         kind = _mutate_files(rng, path)
+    return path, kind
+
+
+def mutate(rng: random.Random, folder: Path) -> str:
+    """Change a run folder, and perhaps its digests; return what kind of change it was."""
+    path, kind = change(rng, folder)
     digests = rng.choice(('kept', 'kept', 'forged', 'forged', 'removed'))
     if path.name != SUMS_FILE and digests == 'forged' and not kind.endswith('sparse'):
         sums.write_sums(folder)

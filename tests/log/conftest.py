@@ -4,10 +4,15 @@
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+
 import pytest
-from log_runs import Run, make_run
+from log_runs import Run, make_run, record
 from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
+
+from rpo_log import signature
 
 
 @pytest.fixture(scope='session')
@@ -37,3 +42,26 @@ def chunks(log_bytes: bytes, tmp_path_factory: pytest.TempPathFactory) -> list[C
     path.write_bytes(log_bytes)
     with path.open('rb') as stream:
         return [r for r in StreamReader(stream).records if isinstance(r, ChunkIndex)]
+
+
+@pytest.fixture(scope='session')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder as the recorder leaves it."""
+    return record(tmp_path_factory.mktemp('proof') / 'run')
+
+
+@pytest.fixture
+def folder(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of `recorded`."""
+    return Path(shutil.copytree(recorded, tmp_path / 'run'))
+
+
+@pytest.fixture(scope='session')
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of two private keys: me.pem, of which trusted/ has the public one, and other.pem."""
+    folder = tmp_path_factory.mktemp('keys')
+    (folder / 'trusted').mkdir()
+    for name in ('me', 'other'):
+        signature.make_key(folder / f'{name}.pem')
+    (folder / 'me.pub.pem').rename(folder / 'trusted' / 'me.pub.pem')
+    return folder

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import random
 import resource
@@ -18,11 +19,13 @@ import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_core import cdr, controller, files, interfaces, scenario
+from rpo_core import cdr, controller, explain, files, interfaces, scenario
 from rpo_core.flight import Flight, fly
 from rpo_core.stage import Place, Stage
+from rpo_log.format import sums
 from rpo_log.format.run import RunSummary, TimeBase
 from rpo_log.write.mcap_file import McapFile
+from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
@@ -223,3 +226,37 @@ def file_size_limit(size: int) -> Iterator[None]:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
+
+
+RATE_HZ = 1.0
+PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: paper_test}\n'
+
+
+def decision(run: Run, tick: int) -> bytes:
+    control = controller.load_controller('handmade')
+    label = explain.label(control, hashlib.sha256(run.attachments['controller.yaml']).hexdigest())
+    flight = run.flight
+    reasons = explain.reasons(control, flight.states[tick].tolist(), flight.forces_n[tick].tolist())
+    statuses = [
+        cdr.Status(0, f'decision: {axis}', sentence, label, tuple((n, repr(v)) for n, v in pairs))
+        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
+    ]
+    return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
+
+
+def record(folder: Path, duration_s: float = 3.0, **options) -> Path:
+    """Write a run folder as the recorder leaves it."""
+    run = make_run(duration_s)
+    run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
+    run.write(folder, **options)
+    decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
+    for tick in range(0, run.base.last_tick + 1, 10):
+        decisions.record(decision(run, tick), tick)
+    decisions.close()
+    health = HealthLogWriter(folder)
+    status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))
+    health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))
+    health.close()
+    (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
+    sums.write_sums(folder)
+    return folder

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is proven of a run folder: its files recomputed or compared by digest, signed or not."""
+"""What is proven of a run folder: its files recomputed or compared by digest."""
 
 from __future__ import annotations
 
@@ -13,11 +13,8 @@ from pathlib import Path
 import pytest
 from log_runs import STATUS, TOPICS, Run, make_run
 
-from rpo_core import cdr, explain
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
-from rpo_log import signature
-from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_core import cdr
+from rpo_log.errors import ExitCode, LogError
 from rpo_log.format import sums
 from rpo_log.read.stream import RunReader
 from rpo_log.tools.repair import repair
@@ -25,62 +22,8 @@ from rpo_log.tools.sign import sign_run
 from rpo_log.verify import verify
 from rpo_log.verify.evidence import decision_rate_hz
 from rpo_log.verify.held_forces import held_ticks
-from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from tools.mutate_runs import Case, run_cases
 from tools.mutations import Parts
-
-RATE_HZ = 1.0
-PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: paper_test}\n'
-
-
-def decision(run: Run, tick: int) -> bytes:
-    control = load_controller('handmade')
-    label = explain.label(control, hashlib.sha256(run.attachments['controller.yaml']).hexdigest())
-    flight = run.flight
-    reasons = explain.reasons(control, flight.states[tick].tolist(), flight.forces_n[tick].tolist())
-    statuses = [
-        cdr.Status(0, f'decision: {axis}', sentence, label, tuple((n, repr(v)) for n, v in pairs))
-        for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
-    ]
-    return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
-
-
-def record(folder: Path) -> Path:
-    """Write a run folder as the recorder leaves it."""
-    run = make_run(3.0)
-    run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
-    run.write(folder)
-    decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)
-    for tick in range(0, 31, 10):
-        decisions.record(decision(run, tick), tick)
-    decisions.close()
-    health = HealthLogWriter(folder)
-    status = cdr.Status(0, 'plant', 'flying', 'none', (('tick', '3'),))
-    health.write(1_700_000_000_000_000_000, cdr.encode_array(1, '', [status]))
-    health.close()
-    (folder / 'run_info.yaml').write_text('run: {end: finished}\n')
-    sums.write_sums(folder)
-    return folder
-
-
-@pytest.fixture(scope='module')
-def recorded(tmp_path_factory) -> Path:
-    return record(tmp_path_factory.mktemp('proof') / 'run')
-
-
-@pytest.fixture
-def folder(recorded, tmp_path) -> Path:
-    return Path(shutil.copytree(recorded, tmp_path / 'run'))
-
-
-@pytest.fixture(scope='module')
-def keys(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp('keys')
-    (folder / 'trusted').mkdir()
-    for name in ('me', 'other'):
-        signature.make_key(folder / f'{name}.pem')
-    (folder / 'me.pub.pem').rename(folder / 'trusted' / 'me.pub.pem')
-    return folder
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
@@ -212,74 +155,6 @@ def test_one_last_digit_of_the_energy(tmp_path):
         return cdr.encode_status(*status[:4], values)
 
     assert run_status(tmp_path, change) == ExitCode.DIFFERENT
-
-
-@pytest.mark.parametrize(
-    'line',
-    ['nothing', '0' * 64 + '  ../run.mcap', '0' * 64 + '  /etc/passwd', '0' * 64 + ' run.mcap'],
-)
-def test_sums_that_are_none(folder, line):
-    with (folder / 'SHA256SUMS').open('a') as stream:
-        stream.write(f'{line}\n')
-    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256') as found:
-        verify(folder)
-    assert found.value.fault is Fault.BAD_SUMS
-
-
-def test_a_signed_run_and_each_way_in_which_it_is_not(folder, keys):
-    assert 'signs 5 files' in sign_run(folder, keys / 'me.pem')
-    found = verify(folder, keys / 'trusted')
-    assert (found.exit_code, found.signed_by) == (ExitCode.OK, 'me.pub.pem')
-    assert 'signed by me.pub.pem' in '\n'.join(found.lines())
-    assert verify(folder).exit_code == ExitCode.OK
-
-    other = verify(folder, keys / 'other.pub.pem')
-    assert other.exit_code == ExitCode.INCOMPLETE and 'has signed it' in other.sentence()
-    (folder / 'run_info.yaml').write_text('run: {end: aborted}\n')
-    assert verify(folder, keys / 'trusted').exit_code == ExitCode.DIFFERENT
-    sums.write_sums(folder)  # takes the signature away
-    assert not (folder / 'SHA256SUMS.sig').exists()
-    assert verify(folder, keys / 'trusted').exit_code == ExitCode.INCOMPLETE
-    single = verify(folder / 'run.mcap', keys / 'trusted')
-    assert single.exit_code == ExitCode.INCOMPLETE
-
-
-def test_what_came_later_is_signed_too_and_what_changed_is_not(folder, keys):
-    (folder / 'report').mkdir()
-    (folder / 'report' / 'index.html').write_text('fine')
-    assert 'report/index.html' in verify(folder).unknown
-    assert 'signs 6 files' in sign_run(folder, keys / 'me.pem')
-    assert 'report/index.html' in verify(folder, keys / 'trusted').digested
-    (folder / 'report' / 'index.html').write_text('better')
-    with pytest.raises(LogError, match=r'cannot be signed: report/index\.html is not the file'):
-        sign_run(folder, keys / 'me.pem')
-
-
-def test_openssl_agrees(folder, keys):
-    sign_run(folder, keys / 'me.pem')
-    command = ['openssl', 'pkeyutl', '-verify', '-pubin', '-rawin', '-in', 'SHA256SUMS']
-    command += ['-sigfile', 'SHA256SUMS.sig', '-inkey', str(keys / 'trusted' / 'me.pub.pem')]
-    if shutil.which('openssl') is None:
-        pytest.skip('openssl is not installed')
-    assert subprocess.run(command, cwd=folder, check=False).returncode == 0
-
-
-@pytest.mark.parametrize('content', [b'', b'no key', None])
-def test_keys_that_are_none(folder, tmp_path, keys, content):
-    path = tmp_path / 'bad.pem'
-    if content is not None:
-        path.write_bytes(content)
-    for use in (lambda: sign_run(folder, path), lambda: verify(folder, path)):
-        with pytest.raises(InputError, match=r'bad\.pem'):
-            use()
-    with pytest.raises(InputError, match='must be an Ed25519 private key'):
-        sign_run(folder, keys / 'trusted' / 'me.pub.pem')
-
-
-def test_a_key_is_never_overwritten_and_only_its_owner_reads_it(keys):
-    assert (keys / 'me.pem').stat().st_mode & 0o077 == 0
-    with pytest.raises(InputError, match='File exists'):
-        signature.make_key(keys / 'me.pem')
 
 
 def test_a_repaired_run_has_new_digests(folder, keys):

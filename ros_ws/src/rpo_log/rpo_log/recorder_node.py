@@ -340,9 +340,9 @@ class RecorderNode(FlightNode):
     def _seal(self) -> str:
         """Write the digest of every file of the folder, sign them; return why not, '' if done."""
         try:
-            sums.write_sums(self.folder, without=run_log.REPORT)
+            written = sums.write_sums(self.folder, without=run_log.REPORT)
             if self._key is not None:
-                signature.sign(self.folder, self._key)
+                signature.sign(self.folder, written, self._key)
         except LogError as error:
             return str(error)
         return ''

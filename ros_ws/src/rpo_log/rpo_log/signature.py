@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 from rpo_core.files import open_regular
 from rpo_core.validation import InputError
 from rpo_log.errors import Fault, LogError
-from rpo_log.format import sums
 from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
+from rpo_log.format.sums import Sums
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import (
@@ -72,32 +72,32 @@ def private_key(path: Path) -> Ed25519PrivateKey:
     return key
 
 
-def sign(folder: Path, key: Ed25519PrivateKey) -> None:
+def sign(folder: Path, sums: Sums, key: Ed25519PrivateKey) -> None:
     """Sign the sums of a run folder: write SHA256SUMS.sig; raises LogError."""
-    data = sums.sums_bytes(folder)
-    if data is None:
+    if sums.content is None:
         raise LogError(Fault.NOT_FOUND, folder, f'holds no {SUMS_FILE} to sign')
     path = folder / SIGNATURE_FILE
     try:
-        write_whole(path, key.sign(data))
+        write_whole(path, key.sign(sums.content))
     except OSError as error:
         raise cannot_write(path, error) from None
 
 
-def signer(folder: Path, trusted: Path) -> str | None:
+def signer(folder: Path, sums: Sums, trusted: Path) -> str | None:
     """Return the file name of the trusted key that signed the sums; None if none did.
 
+    folder : that holds the signature
     trusted : a public key in PEM, or a folder of them (`*.pem`); raises InputError
     """
     exceptions = _library()[0]
     keys = list(_public_keys(trusted))
-    data, path = sums.sums_bytes(folder), folder / SIGNATURE_FILE
-    if data is None or not path.exists():
+    path = folder / SIGNATURE_FILE
+    if sums.content is None or not os.path.lexists(path):
         return None
     signature = _read(path)
     for name, key in keys:
         try:
-            key.verify(signature, data)
+            key.verify(signature, sums.content)
         except exceptions.InvalidSignature:
             continue
         return name

@@ -53,6 +53,7 @@ _BESIDE = (METADATA_FILE, HEALTH_FILE, DECISIONS_FILE, INFO_FILE, SUMS_FILE, SIG
 
 MAX_CHUNK_TICKS = 512
 
+_WHOLE = 'run.mcap'
 _PART = re.compile(r'run_(0|[1-9][0-9]{0,8})\.mcap')
 
 _NS = 1_000_000_000
@@ -154,20 +155,35 @@ class RunSummary:
 
 
 def log_files(folder: Path) -> list[Path]:
-    """Return the MCAP files of a run's log in order of time; empty if there are none."""
-    single = folder / 'run.mcap'
-    if single.exists():
-        return [single]
+    """Return the MCAP files of a run's log in order of time; empty if there are none.
+
+    Raises LogError if the folder holds two logs, one whole and one in parts.
+    """
+    found = _all_logs(folder)
+    if len(found) > 1 and found[0].name == _WHOLE:
+        raise LogError(
+            Fault.NOT_A_RUN,
+            folder,
+            f'must hold one log, {_WHOLE} or run_0.mcap, run_1.mcap, ...; '
+            f'it holds {", ".join(path.name for path in found)}',
+        )
+    return found
+
+
+def _all_logs(folder: Path) -> list[Path]:
+    """Return what has the name of a log: the whole one first, then the parts in order of time."""
+    whole = folder / _WHOLE
     parts = [path for path in folder.glob('run_*.mcap') if _PART.fullmatch(path.name)]
-    return sorted(parts, key=lambda path: int(path.stem[4:]))
+    parts.sort(key=lambda path: int(path.stem[4:]))
+    return [whole, *parts] if os.path.lexists(whole) else parts
 
 
 def prepare_folder(folder: Path, overwrite: bool) -> None:
     """Create the folder of a run, or clear a log from it when asked to; raises LogError."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = log_files(folder)
-        taken += [folder / name for name in _BESIDE if (folder / name).exists()]
+        taken = _all_logs(folder)
+        taken += [folder / name for name in _BESIDE if os.path.lexists(folder / name)]
         if taken and not overwrite:
             raise LogError(
                 Fault.EXISTS,

@@ -15,6 +15,7 @@ The library's `StreamReader` reads them. What it does not do is done here:
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -38,6 +39,8 @@ from rpo_log.errors import Fault, LogError
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
 """A longer record, or chunk when decompressed, is not read: ours have at most some megabytes."""
+MAX_REST_BYTES = 1 << 28
+"""Bytes behind the end of a damaged file that are hashed with it; a sparse file has terabytes."""
 MAX_RATIO = 1000
 """A chunk that grows more when decompressed is a bomb; ours grow 100 times at the most."""
 RECORD_HEAD = struct.Struct('<BQ')
@@ -61,6 +64,7 @@ class _WholeReads(ReadDataStream):
     def __init__(self, stream: BinaryIO, size: int) -> None:
         super().__init__(stream)
         self._size = size
+        self.sha256: hashlib._Hash | None = None  # of all that was read
 
     @property
     def rest(self) -> int:
@@ -70,6 +74,8 @@ class _WholeReads(ReadDataStream):
     def read(self, length: int) -> bytes:
         """Return the next bytes."""
         data = self._stream.read(length) if length <= self.rest else b''
+        if self.sha256 is not None:
+            self.sha256.update(data)
         if len(data) != length:
             raise EndOfFile
         self._count += length
@@ -90,6 +96,7 @@ class _StrictReader(_WholeReader):
     def __init__(self, stream: BinaryIO, size: int, records: FileRecords) -> None:
         super().__init__(stream, size)
         self._records = records
+        self._stream.sha256 = records.sha256 = hashlib.sha256()
         self._crc = zlib.crc32(MAGIC)  # up to the end of the last record
         self.end = len(MAGIC)
         self.closed = False
@@ -133,6 +140,8 @@ class FileRecords:
     damage : after the iteration, what is wrong with the file: where it ends early, or, tolerant,
         what does not fit; empty if it is whole
     lost_chunks : chunks passed over
+    sha256 : of the bytes read so far; after the iteration, of the file but for `unread`
+    unread : after the iteration, bytes behind the damage that are too many to be hashed
     """
 
     path: Path
@@ -140,7 +149,9 @@ class FileRecords:
     offset: int = 0
     damage: str = ''
     lost_chunks: int = 0
+    unread: int = 0
     _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
+    sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
 
     def __iter__(self) -> Iterator[McapRecord]:
         try:
@@ -171,6 +182,11 @@ class FileRecords:
                 if reader.closed
                 else f'no whole record at byte {reader.end} of {size}'
             )
+        self.unread = size - stream.tell()
+        if self.unread <= MAX_REST_BYTES:
+            while block := stream.read(MAX_RECORD_BYTES):
+                self.sha256.update(block)
+            self.unread = 0
 
     def parse(self, opcode: int, content: bytes) -> McapRecord | None:
         """Return a record by its content; raises LogError if a field reaches beyond it."""

@@ -64,6 +64,7 @@ class RunReader:
     After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
     memory. Raises LogError.
 
+    digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     """
 
@@ -81,6 +82,8 @@ class RunReader:
         self._attached: set[tuple[Path, str]] = set()
         self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
         self._extents: dict[Path, _Extent] = {}
+        self.digests: dict[Path, str] = {}
+        self._head = b''  # SHA-256 up to the first message
         damage = self._read_head()
         if not self._bases:
             raise LogError(
@@ -138,6 +141,7 @@ class RunReader:
         """Read up to the first message; if there is none, return how the file ends, '' for well."""
         records = FileRecords(self.files[0])
         for record in records:
+            self._head = records.sha256.digest()
             if isinstance(record, MessageRecord):
                 return None
             if isinstance(record, Chunk):
@@ -222,7 +226,12 @@ class RunReader:
             records = FileRecords(path)
             gathering = Gathering(path, self.base, self.topics, self._channels, newest)
             extent = self._extents[path] = _Extent([0] * len(self.topics))
+            head = self._head if path == self.files[0] else b''
             for data, at in self._chunks(records):
+                if head and at:
+                    if records.sha256.digest() != head:
+                        raise _changed(path)
+                    head = b''
                 gathering.add(data, at)
                 if len(gathering) > most or gathering.size > MAX_BYTES:
                     messages = gathering.take()
@@ -232,6 +241,8 @@ class RunReader:
                     if gathering.size > MAX_BYTES:
                         sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
                         raise LogError(Fault.CORRUPT, path, sentence)
+            if head:
+                raise _changed(path)
             messages = gathering.take(last=True)
             newest = gathering.newest
             if len(messages):
@@ -239,6 +250,7 @@ class RunReader:
                 yield messages
             if records.damage:
                 self.damage = f'{path.name}: {records.damage}'
+            self.digests[path] = '' if records.unread else records.sha256.hexdigest()
 
     def _chunks(self, records: FileRecords) -> Iterator[tuple[bytes, list[int]]]:
         """Yield the bytes of chunks and where their messages begin; take the other records.
@@ -262,6 +274,11 @@ class RunReader:
                     records.damage = error.sentence
                     return
                 yield data, records.messages_in(data, self._take)
+
+
+def _changed(path: Path) -> LogError:
+    """Return the LogError of a log that does not begin any more as the constructor read it."""
+    return LogError(Fault.CORRUPT, path, 'was changed while it was read')
 
 
 def _blocks_of(messages: Messages) -> Iterator[TickBlock]:

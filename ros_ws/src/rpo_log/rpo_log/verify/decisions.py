@@ -85,6 +85,11 @@ class Decisions:
             self._waiting = next(self._messages, None)
         return None
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 of decisions.mcap as it was read; empty if it was too long to be hashed."""
+        return '' if self._records.unread else self._records.sha256.hexdigest()
+
     def gaps(self, rate_hz: float | None, last_tick: int) -> list[str]:
         """Return what is missing of the decisions of a flight; call it after the last block.
 
@@ -93,6 +98,8 @@ class Decisions:
         found = [self._form.deviation(self._expected_records()), self._records.damage]
         if self._waiting is not None:
             found.append(f'it has a decision of tick {self._waiting.tick}, after the end')
+            for _ in self._messages:  # so that all of the file is hashed
+                pass
         if self._unknown:
             found.append(f'{self._unknown} decisions are of ticks without state or force')
         due = Decimation(rate_hz) if rate_hz is not None else None

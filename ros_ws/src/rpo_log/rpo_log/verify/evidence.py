@@ -9,15 +9,14 @@ some nothing is known.
 from __future__ import annotations
 
 import hashlib
-import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rpo_core import files
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError
-from rpo_log.format import rosbag2, sums
+from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile
 from rpo_log.format.run import (
     DECISIONS_FILE,
@@ -30,65 +29,20 @@ from rpo_log.format.run import (
 from rpo_log.read.run_log import parameters_of
 from rpo_log.read.stream import RunReader
 from rpo_log.verify.decisions import Decisions
+from rpo_log.verify.digests import Digests
 from rpo_log.verify.form import Form, records_of_run
 from rpo_log.verify.statuses import Statuses
 from rpo_log.verify.verification import Verification
 from rpo_log.write.bag_file import bag_topics
 
 MAX_METADATA_BYTES = 1 << 22
-MAX_BESIDE_BYTES = 1 << 28
-
-_LOG = re.compile(r'run(_[0-9]+)?\.mcap')
 
 
-@dataclass(frozen=True)
-class Digests:
-    """What SHA256SUMS says of a run folder.
+def metadata_fault(reader: RunReader) -> tuple[str, str]:
+    """Return why metadata.yaml is not that of the log, empty if it is, and its SHA-256.
 
-    matched, changed, missing : files that it lists
-    unlisted : files that it does not
+    The digest is that of the bytes compared, and empty if there are more. Raises LogError.
     """
-
-    matched: tuple[str, ...] = ()
-    changed: tuple[str, ...] = ()
-    missing: tuple[str, ...] = ()
-    unlisted: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, folder: Path, without: Collection[str] = ()) -> Digests:
-        """Compare the files of a folder with SHA256SUMS, if there is one; raises LogError.
-
-        without : names of files that are passed over
-        """
-        listed = sums.read_sums(folder)
-        if listed is not None:
-            listed = {name: digest for name, digest in listed.items() if name not in without}
-        there = [name for name in sums.files_below(folder) if name not in without]
-        if listed is None:
-            return cls(unlisted=tuple(there))
-        missing = tuple(name for name in listed if name not in there)
-        same = {n: _digest(folder / n) == listed[n] for n in there if n in listed}
-        return cls(
-            tuple(name for name, equal in same.items() if equal),
-            tuple(name for name, equal in same.items() if not equal),
-            missing,
-            tuple(name for name in there if name not in listed),
-        )
-
-    def faults(self) -> list[str]:
-        """Return what is not as listed, for people."""
-        found = [f'{name} is not the file that {SUMS_FILE} lists' for name in self.changed]
-        return found + [f'{name} is missing, which {SUMS_FILE} lists' for name in self.missing]
-
-
-def _digest(path: Path) -> str:
-    """Return the SHA-256 of a file; empty if it is longer than a file beside a log can be."""
-    is_log = _LOG.fullmatch(path.name) is not None
-    return sums.digest_of(path) if is_log or path.stat().st_size <= MAX_BESIDE_BYTES else ''
-
-
-def metadata_fault(reader: RunReader) -> str:
-    """Return why metadata.yaml is not that of the log; empty if it is. Raises LogError."""
     path = reader.path / METADATA_FILE
     counts, bag = [0] * len(reader.topics), []
     for file in reader.files:
@@ -98,16 +52,17 @@ def metadata_fault(reader: RunReader) -> str:
     expected = rosbag2.metadata_text(bag_topics(reader.topics, counts), bag)
     try:
         with files.open_regular(path) as stream:
-            content = stream.read(MAX_METADATA_BYTES)
+            content = stream.read(MAX_METADATA_BYTES + 1)
     except OSError as error:
         raise LogError(
             Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}'
         ) from None
+    digest = _sha256(content) if len(content) <= MAX_METADATA_BYTES else ''
     if content == expected.encode():
-        return ''
+        return '', digest
     lines = zip(content.decode(errors='replace').split('\n'), expected.split('\n'), strict=False)
     number = next((n for n, (a, b) in enumerate(lines, 1) if a != b), 'the last')
-    return f'{METADATA_FILE} is not that of the log; line {number} differs'
+    return f'{METADATA_FILE} is not that of the log; line {number} differs', digest
 
 
 class Evidence:
@@ -123,11 +78,13 @@ class Evidence:
         reader.witness = lambda path, record: self._forms[path].take(record)
         self._gaps: list[str] = []
         self._faults: tuple[str, ...] = ()
+        self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._recomputed: list[str] = []
         self._digested: tuple[str, ...] = ()
         self._unknown: list[str] = []
         self._premises: dict[str, str] = {}
         self._signed_by: str | None = None
+        self._signed: Mapping[str, str] = {}
 
     def of_log(self, statuses: Statuses, free: bool) -> None:
         """Judge run_status, and the records of the log that are not messages."""
@@ -156,6 +113,7 @@ class Evidence:
                 self._gaps.append(f'{DECISIONS_FILE} is missing')
             return
         self._take('; '.join(decisions.gaps(rate_hz, last_tick)), DECISIONS_FILE)
+        self._read[DECISIONS_FILE] = decisions.digest
 
     def of_folder(self, trusted: Path | None) -> None:
         """Judge the other files of the folder, and its signature."""
@@ -164,23 +122,35 @@ class Evidence:
             if trusted is not None:
                 self._gaps.append('a single file has no signature')
             return
-        if not self._reader.damage and (folder / METADATA_FILE).exists():
-            self._take(metadata_fault(self._reader), METADATA_FILE)
-        broken = [path.name for path in self._reader.files] if self._reader.damage else []
-        digests = Digests.of(folder, broken)
-        self._faults = tuple(digests.faults())
-        proven = {*self._recomputed, *(path.name for path in self._reader.files)}
+        if not self._reader.damage and os.path.lexists(folder / METADATA_FILE):
+            gap, self._read[METADATA_FILE] = metadata_fault(self._reader)
+            self._take(gap, METADATA_FILE)
+        logs = {path.name: digest for path, digest in self._reader.digests.items()}
+        self._read.update(logs)
+        digests = Digests.of(folder, self._read)
+        self._faults = digests.faults
+        proven = {*self._recomputed, *logs}
         self._digested = tuple(name for name in digests.matched if name not in proven)
         self._unknown += [name for name in digests.unlisted if name not in proven]
-        self._judge_signature(folder, trusted)
+        self._unknown += [f'{name} {what}' for name, what in digests.others.items()]
+        self._judge_signature(folder, trusted, digests)
 
-    def _judge_signature(self, folder: Path, trusted: Path | None) -> None:
-        if trusted is not None:
-            self._signed_by = signature.signer(folder, trusted)
-            if self._signed_by is None:
-                self._gaps.append(f'no key of {trusted} has signed it')
-        elif (folder / SIGNATURE_FILE).exists():
-            self._unknown.append('who signed it: no key is trusted')
+    def _judge_signature(self, folder: Path, trusted: Path | None, digests: Digests) -> None:
+        """Say who signed the folder, if all that was read to verify it is as it was signed."""
+        unsigned = ', '.join(name for name in self._read if name not in digests.sums.digests)
+        if trusted is None:
+            if os.path.lexists(folder / SIGNATURE_FILE):
+                self._unknown.append(f'{SIGNATURE_FILE}, which was not checked: no key is trusted')
+            if digests.sums.content is not None and unsigned:
+                self._unknown.append(f'{SUMS_FILE} does not list {unsigned}')
+            return
+        signer = signature.signer(folder, digests.sums, trusted)
+        if signer is None:
+            self._gaps.append(f'no key of {trusted} has signed it')
+        elif unsigned:
+            self._gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
+        elif not digests.faults:
+            self._signed_by, self._signed = signer, digests.matched
 
     def _take(self, gap: str, what: str) -> None:
         if gap:
@@ -200,7 +170,7 @@ class Evidence:
         return Verification(
             self._reader.path, ticks, None, (*gaps, *self._gaps), free, stages, self._faults,
             tuple(self._recomputed), self._digested, tuple(self._unknown), self._premises,
-            self._signed_by, controllers,
+            self._signed_by, self._signed, controllers,
         )  # fmt: skip
 
 

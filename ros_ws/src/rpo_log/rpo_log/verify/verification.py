@@ -28,7 +28,9 @@ class Verification:
     digested : files that do not follow from it, and have the digest that they had
     unknown : what nothing here proves
     premises : what the proof rests on, by name; SHA-256 each
-    signed_by : file name of the trusted key that signed the folder; None if none was asked for
+    signed_by : file name of the trusted key that signed all that was read; None if none did, or
+        none was asked for
+    signed : files that it signed, and that are as they were; SHA-256 each
     controllers : per controller its commands, if there was more than one
     """
 
@@ -44,6 +46,7 @@ class Verification:
     unknown: tuple[str, ...] = ()
     premises: Mapping[str, str] = field(default_factory=dict)
     signed_by: str | None = None
+    signed: Mapping[str, str] = field(default_factory=dict)
     controllers: tuple[str, ...] = ()
 
     @property
@@ -58,7 +61,7 @@ class Verification:
         if self.difference is not None:
             return f'{self.path}: NOT as computed: {self.difference.sentence()}'
         if self.faults:
-            return f'{self.path}: NOT as recorded: {"; ".join(self.faults)}'
+            return f'{self.path}: NOT as recorded: {"; ".join((*self.faults, *self.gaps))}'
         stages = f'recomputed: {", ".join(self.stages)}'
         if self.controllers:
             stages += f'; {len(self.controllers)} controllers: {", ".join(self.controllers)}'
@@ -79,16 +82,18 @@ class Verification:
         yield self.sentence()
         if self.exit_code == ExitCode.DIFFERENT:
             return
-        signed = f'signed by {self.signed_by}' if self.signed_by else 'not signed by a trusted key'
+        by = f'signed by {self.signed_by}' if self.signed_by else 'not signed by a trusted key'
         named = (
             ('recomputed', ', '.join((*self.stages, *self.recomputed))),
-            (f'by digest ({SUMS_FILE}, {signed})', ', '.join(self.digested)),
+            (f'by digest ({SUMS_FILE}, {by})', ', '.join(self.digested)),
             ('not known', '; '.join(self.unknown)),
         )
         for name, text in named:
             if text:
                 yield f'  {name}: {text}'
+        if self.signed_by:
+            yield f'  signed by {self.signed_by} (SHA-256):'
+            yield from (f'    {digest}  {name}' for name, digest in self.signed.items())
         yield '  rests on (SHA-256):'
         premises = {**self.premises, f'verified with rpo_core {code.version()}': code.digest()}
-        for name, digest in premises.items():
-            yield f'    {digest}  {name}'
+        yield from (f'    {digest}  {name}' for name, digest in premises.items())

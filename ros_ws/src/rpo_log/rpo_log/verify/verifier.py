@@ -51,6 +51,7 @@ from rpo_log.verify.difference import (
     Difference,
     non_canonical_difference,
 )
+from rpo_log.verify.digests import Digests
 from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.previous import PreviousSignals
@@ -340,8 +341,28 @@ def verify(path: str | Path, trusted: Path | None = None) -> Verification:
 
     trusted : public key, or folder of them; one of them must have signed the run folder
 
-    Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys.
+    Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys. A log that
+    cannot be read and is not the one that SHA256SUMS lists is a difference, no LogError.
     """
+    try:
+        return _verification(path, trusted)
+    except LogError as error:
+        faults = _faults_of(Path(path))
+        if not faults:
+            raise
+        gap = f'{error.path.name} {error.sentence}'
+        return Verification(Path(path), 0, None, (gap,), faults=faults)
+
+
+def _faults_of(folder: Path) -> tuple[str, ...]:
+    """Return what of a run folder is not as SHA256SUMS lists it, as far as that can be known."""
+    try:
+        return Digests.of(folder).faults if folder.is_dir() else ()
+    except LogError:
+        return ()
+
+
+def _verification(path: str | Path, trusted: Path | None) -> Verification:
     reader = RunReader(path)
     verifier, evidence = _Verifier(reader), Evidence(reader)
     completeness = Completeness(reader)

@@ -1,0 +1,441 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Signed run folders: what a signature covers, and that nothing else is called signed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from log_runs import record
+
+from rpo_core import files
+from rpo_core.validation import InputError
+from rpo_log import signature
+from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.format import sums
+from rpo_log.format.run import prepare_folder
+from rpo_log.format.sums import Sums
+from rpo_log.read.records import MAX_REST_BYTES
+from rpo_log.read.stream import RunReader
+from rpo_log.tools.sign import sign_run
+from rpo_log.verify import verify
+from rpo_log.verify.digests import MAX_BESIDE_BYTES
+from tools import mutate_runs
+from tools.mutate_runs import SignedCase, run_cases
+from tools.mutations import Parts
+
+NONE = '0' * 64
+FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
+
+
+@pytest.fixture
+def signed(folder, keys) -> Path:
+    sign_run(folder, keys / 'me.pem')
+    return folder
+
+
+@pytest.fixture
+def trusted(keys) -> Path:
+    return keys / 'trusted'
+
+
+@pytest.fixture(scope='session')
+def other(tmp_path_factory) -> Path:
+    """Another run, four seconds."""
+    return record(tmp_path_factory.mktemp('other') / 'run', 4.0)
+
+
+@pytest.fixture(scope='session')
+def parts(tmp_path_factory) -> Path:
+    """A run whose log is in four files."""
+    return record(tmp_path_factory.mktemp('parts') / 'run', split_s=1.0)
+
+
+def link(path: Path, target: Path) -> None:
+    path.unlink(missing_ok=True)
+    path.symlink_to(target)
+
+
+def written_anew(path: Path) -> bytes:
+    """Return the bytes of a log with the same messages in other chunks: it verifies too."""
+    aside = path.with_name('aside')
+    found = Parts.of(path)
+    found.records = [each for each in found.records if each is not None]
+    found.write(aside)
+    content = aside.read_bytes()
+    aside.unlink()
+    assert content != path.read_bytes()
+    return content
+
+
+def sign_some(folder: Path, keys: Path, *without: str) -> None:
+    """Sign sums that do not list some files, as those may be that somebody writes by hand."""
+    lines = (folder / 'SHA256SUMS').read_text().splitlines(keepends=True)
+    kept = ''.join(line for line in lines if line.split()[1] not in without).encode()
+    (folder / 'SHA256SUMS').write_bytes(kept)
+    signature.sign(folder, Sums(kept), signature.private_key(keys / 'me.pem'))
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        'nothing',
+        '',
+        f'{NONE}  ../run.mcap',
+        f'{NONE}  /etc/passwd',
+        f'{NONE} run.mcap',
+        f'{NONE}  ./run.mcap',
+        f'{NONE}  a//b',
+        f'{NONE}  run.mcap',  # a second line of this file
+        f'{NONE}  a\r',
+        f'\\{NONE}  a',
+        f'{NONE}  a\\nb',
+        f'{NONE}  SHA256SUMS',
+        f'{NONE}  SHA256SUMS.sig',
+        f'{"A" * 64}  a',
+    ],
+)
+def test_sums_that_are_none(folder, line):
+    with (folder / 'SHA256SUMS').open('a') as stream:
+        stream.write(f'{line}\n')
+    with pytest.raises(LogError, match='SHA256SUMS: line 6 must be a SHA-256') as found:
+        verify(folder)
+    assert found.value.fault is Fault.BAD_SUMS
+
+
+@pytest.mark.parametrize('change', [lambda _: b'', lambda data: data[:-1]])
+def test_sums_that_are_cut_short(folder, change):
+    (folder / 'SHA256SUMS').write_bytes(change((folder / 'SHA256SUMS').read_bytes()))
+    with pytest.raises(LogError, match='SHA256SUMS: must hold whole lines'):
+        verify(folder)
+
+
+def test_a_signed_run_and_each_way_in_which_it_is_not(folder, keys):
+    assert 'signs 5 files' in sign_run(folder, keys / 'me.pem')
+    found = verify(folder, keys / 'trusted')
+    assert (found.exit_code, found.signed_by) == (ExitCode.OK, 'me.pub.pem')
+    assert 'signed by me.pub.pem' in '\n'.join(found.lines())
+    assert verify(folder).exit_code == ExitCode.OK
+
+    other = verify(folder, keys / 'other.pub.pem')
+    assert other.exit_code == ExitCode.INCOMPLETE and 'has signed it' in other.sentence()
+    (folder / 'run_info.yaml').write_text('run: {end: aborted}\n')
+    assert verify(folder, keys / 'trusted').exit_code == ExitCode.DIFFERENT
+    sums.write_sums(folder)  # takes the signature away
+    assert not (folder / 'SHA256SUMS.sig').exists()
+    assert verify(folder, keys / 'trusted').exit_code == ExitCode.INCOMPLETE
+    single = verify(folder / 'run.mcap', keys / 'trusted')
+    assert single.exit_code == ExitCode.INCOMPLETE
+
+
+def test_what_came_later_is_signed_too_and_what_changed_is_not(folder, keys):
+    (folder / 'report').mkdir()
+    (folder / 'report' / 'index.html').write_text('fine')
+    assert 'report/index.html' in verify(folder).unknown
+    assert 'signs 6 files' in sign_run(folder, keys / 'me.pem')
+    assert 'report/index.html' in verify(folder, keys / 'trusted').digested
+    (folder / 'report' / 'index.html').write_text('better')
+    with pytest.raises(LogError, match=r'cannot be signed: report/index\.html is not the file'):
+        sign_run(folder, keys / 'me.pem')
+
+
+def test_openssl_agrees(folder, keys):
+    sign_run(folder, keys / 'me.pem')
+    command = ['openssl', 'pkeyutl', '-verify', '-pubin', '-rawin', '-in', 'SHA256SUMS']
+    command += ['-sigfile', 'SHA256SUMS.sig', '-inkey', str(keys / 'trusted' / 'me.pub.pem')]
+    if shutil.which('openssl') is None:
+        pytest.skip('openssl is not installed')
+    assert subprocess.run(command, cwd=folder, check=False).returncode == 0
+
+
+@pytest.mark.parametrize('content', [b'', b'no key', None])
+def test_keys_that_are_none(folder, tmp_path, keys, content):
+    path = tmp_path / 'bad.pem'
+    if content is not None:
+        path.write_bytes(content)
+    for use in (lambda: sign_run(folder, path), lambda: verify(folder, path)):
+        with pytest.raises(InputError, match=r'bad\.pem'):
+            use()
+    with pytest.raises(InputError, match='must be an Ed25519 private key'):
+        sign_run(folder, keys / 'trusted' / 'me.pub.pem')
+
+
+def test_a_key_is_never_overwritten_and_only_its_owner_reads_it(keys):
+    assert (keys / 'me.pem').stat().st_mode & 0o077 == 0
+    with pytest.raises(InputError, match='File exists'):
+        signature.make_key(keys / 'me.pem')
+
+
+def test_the_signature_names_each_file_that_it_covers(folder, keys, trusted):
+    assert sign_run(folder, keys / 'me.pem').endswith(f'signs 5 files: {", ".join(FILES)}')
+    found = verify(folder, trusted)
+    assert found.exit_code == ExitCode.OK
+    assert dict(found.signed) == {name: sums.digest_of(folder / name) for name in FILES}
+    lines = list(found.lines())
+    at = lines.index('  signed by me.pub.pem (SHA-256):')
+    assert [line.split()[-1] for line in lines[at + 1 : at + 6]] == list(FILES)
+    assert dict(verify(folder).signed) == {}
+
+
+def test_only_what_is_wholly_listed_is_signed(folder, keys, tmp_path):
+    def refused(what: str) -> None:
+        with pytest.raises(LogError, match=f'cannot be signed: .*{what}'):
+            sign_run(folder, keys / 'me.pem')
+        assert not (folder / 'SHA256SUMS.sig').exists()
+
+    shutil.move(folder / 'run.mcap', tmp_path / 'log')
+    link(folder / 'run.mcap', tmp_path / 'log')
+    refused('run.mcap, which SHA256SUMS lists, is a link')
+    (folder / 'SHA256SUMS').unlink()  # so that nothing is missing of what it lists
+    refused('run.mcap is a link')
+    (folder / 'run.mcap').unlink()
+    shutil.move(tmp_path / 'log', folder / 'run.mcap')
+    link(folder / 'report', tmp_path)
+    refused('report is a link')
+    (folder / 'report').unlink()
+    os.mkfifo(folder / 'pipe')
+    refused('pipe is no regular file')
+    (folder / 'pipe').unlink()
+    (folder / 'a\nb').touch()
+    refused('has a name with')
+    (folder / 'a\nb').unlink()
+    link(folder / 'SHA256SUMS.sig.part', tmp_path / 'else')
+    refused('SHA256SUMS.sig.part is a link')
+    (folder / 'SHA256SUMS.sig.part').unlink()
+    sign_run(folder, keys / 'me.pem')
+    assert not (tmp_path / 'else').exists()
+
+
+READ = ('run.mcap', 'decisions.mcap', 'metadata.yaml')
+
+
+@pytest.mark.parametrize(
+    ('names', 'way'),
+    [(names, way) for names in (READ[:1], READ[1:2], READ[2:], READ) for way in ('kept', 'link')]
+    + [(READ, 'exchanged')],
+)
+def test_what_is_read_and_not_listed_is_not_signed(folder, keys, trusted, other, names, way):
+    sign_some(folder, keys, *names)
+    for name in names if way == 'link' else ():
+        shutil.move(folder / name, folder.parent / name)
+        link(folder / name, folder.parent / name)
+    for name in names if way == 'exchanged' else ():
+        shutil.copy(other / name, folder / name)
+    found = verify(folder, trusted)
+    assert (found.exit_code, found.signed_by) == (ExitCode.INCOMPLETE, None)
+    assert 'signed by me' not in '\n'.join(found.lines())
+    assert 'me.pub.pem has not signed ' in found.sentence()
+    assert all(name in found.sentence() for name in names)
+    alone = verify(folder)
+    assert alone.exit_code == ExitCode.OK
+    said = next(what for what in alone.unknown if what.startswith('SHA256SUMS does not list'))
+    assert all(name in said for name in names)
+
+
+def cut(data: bytes) -> bytes:
+    return data[: len(data) * 3 // 4]
+
+
+def more(data: bytes) -> bytes:
+    return data + bytes(9)
+
+
+def spoilt(data: bytes) -> bytes:
+    """Change a byte in the middle, in a chunk: its checksum does not fit."""
+    at = len(data) // 2
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+@pytest.mark.parametrize('name', FILES)
+@pytest.mark.parametrize('change', [cut, more, spoilt, lambda _: b'', lambda _: None])
+def test_a_signed_file_that_differs_is_a_difference_damaged_or_not(signed, trusted, name, change):
+    data = change((signed / name).read_bytes())
+    (signed / name).unlink() if data is None else (signed / name).write_bytes(data)
+    for found in (verify(signed, trusted), verify(signed)):
+        assert found.exit_code == ExitCode.DIFFERENT
+        assert f'{name} is missing, which' in found.sentence() or (
+            f'{name} is not the file that SHA256SUMS lists' in found.sentence()
+        )
+        assert found.signed_by is None
+
+
+def test_a_damaged_log_that_was_signed_so_is_signed_and_not_whole(folder, keys, trusted):
+    (folder / 'SHA256SUMS').unlink()
+    (folder / 'run.mcap').write_bytes(cut((folder / 'run.mcap').read_bytes()))
+    sign_run(folder, keys / 'me.pem')
+    found = verify(folder, trusted)
+    assert (found.exit_code, found.signed_by) == (ExitCode.INCOMPLETE, 'me.pub.pem')
+    assert 'it is cut short' in found.sentence()
+    (folder / 'run.mcap').write_bytes(spoilt((folder / 'run.mcap').read_bytes()))
+    assert verify(folder, trusted).exit_code == ExitCode.DIFFERENT
+
+
+@pytest.mark.parametrize('name', ['run.mcap', 'run_0.mcap'])
+def test_a_folder_has_one_log(folder, parts, other, tmp_path, keys, name):
+    if name == 'run.mcap':
+        folder = Path(shutil.copytree(parts, tmp_path / 'parts'))
+    sign_run(folder, keys / 'me.pem')
+    shutil.copy(other / 'run.mcap', folder / name)
+    for use in (verify, RunReader, lambda path: sign_run(path, keys / 'me.pem')):
+        with pytest.raises(LogError, match=r'must hold one log, run\.mcap or run_0\.mcap') as found:
+            use(folder)
+        assert found.value.fault is Fault.NOT_A_RUN
+    prepare_folder(folder, overwrite=True)
+    assert not list(folder.glob('run*.mcap'))
+
+
+def test_a_part_more_is_not_signed(parts, tmp_path, keys, trusted):
+    folder = Path(shutil.copytree(parts, tmp_path / 'parts'))
+    sign_run(folder, keys / 'me.pem')
+    assert verify(folder, trusted).signed_by == 'me.pub.pem'
+    last = sorted(folder.glob('run_*.mcap'))[-1]
+    sign_some(folder, keys, last.name)
+    found = verify(folder, trusted)
+    assert found.signed_by is None and last.name in found.sentence()
+
+
+class Exchange:
+    """Lets a file be another from its n-th opening on; says which of the two was read.
+
+    true, forged : its bytes
+    """
+
+    def __init__(self, path: Path, true: bytes, forged: bytes, at: int, back: bool) -> None:
+        self.path, self.at, self.count = path, at, 0
+        self.first, self.second = (forged, true) if back else (true, forged)
+        self.true = true
+        self.read: list[bool] = []
+        path.write_bytes(self.first)
+
+    def opener(self, real: Callable[[str, int], int]) -> Callable[[str, int], int]:
+        def opened(name: str, flags: int) -> int:
+            if Path(name) == self.path:
+                if self.count == self.at:
+                    aside = self.path.with_name('aside')
+                    aside.write_bytes(self.second)
+                    aside.replace(self.path)
+                self.count += 1
+                self.read.append(self.path.read_bytes() == self.true)
+            return real(name, flags)
+
+        return opened
+
+
+@pytest.mark.parametrize('name', ['run.mcap', 'decisions.mcap', 'SHA256SUMS'])
+@pytest.mark.parametrize('back', [False, True])
+def test_what_was_verified_is_what_was_hashed(signed, trusted, monkeypatch, name, back):
+    path = signed / name
+    true = path.read_bytes()
+    if name == 'SHA256SUMS':  # the forged ones fit another file beside
+        lines = true.splitlines(keepends=True)
+        assert lines[-1].endswith(b'  run_info.yaml\n')
+        (signed / 'run_info.yaml').write_text('run: {end: better}\n')
+        digest = sums.digest_of(signed / 'run_info.yaml').encode()
+        forged = b''.join((*lines[:-1], digest, lines[-1][64:]))
+    else:
+        forged = written_anew(path)
+    real, openings = files._open_if_regular, 0
+    for at in range(5):
+        exchange = Exchange(path, true, forged, at, back)
+        monkeypatch.setattr(files, '_open_if_regular', exchange.opener(real))
+        try:
+            accepted = verify(signed, trusted).signed_by is not None
+        except LogError as error:
+            assert 'was changed while it was read' in str(error)
+            accepted = False
+        openings = max(openings, exchange.count)
+        assert accepted == (all(exchange.read) and name != 'SHA256SUMS'), (at, exchange.read)
+    assert 1 <= openings < 5
+
+
+def test_a_log_that_changes_after_its_head_was_read(recorded, tmp_path):
+    path = Path(shutil.copy(recorded / 'run.mcap', tmp_path))
+    reader = RunReader(path)
+    forged = Parts.of(path)
+    at = [getattr(found, 'name', '') for found in forged.records].index('parameters.yaml')
+    del forged.records[at]
+    forged.write(path)
+    with pytest.raises(LogError, match='was changed while it was read'):
+        list(reader.blocks())
+
+
+def test_a_hard_link_is_a_file(folder, keys, trusted, tmp_path):
+    os.link(folder / 'run.mcap', tmp_path / 'log')
+    sign_run(folder, keys / 'me.pem')
+    assert verify(folder, trusted).exit_code == ExitCode.OK
+    with (tmp_path / 'log').open('ab') as stream:
+        stream.write(b'\0')
+    assert verify(folder, trusted).exit_code == ExitCode.DIFFERENT
+
+
+def test_what_came_later_is_not_known_whatever_it_is(signed, trusted, tmp_path):
+    (signed / 'notes.txt').touch()
+    (signed / 'a\nb').touch()
+    link(signed / 'link', tmp_path)
+    os.mkfifo(signed / 'pipe')
+    found = verify(signed, trusted)
+    assert (found.exit_code, tuple(found.signed)) == (ExitCode.OK, FILES)
+    assert {'notes.txt', 'link is a link', 'pipe is no regular file'} <= set(found.unknown)
+    assert any(what.startswith('a\nb has a name') for what in found.unknown)
+
+
+def test_a_name_that_is_no_text_is_signed(folder, keys, trusted):
+    odd = os.fsdecode(b'\xff \xc3\xa9*.txt')
+    (folder / odd).write_text('x')
+    sign_run(folder, keys / 'me.pem')
+    assert odd in verify(folder, trusted).signed
+    done = subprocess.run(['sha256sum', '--check', 'SHA256SUMS'], cwd=folder, check=False)
+    assert done.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('name', 'size'), [('health.mcap', MAX_BESIDE_BYTES + 1), ('run.mcap', MAX_REST_BYTES * 200)]
+)
+def test_a_file_that_is_too_long_is_no_recorded_one(signed, trusted, name, size):
+    os.truncate(signed / name, size)
+    found = verify(signed, trusted)
+    assert found.exit_code == ExitCode.DIFFERENT
+    assert f'{name} is too long to be compared with SHA256SUMS' in found.sentence()
+
+
+def test_a_log_that_is_too_long_beside_one_that_cannot_be_read(parts, tmp_path):
+    folder = Path(shutil.copytree(parts, tmp_path / 'run'))
+    os.truncate(folder / 'run_1.mcap', MAX_REST_BYTES * 200)
+    (folder / 'run_2.mcap').write_bytes(spoilt((folder / 'run_2.mcap').read_bytes()))
+    found = verify(folder)
+    assert found.exit_code == ExitCode.DIFFERENT
+    assert 'run_1.mcap is too long to be compared with SHA256SUMS' in found.sentence()
+    assert 'run_2.mcap is corrupt' in found.sentence()
+
+
+def test_lies_about_a_signed_run_are_not_accepted(recorded, other):
+    found = run_cases(recorded, seed=1, first=0, last=50, signed=True, other=other)
+    assert not [key for key in found if key[0].split()[0].isupper()]
+    assert {outcome for outcome, _ in found} == {'refused', 'different', 'incomplete'}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('split', [False, True])
+def test_many_lies_about_a_signed_run_are_not_accepted(recorded, parts, other, split):
+    base = parts if split else recorded
+    found = run_cases(base, seed=2, first=0, last=5000, signed=True, other=other)
+    assert sum(found.values()) == 5000
+    assert not [key for key in found if key[0].split()[0].isupper()]
+
+
+@pytest.mark.parametrize('said', ['ACCEPTED', 'CALLED SIGNED', 'NOT EXIT CODE 1'])
+def test_the_bench_sees_a_verifier_that_believes(recorded, other, tmp_path, monkeypatch, said):
+    case = SignedCase(recorded, other, tmp_path)
+    found = verify(case.run, case.trusted)
+    if said != 'ACCEPTED':
+        found = replace(found, gaps=('a gap',))
+    if said == 'NOT EXIT CODE 1':
+        found = replace(found, signed_by=None)
+    monkeypatch.setattr(mutate_runs, 'verify', lambda *_: found)
+    assert said in {case.judge(1, number, tmp_path)[0] for number in range(12)}
