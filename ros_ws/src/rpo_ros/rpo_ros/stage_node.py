@@ -17,18 +17,16 @@ from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, Signal
+from rpo_core.statuses import REFUSED, RUNNING, WAITING, RunStatus
 from rpo_core.thrusters import ZERO
 from rpo_ros import health, names, qos
-from rpo_ros.conversions import to_status, values_of
+from rpo_ros.conversions import to_status
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
-from rpo_ros.signals import Outlet, listen
-
-REFUSED = 'refused'
-"""State in `stage_status` of a node that takes no part in the run of the plant."""
+from rpo_ros.signals import Outlet, hear, listen
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 
@@ -74,6 +72,7 @@ class StageNode(FlightNode):
         self.plant_phase = ''
         self._answered_s: float | None = None
         self._heard_s: float | None = None
+        self._leaves = False
         self._rate = health.Rate()
         self._outlets: dict[str, Outlet] = {}
         self._inlets: dict[str, Any] = {}
@@ -94,9 +93,7 @@ class StageNode(FlightNode):
         self._open(self.outlets())
         if not self._inlets:
             self._listen(interfaces.RELATIVE_STATE)
-        self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_run_status, qos.LATCHED
-        )
+        hear(self, RunStatus, self._on_run_status, qos.LATCHED)
         health.publish_health(self, self.health)
         self._run.begin()
 
@@ -141,6 +138,7 @@ class StageNode(FlightNode):
         self.get_logger().error(reason)
         self.publish_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
         self.exit_code = EXIT_BAD_INPUT
+        self.chain, self._leaves = None, True
         self.every(_REFUSAL_S, self._leave)
 
     def _leave(self) -> None:
@@ -203,6 +201,8 @@ class StageNode(FlightNode):
 
     def _on_signal(self, name: str, stamp_ns: int, values: Signal) -> None:
         chain = self.chain
+        if self._leaves:
+            return
         if chain is None:
             reason = self.refusal()
             if reason:
@@ -307,6 +307,8 @@ class StageNode(FlightNode):
             self.ignored[reason] += 1
             return
         if self.last_tick < 0 < tick and self.chain is not None:
+            if not self._run.confirmed(PATIENCE_S):
+                return  # it joins in flight: the plant may fly another scenario
             self._say_begun(self.chain, tick)
         self.step(tick, signals)
         self._answer = [
@@ -354,19 +356,17 @@ class StageNode(FlightNode):
         if self.chain is not None:
             self.chain.reset()
 
-    def _on_run_status(self, status: DiagnosticStatus) -> None:
-        values = values_of(status)
-        phase = values.get('phase', '')
-        for name in values.get('dropped', '').split():
-            self._dropped.setdefault(name, int(values.get('tick', '0')))
-        if phase == 'waiting' and self.plant_phase not in ('', 'waiting'):
+    def _on_run_status(self, status: RunStatus) -> None:
+        for name in status.dropped:
+            self._dropped.setdefault(name, status.tick)
+        if status.phase == WAITING and self.plant_phase not in ('', WAITING):
             self._anew = True
-        self.plant_phase = phase
+        self.plant_phase = status.phase
 
     @property
     def plant_gone(self) -> bool:
         """Whether no state comes although the last status of the plant was `running`."""
-        flying = self.plant_phase == 'running' and self._answered_s is not None
+        flying = self.plant_phase == RUNNING and self._answered_s is not None
         return flying and health.age_s(self._answered_s) > SILENT_S
 
     def close(self) -> None:
