@@ -55,8 +55,9 @@ LOOP = (
     'recorder',
 )  # fmt: skip
 ALL = tuple(card.executable for card in CARDS)
-_ENDS = {'operator': (0, 1)}
-"""Node -> its exit codes, if others than 0: the phase for which the operator waits never comes."""
+_ENDS = {'operator': (0, 1), 'recorder': (0, 1)}
+"""Node -> its exit codes, if others than 0: the phase for which the operator waits never comes; the
+recorder says of messages that contradict each other. Whether its log is right, `verify` says."""
 
 
 @dataclass

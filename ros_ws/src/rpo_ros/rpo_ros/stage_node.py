@@ -203,6 +203,9 @@ class StageNode(FlightNode):
         chain = self.chain
         if self._leaves:
             return
+        if self._patience.is_stray(stamp_ns):
+            self.ignored['stray'] += 1
+            return
         if chain is None:
             reason = self.refusal()
             if reason:
@@ -316,6 +319,8 @@ class StageNode(FlightNode):
         ]
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
+        if self.scenario is not None:
+            self._patience.answered(stamp_ns, self.scenario.dt_ns)
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
