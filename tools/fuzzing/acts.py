@@ -58,8 +58,8 @@ def is_act(row: Interface, data: bytes, tick: int, scenario: Scenario) -> bool:
 
 
 def _is_due(scenario: Scenario, stamp_ns: int, tick: int) -> bool:
-    found = scenario.tick_of(stamp_ns)
-    return found is not None and tick <= found < tick + FAR_TICKS
+    found = scenario.tick_of(stamp_ns)  # an estimator reads the command of the tick before
+    return found is not None and tick - 1 <= found < tick + FAR_TICKS
 
 
 def _array_acts(row: Interface, data: bytes, tick: int, scenario: Scenario) -> bool:

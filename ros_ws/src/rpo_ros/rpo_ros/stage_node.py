@@ -72,7 +72,6 @@ class StageNode(FlightNode):
         self.plant_phase = ''
         self._answered_s: float | None = None
         self._heard_s: float | None = None
-        self._leaves = False
         self._rate = health.Rate()
         self._outlets: dict[str, Outlet] = {}
         self._inlets: dict[str, Any] = {}
@@ -138,7 +137,7 @@ class StageNode(FlightNode):
         self.get_logger().error(reason)
         self.publish_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
         self.exit_code = EXIT_BAD_INPUT
-        self.chain, self._leaves = None, True
+        self.chain = None
         self.every(_REFUSAL_S, self._leave)
 
     def _leave(self) -> None:
@@ -201,7 +200,7 @@ class StageNode(FlightNode):
 
     def _on_signal(self, name: str, stamp_ns: int, values: Signal) -> None:
         chain = self.chain
-        if self._leaves:
+        if self.exit_code:  # it refused, and leaves
             return
         if self._patience.is_stray(stamp_ns):
             self.ignored['stray'] += 1
@@ -227,6 +226,9 @@ class StageNode(FlightNode):
         """Take one of several inputs; answer if all of its tick are there."""
         if interfaces.current(read) != read and self.scenario is not None:
             stamp_ns += self.scenario.dt_ns
+            answered = self._asked and stamp_ns <= self._asked[0]
+            if answered or self.scenario.tick_of(stamp_ns) is None:
+                return  # it must not replace the one that waits: nobody sends that again
         elif self._waiting.get(read) == (stamp_ns, values) and not interfaces.row_of(read).rides:
             self._patience.repeated(stamp_ns)
         self._waiting[read] = stamp_ns, values
