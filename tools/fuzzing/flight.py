@@ -76,7 +76,17 @@ class Verdict:
     faults: list[str] = field(default_factory=list)
     changed_bits: bool = False
     verified: bool = False
+    recorded: bool = False
     warnings: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def of_the_log(self) -> str:
+        """What the log shows."""
+        if not self.recorded:
+            return 'bits not compared: nothing was recorded'
+        if not self.verified:
+            return 'bits not compared: the log does NOT VERIFY'
+        return f'{"CHANGED" if self.changed_bits else "same"} bits, log verified'
 
 
 def _scenario(folder: Path, duration_s: float, wanted: Sequence[str]) -> str:
@@ -254,7 +264,8 @@ class Flight:
             found = _FAULT.search(said)
             if found:
                 verdict.faults.append(f'{name} printed: {said[found.start() :][:_SHOWN]}')
-        if 'recorder' in self.processes:
+        verdict.recorded = 'recorder' in self.processes
+        if verdict.recorded:
             self._compare()
         return verdict
 
@@ -265,6 +276,7 @@ class Flight:
             verdict.verified = found.exit_code == 0
             if not verdict.verified:
                 verdict.faults.append(found.sentence())
+                return
             flown = read_flight(self.folder / 'run')
         except (LogError, InputError) as error:
             verdict.faults.append(str(error))
