@@ -57,8 +57,8 @@ _LAYER = (
 )
 _OTHER_SCENARIO = (
     '`scenario` is not the scenario of the plant',
-    'it answers nothing; one sentence, exit code 2. Before tick 0 the plant aborts; in flight it warns '
-    'and flies on',
+    'it answers nothing; one sentence, exit code 2. Before tick 0 the plant aborts; in flight it '
+    'warns and flies on',
 )
 _NOTHING_TO_DO = ('the scenario has no stage for this node', 'says so and ends, exit code 0')
 _LAYER = ('its library is not installed', 'one sentence that says how to install it, exit code 2')
