@@ -62,7 +62,8 @@ def force(tick, frame='target_lvlh', x=0.1):
     [
         (force(10), True),
         (force(12), True),
-        (force(9), False),
+        (force(9), True),  # an estimator reads it
+        (force(8), False),
         (force(10 + acts.FAR_TICKS), False),
         (force(10, frame='chaser'), False),
         (force(10, x=float('nan')), False),
