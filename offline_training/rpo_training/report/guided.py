@@ -109,8 +109,7 @@ def _picture(
         axes.set_ylabel(label)
         axes.margins(x=0.01)
         if axes is not panels[0]:
-            axes.set_yscale('log')
-            axes.yaxis.set_major_formatter('{x:g}')
+            style.log_scale(axes)
     panels[0].set_ylim(0.0, None)
     for radius in {zones.keep_out_m for zones in zones_of(flight.scenario)} - {0.0}:
         panels[0].axhline(radius, **style.LIMIT)
