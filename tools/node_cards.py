@@ -57,7 +57,8 @@ _LAYER = (
 )
 _OTHER_SCENARIO = (
     '`scenario` is not the scenario of the plant',
-    'one sentence, exit code 2; the plant aborts before tick 0',
+    'it answers nothing; one sentence, exit code 2. Before tick 0 the plant aborts; in flight it '
+    'warns and flies on',
 )
 _NOTHING_TO_DO = ('the scenario has no stage for this node', 'says so and ends, exit code 0')
 _LAYER = ('its library is not installed', 'one sentence that says how to install it, exit code 2')
@@ -177,6 +178,8 @@ CARDS = (
         ('the disk is full or gone', 'the log ends, the flight continues; an error on '
          '`/diagnostics`, exit code 1'),
         ('the log cannot begin', 'one sentence, also on `recorder_status`; exit code 1'),
+        ('a manifest or a topic does not come', 'says every 4 s what it waits for; ended before '
+         'anything is recorded: one sentence, exit code 1'),
         ('a message that the plant ignores, or of somebody else', 'ignored and counted '
          '(`/diagnostics`, `run_info.yaml`), one warning of each kind'),
         ('several nodes answer a state', 'the log has the answer that acted, by the state that '
@@ -187,7 +190,7 @@ CARDS = (
         ('the plant dies', 'noticed after `plant_timeout_s`; the log is closed, exit code 1'),
         ('`kill -9`', 'at least 95 % of the run so far is readable; `rpo repair`'),
         ('SIGINT or SIGTERM', 'waits a moment for the last messages, closes the log, exit code 0'),
-    ), {**_CODES, 1: 'the log is not whole'}),
+    ), {**_CODES, 1: 'the log is not whole, or nothing was recorded'}),
     Card('rpo_log', 'replay', 'ReplayNode', (
         _BAD_OUTCOME,
         ('a driven controller answers otherwise than the log',

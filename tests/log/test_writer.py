@@ -16,11 +16,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, TOPICS, file_size_limit, make_run
+from log_runs import (
+    CLOCK,
+    DISTURBANCE,
+    FORCE,
+    STATE,
+    STATUS,
+    TOPICS,
+    chain_run,
+    file_size_limit,
+    make_run,
+)  # fmt: skip
 
 from rpo_core import cdr, files
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
+from rpo_core.interfaces import MOST_AHEAD_TICKS
+from rpo_core.scenario import load_scenario
 from rpo_core.thrusters import Thrusters
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import TimeBase
@@ -357,3 +369,17 @@ def test_of_two_answers_with_the_same_force_the_one_without_a_torque_is_logged(t
     writer.close()
     run.write(tmp_path / 'plain')
     assert (tmp_path / 'odd/run.mcap').read_bytes() == (tmp_path / 'plain/run.mcap').read_bytes()
+
+
+def test_in_doubt_a_log_keeps_up_where_thrusters_remember_all_ticks(tmp_path):
+    """It lagged by more ticks than a plant in lockstep waits for, and the flight stood still."""
+    flown = replace(load_scenario('world_leo'), duration_s=15.0)
+    run = chain_run(flown, load_controller('handmade'))
+    writer = RunLogWriter(tmp_path, run.base, run.topics, run.attachments, scenario=flown)
+    writer.be_wary()
+    behind = []
+    for name, tick, data in run.messages:
+        writer.write(name, tick, data)
+        behind.append(tick - writer.next_tick)
+    assert max(behind) < MOST_AHEAD_TICKS
+    assert writer.close().whole

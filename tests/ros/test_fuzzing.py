@@ -16,15 +16,16 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
-from rpo_core import cdr, interfaces
+from rpo_core import cdr, interfaces, statuses
 from rpo_core.scenario import load_scenario
+from rpo_core.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, names, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_sim.parameters import PLANT
 from rpo_view.latest import Latest
-from tools.fuzzing import acts, values
+from tools.fuzzing import acts, plausible, values
 from tools.fuzzing.flight import LOOP
 from tools.node_processes import node_processes
 
@@ -61,7 +62,8 @@ def force(tick, frame='target_lvlh', x=0.1):
     [
         (force(10), True),
         (force(12), True),
-        (force(9), False),
+        (force(9), True),  # an estimator reads it
+        (force(8), False),
         (force(10 + acts.FAR_TICKS), False),
         (force(10, frame='chaser'), False),
         (force(10, x=float('nan')), False),
@@ -73,23 +75,45 @@ def test_a_valid_answer_for_the_present_is_an_act(data, act):
     assert acts.is_act(row, data, 10, SCENARIO) == act
 
 
+STAGE = {'stage': 'a', 'state': 'inactive', 'tick': '0', 'reason': 'so'}
+RECORDER = {'recorder': '1', 'run': '', 'reason': ''}
+
+
 @pytest.mark.parametrize(
     ('name', 'message', 'pairs', 'act'),
     [
         ('run_status', '', {'phase': 'finished', 'tick': '12'}, True),
         ('run_status', '', {'phase': 'finished', 'tick': 'x'}, False),
         ('run_status', '', {'phase': 'finished'}, False),
-        ('stage_status', '', {'stage': 'a', 'state': 'refused', 'tick': '0'}, True),
-        ('stage_status', '', {'state': 'refused'}, False),
-        ('recorder_status', 'closed', {}, True),
-        ('recorder_status', 'shut', {}, False),
+        ('stage_status', '', STAGE, True),
+        ('stage_status', '', {**STAGE, 'state': 'refused'}, False),  # in flight, it is none
+        ('stage_status', '', {'state': 'inactive'}, False),
+        ('recorder_status', 'closed', RECORDER, True),
+        ('recorder_status', 'shut', RECORDER, False),
         ('node_manifest', '', {'role': 'controller'}, True),
         ('node_manifest', '', {'role': 'plant', 'file.scenario.yaml': '['}, False),
     ],
 )
 def test_a_whole_status_of_a_peer_is_an_act(name, message, pairs, act):
-    data = cdr.encode_status(0, '', message, '', pairs)
+    data = cdr.encode_status(0, 'run', message, 'none', pairs)
     assert acts.is_act(interfaces.row_of(name), data, 10, SCENARIO) == act
+
+
+@pytest.mark.parametrize('topic', sorted(statuses.READERS))
+def test_a_plausible_status_is_whole_until_one_field_is_wrong(topic):
+    """The bench sends what a reader refuses: for each kind of spoiling there are such statuses."""
+    reader, refused = statuses.READERS[topic], set()
+    for i in range(300):
+        rng = Random(i)
+        whole = plausible.made(topic, rng, 40)
+        reader.of(whole)
+        how = rng.choice(plausible.KINDS)
+        try:
+            reader.of(plausible.spoilt(whole, how, rng))
+        except InputError as error:
+            refused.add(how)
+            assert str(error).isprintable() and len(str(error)) < 500
+    assert refused >= {'value', 'missing', 'twice'}
 
 
 def set_to(name, **value):
@@ -140,7 +164,7 @@ def test_a_manifest_that_no_plant_can_have_ends_no_node(ros_env, capfd):
         inner.until(sender.get_subscription_count)
         for text in ('[', '!!python/object:x', 'x' * 200_000):
             sender.publish(manifest(text))
-            inner.until(lambda: node._complaints['a manifest was ignored'])
+            inner.until(lambda: node._complaints['a message on node_manifest was refused'])
             node._complaints.clear()
         assert node.exit_code == 0 and node.scenario.name == 'quick'
     assert all(len(line) < 1000 for line in capfd.readouterr().err.splitlines())
@@ -174,7 +198,7 @@ def test_a_negative_time_ends_no_node_with_simulated_time(ros_env, capfd):
         inner.until(lambda: node._complaints)
         sender.publish(Clock(clock=Time(sec=7)))
         inner.until(lambda: node.get_clock().now().nanoseconds == 7_000_000_000)
-    assert 'a message on /clock was ignored' in capfd.readouterr().err
+    assert 'a message on /clock was refused' in capfd.readouterr().err
 
 
 def endured(ros_env, folder, *arguments, deadline_s):

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,15 +16,22 @@ from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from nav_msgs.msg import Odometry
 from scenarios import lasting
+from test_guidance import written
 
-from rpo_core import files
+from rpo_core import files, interfaces
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.errors import Fault, LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_log.write import mcap_file, run_info
+from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, names, qos
+from rpo_ros.signals import Outlet
+from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 
@@ -249,3 +257,33 @@ def test_another_controller_in_flight_is_recorded_and_verified(ros_env, tmp_path
     assert second.startswith('trained (controller-2.yaml) at ')
     parameters = {'controller.yaml', 'controller-2.yaml', 'parameters.yaml', 'scenario.yaml'}
     assert set(read_run(tmp_path / 'run').attachments) == parameters
+
+
+def test_what_is_stamped_far_ahead_stops_no_stage_with_memory(ros_env, tmp_path):
+    """An estimator that took one such state could not answer the next one any more."""
+    path = tmp_path / 'whole.yaml'
+    flown = written(path)
+    with inside() as inner:
+        inner.start(ControllerNode({'controller': 'handmade'}))
+        for kind in (NavigationNode, GuidanceNode, AssuranceNode):
+            inner.start(kind({}))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        options = {'scenario': str(path), 'wait_for_recorder': True, 'real_time_factor': 15.0}
+        plant = inner.start(PlantNode(options))
+        outlets = [
+            Outlet(inner.user, name)
+            for name in ('relative_state', 'navigation_state', 'reference_state', 'control_force')
+        ]
+        inner.until(lambda: all(x.publisher.get_subscription_count() for x in outlets))
+        for ahead in (150, 300, 301):
+            before = plant.tick
+            inner.until(lambda: plant.tick > before + 5)  # noqa: B023
+            for outlet in outlets:
+                width = len(interfaces.row_of(outlet.name).columns)
+                outlet.publish(flown.stamp_ns(plant.tick + ahead), (1.0,) * width)
+        inner.set('plant', real_time_factor=0.0)
+        inner.until(lambda: plant.done and recorder.done, 60.0)
+    assert plant.phase == 'finished'
+    expected = fly(flown, load_controller('handmade'))
+    assert np.array_equal(read_run(tmp_path / 'run').states, expected.states)
+    assert verify(tmp_path / 'run').exit_code == 0

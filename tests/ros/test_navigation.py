@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from inside import inside
 from nav_scenarios import LIDAR, make
 
 from rpo_core import scenario as scenarios
@@ -11,6 +12,8 @@ from rpo_core.controller import load_controller
 from rpo_core.flight import fly
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_nav.navigation_node import NavigationNode
+from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND
 from tools.node_processes import node_processes
 
@@ -96,3 +99,27 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
     assert states == [('estimator', WITHOUT_COMMAND, str(tick)) for tick in range(1, 6)]
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
+
+
+def test_a_command_that_waits_is_not_replaced_and_answers_cause_no_answers(ros_env, tmp_path):
+    """A foreign command drove out the one before, and each repeated one made a whole new tick."""
+    flown, path = written(tmp_path, ticks=5)
+    with inside() as inner:
+        node = inner.start(NavigationNode({'scenario': str(path)}))
+        states, commands = (
+            Outlet(inner.user, name) for name in ('relative_state', 'control_force')
+        )
+        inner.until(lambda: all(x.publisher.get_subscription_count() for x in (states, commands)))
+        state = tuple(map(float, flown.start))
+        states.publish(flown.stamp_ns(0), state)
+        inner.until(lambda: node.answered == 1)
+        for shift_ns in (0, 1, -flown.dt_ns):
+            commands.publish(flown.stamp_ns(0) + shift_ns, (0.1, 0.0, 0.0))
+        inner.until(lambda: len(node._waiting) == 2)
+        states.publish(flown.stamp_ns(1), state)
+        inner.until(lambda: node.last_tick == 1)
+        for _ in range(5):
+            commands.publish(flown.stamp_ns(0), (0.1, 0.0, 0.0))
+        states.publish(flown.stamp_ns(0), state)
+        inner.until(lambda: node.ignored['late'])
+        assert node.answered == 2

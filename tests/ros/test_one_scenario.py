@@ -2,10 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """One scenario in a run: the plant says it, the others take it, a node of another one refuses."""
 
+import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from inside import inside
+from scenarios import lasting
 
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
+from rpo_core.scenario import load_scenario
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_ros import conversions, names, qos
 from tools.node_processes import node_processes
 
 
@@ -54,3 +62,53 @@ def test_the_same_name_with_another_content_is_told_apart(ros):
     assert controller.wait() == 2
     assert 'got approach with other content' in controller.output
     assert plant.wait() == 3
+
+
+def refusal(node):
+    """Return the status of a node that takes no part."""
+    values = {'stage': node, 'state': 'refused', 'tick': '0', 'reason': 'so'}
+    return conversions.to_status(b'\x01', node, 'so', values.items())
+
+
+def test_in_flight_a_refusal_is_a_warning(ros, tmp_path):
+    """A controller of another scenario that came late ended the flight of the others."""
+    path = lasting(30.0, tmp_path, 'paper_test')
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    ros.node('rpo_sim', 'disturbance_injector')
+    recorder = ros.node('rpo_log', 'recorder', output=str(tmp_path / 'run'))
+    plant = ros.node(
+        'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', real_time_factor=4.0
+    )
+    plant.says('flying')
+    late = ros.node(
+        'rpo_ctrl', 'fuzzy_controller', remap={'__node': 'late'}, controller='lqr',
+        scenario='approach',
+    )  # fmt: skip
+    with inside() as inner:
+        out = inner.user.create_publisher(DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED)
+        inner.until(lambda: out.get_subscription_count() > 1)
+        for name in ('nobody', 'user', 'recorder'):
+            out.publish(refusal(name))
+        assert late.wait() == 2, late.output
+        inner.set('plant', real_time_factor=0.0)
+        assert plant.wait() == 0, plant.output
+    assert 'late takes no part: `scenario` must be the one of the plant' in plant.output
+    assert 'the flight goes on' in plant.output and 'nobody' not in plant.output
+    assert 'user takes no part' not in plant.output, 'it neither publishes nor hears a signal'
+    assert recorder.wait() == 0, recorder.output
+    expected = fly(load_scenario(path), load_controller('handmade'))
+    assert np.array_equal(read_run(tmp_path / 'run').states, expected.states), 'late answered'
+    assert verify(tmp_path / 'run').exit_code == 0
+
+
+def test_a_node_of_another_flight_does_not_keep_this_one_from_beginning(ros):
+    shared = {f'/other/{name}': f'/{name}' for name in ('stage_status', 'node_manifest')}
+    ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+    ros.node('rpo_sim', 'disturbance_injector')
+    other = ros.node(
+        'rpo_ctrl', 'rival_controller', scenario='approach', remap={'__ns': '/other', **shared}
+    )
+    other.says('controlling with')
+    plant = ros.node('rpo_sim', 'plant', scenario='quick')
+    assert other.wait() == 2, other.output
+    assert plant.wait() == 0, plant.output

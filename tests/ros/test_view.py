@@ -34,6 +34,8 @@ from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_core import files
+from rpo_core.cdr import Status
+from rpo_core.statuses import Manifest, RunStatus
 from rpo_core.validation import InputError
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
@@ -116,13 +118,23 @@ def test_the_transform_places_the_chaser():
     assert transform.transform.rotation.w == 1.0
 
 
+def manifest(role: str, value: str) -> Manifest:
+    """Return the manifest of a plant with a scenario, or of a controller with a name."""
+    key = 'file.scenario.yaml' if role == 'plant' else 'parameter.controller'
+    return Manifest.of(Status(0, role, 'manifest', 'none', (('role', role), (key, value))))
+
+
+def status(phase: str = 'running', reason: str = 'flying') -> RunStatus:
+    return RunStatus.of(Status(0, 'run', reason, 'none', (('phase', phase), ('tick', '0'))))
+
+
 def heard() -> LiveRun:
     """Return a run of `quick` that was heard for a second."""
     run = LiveRun()
     text = files.read_text(files.find('scenario', 'quick'))
-    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
-    run.on_manifest({'role': 'controller', 'parameter.controller': 'trained'})
-    run.on_status('flying', {'phase': 'running', 'tick': '0'})
+    run.on_manifest(manifest('plant', text))
+    run.on_manifest(manifest('controller', 'trained'))
+    run.on_status(status())
     for i in range(11):
         run.on_state(START_NS + i * 100_000_000, STATE)
     run.force_n = FORCE
@@ -165,8 +177,10 @@ HOSTILE = '[/bold]\x1b[2J\x1b]0;owned\x07\n\u202e' + 'x' * 200_000
 def test_foreign_texts_are_shown_as_texts():
     """A name like `[/bold]` ended the terminal view; escape sequences went to the terminal."""
     run = heard()
-    run.on_manifest({'role': 'controller', 'parameter.controller': HOSTILE})
-    run.on_status(HOSTILE, {'phase': HOSTILE})
+    run.on_manifest(manifest('controller', HOSTILE))
+    with pytest.raises(InputError):
+        status(phase=HOSTILE)
+    run.on_status(status(reason=HOSTILE))
     run.on_decision('x', HOSTILE, {f'rule.{HOSTILE}.{i}.Z': '0.5' for i in range(1000)})
     run.on_decision(HOSTILE, 'an axis that is none', {})
     console = Console(width=110, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
@@ -185,7 +199,7 @@ def test_silence_is_said():
     assert run.sentence('/s') == 'running'
     now[0] = 7.4
     assert run.sentence('/s') == 'no message on /s for 7 s'
-    run.on_status('reached the last tick', {'phase': 'finished'})
+    run.on_status(status(phase='finished', reason='reached the last tick'))
     assert run.sentence('/s') == 'finished: reached the last tick'
 
 
@@ -205,7 +219,7 @@ def test_effort_and_rates_of_a_run_are_shown():
     """Δv, duty, range rate and arrival: of what was seen, each force held until the next."""
     run = LiveRun()
     text = files.read_text(files.find('scenario', 'quick'))
-    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
+    run.on_manifest(manifest('plant', text))
     assert run.snapshot('/s')['range_rate_m_s'] is None
     for tick, x in ((0, 4.0), (10, 3.0), (20, 0.4), (30, 0.3)):
         run.on_state(START_NS + tick * 100_000_000, (x, 3.0 if x > 1 else 0.0, 0.0, -0.5, 0.0, 0.0))
@@ -221,7 +235,7 @@ def test_effort_and_rates_of_a_run_are_shown():
 def test_valves_and_propellant_of_a_world_are_shown():
     run = LiveRun()
     text = files.read_text(files.find('scenario', 'world_leo'))
-    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
+    run.on_manifest(manifest('plant', text))
     assert run.snapshot('/s')['propellant_kg'] is None
     for tick in range(0, 40, 10):
         run.on_state(START_NS + tick * 100_000_000, (4.0, 3.0, 0.0, -0.5, 0.0, 0.0))
@@ -455,7 +469,8 @@ def test_nodes_show_the_newest_state(bench):
     scenes, poses = [], []
     user.create_subscription(MarkerArray, names.MARKERS, scenes.append, qos.LATCHED)
     user.create_subscription(PoseStamped, names.CHASER_POSE, poses.append, qos.LATCHED)
-    status.publish(conversions.to_status(b'\0', 'run', 'flying', [('phase', 'running')]))
+    values = [('phase', 'running'), ('tick', 0)]
+    status.publish(conversions.to_status(b'\0', 'run', 'flying', values))
     decision = DiagnosticArray()
     decision.status = [conversions.to_status(b'\0', 'decision: x', 'so', [('rule.Z.Z.Z', 1.0)])]
     tick, end = 0, time.monotonic() + 45.0

@@ -7,6 +7,8 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -21,10 +23,14 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from test_view import FORCE, HOSTILE, START_NS, STATE, heard
+from test_view import manifest as manifest_of
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_core import files, interfaces
+from rpo_core.cdr import Status
 from rpo_core.scenario import load_scenario
+from rpo_core.statuses import AssuranceStatus, GuidanceStatus
+from rpo_core.validation import InputError
 from rpo_core.zones import zones_of
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
@@ -38,17 +44,27 @@ ESTIMATE = (10.3, 60.0, -40.4, 0.1, -0.2, 0.3)
 REFERENCE = (10.0, 60.0, -39.0, 0.1, -0.2, 0.26)
 PHASE = {'phase': 'hold_60', 'tick': '3', 'reason': 'fly_around is flown'}
 ACTS = {'tick': '5', 'mode': 'open', 'constraint': 'keep_out', 'margin_m': '-0.25',
-        'margin_m_s': '0.125'}  # fmt: skip
+        'margin_m_s': '0.125', **dict.fromkeys(
+            [f'{moment}_n.{axis}' for moment in ('before', 'after') for axis in 'xyz'], '0.0')
+        }  # fmt: skip
 PASSES = {**ACTS, 'tick': '9', 'constraint': '', 'margin_m': '1.5'}
+
+
+def phase(values: Mapping[str, str] = PHASE) -> GuidanceStatus:
+    return GuidanceStatus.of(Status(0, 'guidance', 'so', 'none', tuple(values.items())))
+
+
+def acts(values: Mapping[str, str] = ACTS) -> AssuranceStatus:
+    return AssuranceStatus.of(Status(0, 'assurance', 'so', 'none', tuple(values.items())))
 
 
 def guided(tick: int = 10) -> LiveRun:
     """Return a run of `hold_points` that was heard to the end of a second."""
     run = LiveRun()
     text = files.read_text(files.find('scenario', 'hold_points'))
-    run.on_manifest({'role': 'plant', 'file.scenario.yaml': text})
-    run.onboard.on_guidance(PHASE)
-    run.onboard.on_assurance(ACTS)
+    run.on_manifest(manifest_of('plant', text))
+    run.onboard.on_guidance(phase())
+    run.onboard.on_assurance(acts())
     for i in range(tick + 1):
         run.on_state(START_NS + i * 100_000_000, STATE)
     stamp_ns = START_NS + tick * 100_000_000
@@ -102,7 +118,7 @@ def test_what_the_stages_say_is_shown():
     run = guided()
     run.onboard.on_health({'table': 'armed', 'phase': 'aborting'})
     assert shown(run)['assurance']['table'] == 'armed, aborting'
-    run.onboard.on_assurance({**PASSES, 'tick': '10'})
+    run.onboard.on_assurance(acts({**PASSES, 'tick': '10'}))
     assert 'the command passes, margin 1.50 m' in printed(run)
 
 
@@ -120,10 +136,10 @@ def test_another_run_takes_nothing_of_the_one_before():
     run.on_state(START_NS, STATE)
     found = shown(run)
     assert found['guidance'] is found['assurance'] is found['estimate_m'] is None
-    run.onboard.on_guidance({**PHASE, 'tick': '0', 'phase': 'fly_around'})
+    run.onboard.on_guidance(phase({**PHASE, 'tick': '0', 'phase': 'fly_around'}))
     assert shown(run)['guidance']['phase'] == 'fly_around'
     known = guided()
-    known.on_manifest({'role': 'plant', 'file.scenario.yaml': 'kind: other'})
+    known.on_manifest(manifest_of('plant', 'kind: other'))
     assert known.scenario is None and known.zones == []
 
 
@@ -133,8 +149,9 @@ KEYS = ('tick', 'phase', 'constraint', 'margin_m', 'openings', 'interventions', 
 @given(st.dictionaries(st.sampled_from(KEYS), st.text(max_size=40)))
 def test_no_status_breaks_a_view(values):
     run = guided()
-    run.onboard.on_guidance(values)
-    run.onboard.on_assurance(values)
+    for reader, taker in ((phase, run.onboard.on_guidance), (acts, run.onboard.on_assurance)):
+        with suppress(InputError):
+            taker(reader({**(PHASE if reader is phase else ACTS), **values}))
     run.onboard.on_health({'margin_m': HOSTILE, **values})
     shown(run), printed(run)
     assert terminal.line(run, '/s').isprintable()
@@ -303,7 +320,7 @@ def test_nodes_show_what_the_stages_say(bench):
     until(lambda: live.onboard.openings and live.onboard.error and live.onboard.miss)
     assert live.onboard.openings == 7
     assert live.onboard.covariance == COVARIANCE
-    assert live.onboard.phase(live.tick).name == 'hold_60'
+    assert live.onboard.phase(live.tick).phase == 'hold_60'
     assert live.onboard.acting(live.tick).constraint == 'keep_out'
     assert live.onboard.error == pytest.approx(
         [e - s for e, s in zip(ESTIMATE, STATE, strict=True)]

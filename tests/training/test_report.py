@@ -137,6 +137,7 @@ def check_ticks(picture: Picture) -> None:
             continue
         for axis, low, high in ((axes.xaxis, 'x0', 'x1'), (axes.yaxis, 'y0', 'y1')):
             labels = [t.label1 for t in axis.get_major_ticks() if t.label1.get_visible()]
+            assert not any('$' in label.get_text() for label in labels), picture.name
             boxes = [t.get_window_extent() for t in labels if t.get_text()]
             boxes = sorted(boxes, key=lambda box: getattr(box, low))
             for one, next_ in itertools.pairwise(boxes):

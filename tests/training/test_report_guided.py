@@ -196,3 +196,17 @@ def test_a_plane_shows_zones_of_the_scenario_and_no_aids():
     labels = {line.get_label() for axes in figure.axes for line in axes.lines}
     assert {'corridor', 'keep-out sphere', 'holds, retreat'} <= labels
     assert not any('aid' in label for label in labels)
+
+
+def test_a_phase_may_last_no_tick(tmp_path):
+    """The shipped `docking` arrives and docks at one tick: its report ended in a stack of calls."""
+    chain_run(scenario.load_scenario('docking'), load_controller('allround')).write(tmp_path)
+    log = read_run(tmp_path)
+    flight = flight_of(log)
+    phases = guided.phases_of(log, flight)
+    arrived, docked = phases[-2:]
+    assert (arrived.name, docked.name) == ('arrived', 'docked')
+    assert arrived.begin == arrived.end == docked.begin < docked.end
+    (told,) = [b for s in guided.sections(flight, phases) for b in s.blocks if type(b) is Table]
+    (row,) = [row for row in told.rows if row[0] == 'arrived']
+    assert row[1] == row[2] == '600.0' and row[3:6] == ('–', '–', '–')

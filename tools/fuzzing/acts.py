@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core import cdr, files, interfaces
+from rpo_core import cdr, files, interfaces, statuses
 from rpo_core import scenario as scenarios
 from rpo_core.cdr import CdrError
 from rpo_core.interfaces import Interface
@@ -25,15 +25,16 @@ from rpo_ros.parameter_rows import ParameterRow
 FAR_TICKS = 200
 """A message for a tick so far ahead comes long before its tick: it is no answer."""
 
-_PHASES = ('waiting', 'running', 'paused', 'finished', 'aborted')
-_STATES = ('active', 'inactive', 'refused')
-_ROLES = ('plant', 'controller', 'disturbance')
-_RECORDER = ('waiting', 'ready', 'closed')
+_ROLES = ('controller', 'disturbance')
 _FROM_ACTIVE = {'deactivate': 4, 'shutdown': 7}
 """Transitions of the lifecycle that are possible in `active`."""
+_LABELS = ('unconfigured', 'inactive', 'active', 'finalized')
+"""States of the lifecycle, in the health of a controller."""
 
-ALWAYS = ('reset', 'abort')
-"""Services without a field: each call is an order."""
+ALWAYS = (
+    'reset', 'abort', 'go', 'hold', 'retreat', 'drift', 'resume', 'arm', 'inhibit',
+)  # fmt: skip
+"""Services without a field, of the plant, of guidance and of assurance: each call is an order."""
 
 
 def row_for(topic: str, type_name: str) -> Interface | None:
@@ -57,34 +58,28 @@ def is_act(row: Interface, data: bytes, tick: int, scenario: Scenario) -> bool:
 
 
 def _is_due(scenario: Scenario, stamp_ns: int, tick: int) -> bool:
-    found = scenario.tick_of(stamp_ns)
-    return found is not None and tick <= found < tick + FAR_TICKS
+    found = scenario.tick_of(stamp_ns)  # an estimator reads the command of the tick before
+    return found is not None and tick - 1 <= found < tick + FAR_TICKS
 
 
 def _array_acts(row: Interface, data: bytes, tick: int, scenario: Scenario) -> bool:
-    stamp_ns, statuses = cdr.decode_array(data)
+    stamp_ns, found = cdr.decode_array(data)
     if row.name == interfaces.DECISION:
         return _is_due(scenario, stamp_ns, tick)
-    return any('state' in dict(status.values) for status in statuses)
+    return any(dict(status.values).get('state') in _LABELS for status in found)
 
 
 def _status_acts(row: Interface, status: cdr.Status) -> bool:
-    values = dict(status.values)
-    whole = values.get('tick', '').isdecimal()
-    if row.name == interfaces.RUN_STATUS:
-        return whole and values.get('phase') in _PHASES
-    if row.name == interfaces.STAGE_STATUS:
-        return whole and values.get('state') in _STATES and bool(values.get('stage'))
-    if row.name == interfaces.RECORDER_STATUS:
-        return status.message in _RECORDER
-    return row.name == interfaces.NODE_MANIFEST and _manifest_acts(values)
-
-
-def _manifest_acts(values: Mapping[str, str]) -> bool:
-    if values.get('role') != 'plant':
-        return values.get('role') in _ROLES
+    """Return whether a status is whole; in flight, a refusal is none of the moment."""
     try:
-        files.loads(values.get('file.scenario.yaml', ''), scenarios.parse, 'scenario')
+        said = statuses.READERS[row.name].of(status) if row.name in statuses.READERS else None
+        if isinstance(said, statuses.StageStatus):
+            return said.state != statuses.REFUSED
+        if isinstance(said, statuses.Manifest) and said.role == 'plant':
+            text = said.values.get('file.scenario.yaml', '')
+            files.loads(text, scenarios.parse, 'scenario')
+        elif isinstance(said, statuses.Manifest):
+            return said.role in _ROLES
     except InputError:
         return False
     return True

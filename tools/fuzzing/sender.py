@@ -22,11 +22,13 @@ from rclpy.task import Future
 from rpo_core import cdr, interfaces
 from rpo_core.interfaces import Interface
 from rpo_core.scenario import Scenario
+from rpo_core.statuses import READERS
 from rpo_ros import qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import keep_to_this_machine, new_executor
 from tools.fuzzing import values
 from tools.fuzzing.acts import ALWAYS, is_act, is_order, row_for
+from tools.fuzzing.plausible import one_wrong
 from tools.node_processes import NodeProcessError
 
 VOLLEY = 48
@@ -48,14 +50,19 @@ _STAMPS = (-1, 0, 1, -5, 5000, 10**6, 10**10, -(10**6), -(10**11))
 
 
 class _Topic:
-    """One topic: a publisher, and the last genuine message."""
+    """One topic: a publisher, and the last genuine message, as an object and as bytes.
+
+    status : name of the topic if it carries a status that has a reader; '' if not
+    """
 
     def __init__(self, node: Node, name: str, type_name: str, row: Interface | None) -> None:
         self.name, self.row, self.kind = name, row, values.class_of(type_name)
         self.genuine: Any = self.kind()
+        found = interfaces.find(name)
+        self.status = found.name if found and found.name in READERS else ''
+        self.heard = b''
         self.sent: set[int] = set()
-        offered = interfaces.find(name)
-        profile = qos.of(offered.qos) if offered is not None else qos.LOCKSTEP
+        profile = qos.of(found.qos) if found is not None else qos.LOCKSTEP
         self._publisher = node.create_publisher(self.kind, name, profile)
         node.create_subscription(self.kind, name, self._hear, qos.NEWEST, raw=True)
         self.data = b''
@@ -67,7 +74,8 @@ class _Topic:
     def sample(self) -> Any:
         """Return the last genuine message, or an empty one."""
         if self.data:
-            self.genuine, self.data = deserialize_message(self.data, self.kind), b''
+            self.genuine = deserialize_message(self.data, self.kind)
+            self.heard, self.data = self.data, b''
         return self.genuine
 
     def publish(self, data: bytes) -> None:
@@ -180,11 +188,14 @@ class Sender:
     def _send_message(self, rng: Random, index: int) -> None:
         topic = rng.choice(self.topics)
         for _ in range(_TRIES):
-            kind = rng.choice(values.KINDS)
-            message = topic.sample()
-            if hasattr(message, 'header') and rng.random() < 0.5:
-                message = self._restamped(topic, message, rng)
-            data = values.spoilt(message, kind, rng)
+            kind, message = rng.choice(values.KINDS), topic.sample()
+            if topic.status and rng.random() < 0.5:
+                kind = 'one wrong field'
+                data = one_wrong(topic.status, topic.heard, rng, self.tick)
+            elif hasattr(message, 'header') and rng.random() < 0.5:
+                data = values.spoilt(self._restamped(topic, message, rng), kind, rng)
+            else:
+                data = values.spoilt(message, kind, rng)
             if topic.row is None or not is_act(topic.row, data, self.tick, self._scenario):
                 break
         else:

@@ -80,15 +80,24 @@ def fields_of(kind: type) -> tuple[tuple[str, str], ...]:
 
 
 class Encoder:
-    """Encodes a message object as CDR; a share of its leaves becomes hostile.
+    """Encodes a message object as CDR; a share of its leaves becomes hostile, or one of them.
 
     share : of the leaves (numbers, texts, lengths of lists) that are replaced
     texts : to choose from
+    only : number of the one leaf that is replaced, instead of a share
+    leaves : how many it has met
     """
 
-    def __init__(self, rng: Random, share: float, texts: Sequence[bytes] = TEXTS) -> None:
-        self._rng, self._share, self._texts = rng, share, texts
+    def __init__(
+        self,
+        rng: Random,
+        share: float,
+        texts: Sequence[bytes] = TEXTS,
+        only: int | None = None,
+    ) -> None:
+        self._rng, self._share, self._texts, self._only = rng, share, texts, only
         self._buffer = bytearray(cdr.HEADER)
+        self.leaves = 0
 
     def encode(self, message: Any) -> bytes:
         """Return the bytes of a message."""
@@ -98,6 +107,9 @@ class Encoder:
         return bytes(self._buffer)
 
     def _spoilt(self) -> bool:
+        self.leaves += 1
+        if self._only is not None:
+            return self.leaves == self._only
         return self._rng.random() < self._share and len(self._buffer) < MOST_BYTES
 
     def _message(self, message: Any) -> None:
@@ -183,11 +195,16 @@ BYTES: dict[str, Callable[[bytes, Random], bytes]] = {
 SHARES = {'few fields': 0.05, 'some fields': 0.3, 'all fields': 1.0}
 """Kind -> share of the fields that become hostile."""
 
-KINDS = (*SHARES, *BYTES)
+ONE_FIELD = 'one field'
+KINDS = (ONE_FIELD, *SHARES, *BYTES)
 
 
 def spoilt(message: Any, kind: str, rng: Random) -> bytes:
     """Return a message as CDR, spoilt in one of `KINDS`."""
+    if kind == ONE_FIELD:
+        whole = Encoder(rng, 0.0)
+        whole.encode(message)
+        return Encoder(rng, 0.0, only=rng.randint(1, max(whole.leaves, 1))).encode(message)
     if kind in SHARES:
         return Encoder(rng, SHARES[kind]).encode(message)
     return BYTES[kind](Encoder(rng, 0.0).encode(message), rng)

@@ -91,16 +91,14 @@ def _line(first: int, verdict: Verdict) -> str:
     warnings = ', '.join(f'{name} {n}' for name, n in verdict.warnings.items() if n)
     return (
         f'flight from case {first}: {verdict.cases} cases, {len(verdict.deaths)} deaths, '
-        f'{"CHANGED" if verdict.changed_bits else "same"} bits, log '
-        f'{"verified" if verdict.verified else "NOT VERIFIED"}; lines of warning: '
-        f'{warnings or "none"}'
+        f'{verdict.of_the_log}; lines of warning: {warnings or "none"}'
     )
 
 
 def _sum_up(verdicts: Sequence[Verdict], cases: int, wall_s: float) -> int:
     deaths = sum(len(verdict.deaths) for verdict in verdicts)
     changed = sum(verdict.changed_bits for verdict in verdicts)
-    unverified = sum(not verdict.verified for verdict in verdicts)
+    unverified = sum(verdict.recorded and not verdict.verified for verdict in verdicts)
     print(
         f'{cases} cases in {len(verdicts)} flights, {wall_s:.0f} s: {deaths} deaths, '
         f'{changed} flights with changed bits, {unverified} logs that do not verify'

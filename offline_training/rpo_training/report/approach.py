@@ -107,7 +107,9 @@ def passage(flight: Flight, aids: Aids) -> list[tuple[str, str]]:
 
 def _closing_m_s(flight: Flight, tick: int) -> float:
     position, velocity = flight.positions_m[tick], flight.velocities_m_s[tick]
-    return float(-np.vdot(position, velocity) / np.linalg.norm(position))
+    range_m = np.linalg.norm(position)
+    closing = np.vdot(position, velocity) / range_m if range_m else np.linalg.norm(velocity)
+    return float(-closing)
 
 
 def zone_passage(flight: Flight, zones: Zones) -> list[tuple[str, str]]:

@@ -30,7 +30,10 @@ _LETTER_PT = 5.6
 
 
 class Phase(NamedTuple):
-    """A phase of the plan, from its first tick up to the one after its last."""
+    """A phase of the plan, from its first tick up to the one after its last.
+
+    One that another follows at the same tick lasts no tick: `begin` is `end`.
+    """
 
     name: str
     reason: str
@@ -70,9 +73,12 @@ def sections(flight: Flight, phases: list[Phase]) -> list[Section]:
     rows = []
     for phase in phases:
         part = slice(phase.begin, phase.end)
-        numbers = (ranges[part].min(), errors[part].max(), speeds[part].max())
+        figures = ['–'] * 3
+        if phase.end > phase.begin:
+            numbers = (ranges[part].min(), errors[part].max(), speeds[part].max())
+            figures = [f'{value:.3g}' for value in numbers]
         ends = (f'{times[min(tick, len(times) - 1)]:.1f}' for tick in (phase.begin, phase.end))
-        rows.append((phase.name, *ends, *(f'{value:.3g}' for value in numbers), phase.reason))
+        rows.append((phase.name, *ends, *figures, phase.reason))
     columns = (
         'phase', 'from [s]', 'to [s]', 'least range [m]', 'largest distance to the reference [m]',
         'largest speed relative to it [m/s]', 'why it began',
@@ -103,8 +109,7 @@ def _picture(
         axes.set_ylabel(label)
         axes.margins(x=0.01)
         if axes is not panels[0]:
-            axes.set_yscale('log')
-            axes.yaxis.set_major_formatter('{x:g}')
+            style.log_scale(axes)
     panels[0].set_ylim(0.0, None)
     for radius in {zones.keep_out_m for zones in zones_of(flight.scenario)} - {0.0}:
         panels[0].axhline(radius, **style.LIMIT)

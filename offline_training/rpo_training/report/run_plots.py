@@ -263,7 +263,7 @@ def closing(flight: Flight) -> Any:
     axes.set(
         xlabel='range from the goal [m]',
         ylabel='closing speed [m/s]',
-        xlim=(1.05 * ranges.max(), 0.0),
+        xlim=(1.05 * max(ranges.max(), 1e-3), 0.0),
     )
     style.legend_below(figure, axes)
     return figure

@@ -53,7 +53,8 @@ def _convergence(history: Path) -> Any:
         style.AXES,
         strict=True,
     ):
-        axes.semilogy(columns['evaluations'], columns[name], color=colour, label=label)
+        axes.plot(columns['evaluations'], columns[name], color=colour, label=label)
+    style.log_scale(axes)
     axes.set(xlabel='controllers evaluated', ylabel='fitness, J [N²s]')
     style.legend_below(figure, axes)
     return figure
@@ -66,9 +67,10 @@ def _held_out(path: Path) -> Any:
     figure, axes = style.new_panels(4.4)
     best = int(held_out.argmin())
     ends = [min(trained.min(), held_out.min()), max(trained.max(), held_out.max())]
-    axes.loglog(ends, ends, color=style.LIGHT['muted'], linewidth=1.0, label='equal')
-    axes.loglog(trained, held_out, 'o', markersize=4, label='finalist')
-    axes.loglog(trained[best], held_out[best], 'D', markersize=6, label='chosen')
+    axes.plot(ends, ends, color=style.LIGHT['muted'], linewidth=1.0, label='equal')
+    axes.plot(trained, held_out, 'o', markersize=4, label='finalist')
+    axes.plot(trained[best], held_out[best], 'D', markersize=6, label='chosen')
+    style.log_scale(axes, x=True)
     axes.set(xlabel='fitness by the draws of its training [N²s]', ylabel='by held-out draws [N²s]')
     style.legend_below(figure, axes)
     return figure

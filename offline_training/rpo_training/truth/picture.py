@@ -29,7 +29,8 @@ def _over_time(axes: Any, found: Comparison) -> None:
         found.errors.items(), colours, ('-', '--'), strict=False
     ):
         norms = np.linalg.norm(errors[1:, :3], axis=1)
-        axes.semilogy(times, norms, line, color=colour, label=name)
+        axes.plot(times, norms, line, color=colour, label=name)
+    style.log_scale(axes)
     axes.set(xlabel='time [s]', ylabel=f'|{found.plant} − true position| [m]', title='the flight')
     axes.legend(loc='lower right')
 
@@ -38,9 +39,10 @@ def _over_distance(axes: Any, found: Comparison) -> None:
     distances = np.array([g.distance_m for g in found.growth])
     for axis, (colour, line) in enumerate(zip(style.AXES, ('o-', 'o-', 's--'), strict=True)):
         errors = np.array([g.position_m[axis] for g in found.growth])
-        axes.loglog(
+        axes.plot(
             distances, errors, line, color=colour, label=f'along {AXIS_NAMES[axis]}', markersize=4
         )
+    style.log_scale(axes, x=True)
     axes.set(
         xlabel='distance at the start [m]',
         ylabel='|linear − true position| [m]',

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -26,14 +26,18 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from rpo_bringup.parameters import MONITOR as PARAMETERS
+from rpo_core.statuses import RUNNING, RunStatus
+from rpo_core.validation import choice
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import hear
 from rpo_ros.timeout import Timeout
 from rpo_safety.limit_checker import ABORT, COAST, WARN, Detection, LimitChecker, load_monitor
 
 _LOOK_S = 0.2
-_RUNNING = 'running'
+_LABELS = ('unconfigured', 'inactive', 'active', 'finalized')
+"""States of a controller's lifecycle, in its health."""
 
 
 class MonitorNode(FlightNode):
@@ -63,9 +67,7 @@ class MonitorNode(FlightNode):
     def _subscribe(self) -> None:
         self.create_subscription(Odometry, names.RELATIVE_STATE, self._on_state, qos.LOCKSTEP)
         self.create_subscription(WrenchStamped, names.CONTROL_FORCE, self._on_force, qos.LOCKSTEP)
-        self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_status, qos.LATCHED_QUEUE
-        )
+        hear(self, RunStatus, self._on_status)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
         )
@@ -82,26 +84,26 @@ class MonitorNode(FlightNode):
         force = conversions.from_wrench(message)
         self._sample(self.table.limits.faults_of_force(force))
 
-    def _on_status(self, message: DiagnosticStatus) -> None:
-        phase = conversions.values_of(message).get('phase', '')
-        if phase == _RUNNING and self.phase != _RUNNING:
+    def _on_status(self, status: RunStatus) -> None:
+        if status.phase == RUNNING and self.phase != RUNNING:
             self._timeout.broken()
             self.checker.clear(self.table.rules)
             self._pending.clear()
             self.answers.clear()
-        self.phase = phase
+        self.phase = status.phase
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._watched:
-                inactive = conversions.values_of(status).get('state', 'active') != 'active'
-                self._sample({'controller_inactive': inactive and self.phase == _RUNNING})
+                state = choice('state', conversions.values_of(status).get('state'), _LABELS)
+                inactive = state != 'active' and self.phase == RUNNING
+                self._sample({'controller_inactive': inactive})
 
     def _look(self) -> None:
         """Detect a missing command, and send requests whose service was not there before."""
         silent = self._timeout.look() > self.table.limits.force_age_s
-        self._sample({'force_stale': silent and self.phase == _RUNNING})
-        if self.phase != _RUNNING:
+        self._sample({'force_stale': silent and self.phase == RUNNING})
+        if self.phase != RUNNING:
             self._pending.clear()
         self._send_requests()
 

@@ -11,17 +11,15 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
-from rpo_core import interfaces
+from rpo_core.statuses import GuidanceStatus, RunStatus
 from rpo_core.validation import printable
 from rpo_guidance.guidance import GO
 from rpo_guidance.parameters import OPERATOR as PARAMETERS
-from rpo_ros import names, qos
-from rpo_ros.conversions import values_of
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
+from rpo_ros.signals import hear
 
 EXIT_REFUSED = 1
 
@@ -41,23 +39,20 @@ class OperatorNode(FlightNode):
         self._end_s = time.monotonic() + self.values['patience_s']
         self._asked: Any = None
         self._client = self.create_client(Trigger, f'guidance/{self._command}')
-        for topic, react in (
-            (interfaces.GUIDANCE_STATUS, self._on_phase),
-            (names.RUN_STATUS, self._on_run),
-        ):
-            self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
+        hear(self, GuidanceStatus, self._on_phase)
+        hear(self, RunStatus, self._on_run)
         self.every(_PERIOD_S, self._look)
         when = f' in phase {self._wanted}' if self._wanted else ''
         self.get_logger().info(f'waiting to say {self._command}{when}')
 
-    def _on_phase(self, status: DiagnosticStatus) -> None:
-        self._phase = values_of(status).get('phase', '')
+    def _on_phase(self, status: GuidanceStatus) -> None:
+        self._phase = status.phase
         if self.values['until_end']:
-            self.get_logger().info(printable(status.message))
+            self.get_logger().info(f'{status.phase}: {status.reason}')
 
-    def _on_run(self, status: DiagnosticStatus) -> None:
-        phase = values_of(status).get('phase')
-        if phase not in ('finished', 'aborted') or not self._phase:  # of the run before
+    def _on_run(self, status: RunStatus) -> None:
+        phase = status.phase
+        if not status.ended or not self._phase:  # of the run before
             return
         if self._followed:
             self._leave(0, f'the run is {phase}')

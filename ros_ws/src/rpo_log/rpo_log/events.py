@@ -4,11 +4,7 @@
 
 from __future__ import annotations
 
-import re
-
-from rpo_core import cdr, interfaces
-
-_TICK = re.compile('0|[1-9][0-9]{0,17}')
+from rpo_core import cdr, interfaces, statuses
 
 ACTIVE, INACTIVE = 'active', 'inactive'
 """Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
@@ -26,21 +22,4 @@ def dropped(status: cdr.Status) -> dict[str, int]:
 
 def tick_of(status: cdr.Status) -> int | None:
     """Return the first tick that an event holds for; None if it has none."""
-    text = dict(status.values).get('tick', '')
-    return int(text) if _TICK.fullmatch(text) else None
-
-
-def values_in(data: bytes) -> dict[str, str]:
-    """Return the values of an event by key; none if the bytes are no event."""
-    try:
-        return dict(cdr.decode_status(data).values)
-    except cdr.CdrError:
-        return {}
-
-
-def sender_of(data: bytes) -> str:
-    """Return the name of the node that an event gives; '' if the bytes are no event."""
-    try:
-        return cdr.decode_status(data).name
-    except cdr.CdrError:
-        return ''
+    return statuses.tick_of(dict(status.values))

@@ -5,17 +5,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import yaml
 
-from rpo_core import controller, files, scenario
+from rpo_core import controller, files, interfaces, scenario
+from rpo_core.chain import signals_of
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
 from rpo_log.format import run
 
-PLANT, CONTROLLER = 'plant', 'controller'
+PLANT, CONTROLLER, DISTURBANCE = 'plant', 'controller', 'disturbance'
+
+_BY_SCENARIO = frozenset(
+    (interfaces.NAVIGATION_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
+)
+"""Signals whose nodes may be there in a run that does not need them."""
 
 _FILE, _PARAMETER, _RUN = 'file.', 'parameter.', 'run'
 _OWNERS = {run.SCENARIO: PLANT, run.CONTROLLER: CONTROLLER}
@@ -50,10 +56,6 @@ class Manifests:
     def run_id(self) -> str:
         """Id of the plant; '' if it gives none."""
         return self.plant.get(_RUN, '')
-
-    def heard(self, role: str) -> bool:
-        """Return whether a node of a role was heard."""
-        return role in self._by_role
 
     def take(self, name: str, values: Values) -> str:
         """Take the manifest of a node; return why it is not one of this run, '' if it is."""
@@ -93,6 +95,36 @@ class Manifests:
             return None
         self._attached.append(text)
         return run.controller_name(len(self._attached)), text.encode()
+
+    @property
+    def missing(self) -> list[str]:
+        """The roles without a manifest that a log needs first."""
+        if self.scenario is None:
+            return [PLANT]
+        roles = [CONTROLLER] if self.scenario.disturbance.is_zero else [CONTROLLER, DISTURBANCE]
+        return [role for role in roles if role not in self._by_role]
+
+    def due_each_tick(
+        self, found: Scenario, publishers: Callable[[str], int]
+    ) -> list[interfaces.Interface]:
+        """Return the rows of the topics with a message at every tick.
+
+        They are those of the scenario's stages; and any other that a node publishes, unless the
+        scenario alone decides about it.
+
+        publishers : returns how many publish a topic
+        """
+        made = {*signals_of(found)}
+        for row in interfaces.rows(logged=True):
+            if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
+                made |= {row.name} if publishers(row.topic) else set()
+        if self.parameter(PLANT, 'publish_clock') == 'True':
+            made.add(interfaces.CLOCK)
+        if self.parameter(PLANT, 'mode') == 'free_running':
+            made.add(interfaces.APPLIED_FORCE)
+            if not found.disturbance.is_zero:
+                made.add(interfaces.APPLIED_DISTURBANCE)
+        return [row for row in interfaces.rows(logged=True) if row.name in made]
 
     def parameter(self, role: str, name: str) -> str:
         """Return a parameter of a node as text; '' if it is not known."""

@@ -15,10 +15,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from rpo_core import cdr, files, interfaces
-from rpo_core.chain import signals_of
 from rpo_core.scenario import Scenario
+from rpo_core.statuses import READERS, WAITING, Manifest, RunStatus
 from rpo_core.validation import InputError
-from rpo_log import events, signature
+from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
 from rpo_log.format import sums
@@ -29,18 +29,13 @@ from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.statuses import PHASES, Claims
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import health, names, qos
-from rpo_ros.conversions import texts_of, values_of
+from rpo_ros.conversions import texts_of
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
-from rpo_ros.signals import message_class
+from rpo_ros.signals import hear, message_class
 from rpo_ros.timeout import Timeout
 
 EXIT_INCOMPLETE = 1
-
-_BY_SCENARIO = frozenset(
-    (interfaces.NAVIGATION_STATE, interfaces.CONTROL_FORCE, interfaces.DISTURBANCE_FORCE)
-)
-"""Signals whose nodes may be there in a run that does not need them."""
 
 _ABORT_GRACE_S = 0.5
 _MOST_EARLY = 100_000
@@ -48,6 +43,7 @@ NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
 _LOOK_S = 0.02
+_SAY_S = 4.0
 _ANEW_S = 2.5
 """Silence of a plant after which another one is the new one; it publishes once a second."""
 
@@ -96,6 +92,7 @@ class RecorderNode(FlightNode):
         self._subscribe()
         health.publish_health(self, self._health)
         self.every(_LOOK_S, self._look)
+        self.every(_SAY_S, self._say_what_it_wants)
         self.every(health.PERIOD_S, self._publish_status)
 
     def _subscribe(self) -> None:
@@ -107,15 +104,13 @@ class RecorderNode(FlightNode):
                 if row.name == interfaces.RUN_STATUS:
                     on_raw = self._on_status
                 else:
-                    on_raw = partial(self._on_stage_status, name)
+                    on_raw = partial(self._on_event, row)
                     self._events[name] = row.beside and self.resolve_topic_name(row.beside)
             self.create_subscription(kind, row.topic, on_raw, profile, raw=True)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
-        self.create_subscription(
-            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
-        )
+        hear(self, Manifest, self._on_manifest)
 
     def _on_raw(self, name: str, data: bytes) -> None:
         if self._commanded_s is None and name == self._force_topic:
@@ -133,6 +128,11 @@ class RecorderNode(FlightNode):
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
 
+    def refused(self, topic: str, reason: str) -> None:
+        """Count a message with a wrong content, as others that are not of this run."""
+        name = topic.rpartition('/')[2]
+        self._ignore(name, f'a {name} with a wrong content: {reason}')
+
     def _ignore(self, kind: str, sentence: str) -> None:
         """Count a message that is not of this run, and warn of the first of its kind."""
         self._ignored[kind] += 1
@@ -140,19 +140,22 @@ class RecorderNode(FlightNode):
             self.get_logger().warning(f'ignored from now on, and counted: {sentence}')
 
     def _on_status(self, data: bytes) -> None:
-        values = events.values_in(data)
-        if values.get('phase') == 'waiting' and self._running:
+        status = RunStatus.of(cdr.decode_status(data))
+        if status.phase == WAITING and self._running:
             self._anew = True
-        if values.get('phase') in PHASES and 'resumed' not in values:
+        if status.phase in PHASES and not status.resumed:
             self._claims.take(data)
             self._weigh()
 
-    def _on_stage_status(self, name: str, data: bytes) -> None:
+    def _on_event(self, row: interfaces.Interface, data: bytes) -> None:
         """Take the word of a node that is there."""
-        if events.sender_of(data) in self.get_node_names():
-            self._on_raw(name, data)
+        status = cdr.decode_status(data)
+        if row.name in READERS:
+            READERS[row.name].of(status)
+        if status.name in self.get_node_names():
+            self._on_raw(self.resolve_topic_name(row.topic), data)
         else:
-            self._ignore('stage_status', 'a stage_status of no node that is here')
+            self._ignore(row.name, f'a {row.name} of no node that is here')
 
     def _weigh(self) -> None:
         """Take each run_status that fits the states of this run, once its state is there."""
@@ -165,49 +168,39 @@ class RecorderNode(FlightNode):
                 continue
             self._running = True
             self.log.record(self._status_topic, data)
-            values = events.values_in(data)
-            if values['phase'] != 'running' and self._end is None:
-                self._end = (values['phase'], int(values['tick']), time.monotonic())
-                self.log.end(int(values['tick']))
+            status = RunStatus.of(cdr.decode_status(data))
+            if status.ended and self._end is None:
+                self._end = (status.phase, status.tick, time.monotonic())
+                self.log.end(status.tick)
 
     def _on_diagnostics(self, data: bytes) -> None:
         if self._health_log is not None:
             self._health_log.write(time.time_ns(), data)
 
-    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
-        values = values_of(manifest)
-        fault = self._manifests.take(manifest.name, values)
+    def _on_manifest(self, manifest: Manifest) -> None:
+        fault = self._manifests.take(manifest.node, manifest.values)
         if fault:
             self._ignore('node_manifest', fault)
-        elif values.get('role') == PLANT:
+        elif manifest.role == PLANT:
             self._timeout.broken()
-        elif values.get('role') == CONTROLLER and self.log is not None:
+        elif manifest.role == CONTROLLER and self.log is not None:
             another = self._manifests.another_controller()
             if another is not None:
                 self.log.attach(*another)
                 self.get_logger().info(f'another controller in flight, attached as {another[0]}')
 
-    def _topics(self, found: Scenario) -> list[str]:
-        """Return the full names of the topics with a message at every tick.
+    @property
+    def _wants(self) -> str:
+        """What it waits for; '' while it records."""
+        if self.log is None:
+            roles = ' and of the '.join(self._manifests.missing)
+            return f'the manifest of the {roles} on {self.resolve_topic_name(names.NODE_MANIFEST)}'
+        silent = self._awaited - self._heard
+        return '' if self._ready else f'messages on {", ".join(sorted(silent))}'
 
-        They are those of the scenario's stages; and any other that a node publishes, unless the
-        scenario alone decides about it.
-        """
-        made = {*signals_of(found)}
-        for row in interfaces.rows(logged=True):
-            if row.due == interfaces.EACH_TICK and row.name not in _BY_SCENARIO:
-                made |= {row.name} if self.count_publishers(row.topic) else set()
-        if self._manifests.parameter(PLANT, 'publish_clock') == 'True':
-            made.add(interfaces.CLOCK)
-        if self._manifests.parameter(PLANT, 'mode') == 'free_running':
-            made.add(interfaces.APPLIED_FORCE)
-            if not found.disturbance.is_zero:
-                made.add(interfaces.APPLIED_DISTURBANCE)
-        return [
-            self.resolve_topic_name(row.topic)
-            for row in interfaces.rows(logged=True)
-            if row.name in made
-        ]
+    def _say_what_it_wants(self) -> None:
+        if self._wants and not self.done:
+            self.get_logger().info(f'waiting for {self._wants}')
 
     def _look(self) -> None:
         if self.log is None and not self._interrupted and not self.done:
@@ -259,10 +252,7 @@ class RecorderNode(FlightNode):
     def _begin(self) -> None:
         """Open the log when the scenario is known, and the manifests are there or will not come."""
         found = self._manifests.scenario
-        if found is None:
-            return
-        roles = [CONTROLLER] if found.disturbance.is_zero else [CONTROLLER, 'disturbance']
-        if not all(map(self._manifests.heard, roles)) and self._patient():
+        if found is None or (self._manifests.missing and self._patient()):
             return
         try:
             self._open(found)
@@ -279,7 +269,10 @@ class RecorderNode(FlightNode):
     def _open(self, found: Scenario) -> None:
         """Open the files of the log; raises LogError."""
         base = run_log.TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
-        self._expected = self._topics(found)
+        self._expected = [
+            self.resolve_topic_name(row.topic)
+            for row in self._manifests.due_each_tick(found, self.count_publishers)
+        ]
         self._recorded = {*self._expected, self._status_topic}
         self._recorded |= {n for n, of in self._events.items() if not of or of in self._expected}
         own = {row.name: self.values[row.name] for row in PARAMETERS if not row.wall}
@@ -362,7 +355,7 @@ class RecorderNode(FlightNode):
     def _health(self) -> health.Health:
         if self.log is None:
             values = {'messages': 0, 'backlog': len(self._early), 'lost': 0}
-            return health.OK, 'waiting for a run', values
+            return health.OK, f'waiting for {self._wants}', values
         summary = self.log.summary
         failures = [summary.failure, *(f.failure for f in (self._health_log, self._decisions) if f)]
         failure = next(filter(None, failures), '')
@@ -390,9 +383,17 @@ class RecorderNode(FlightNode):
             self._end = ('interrupted', NEVER, time.monotonic())
 
     def close(self) -> None:
-        """Close the log."""
+        """Close the log; to be ended before anything is recorded is no success."""
+        wants = self._wants
         self._finish()
-        self.exit_code = 0 if self._interrupted else self.exit_code
+        if not self._interrupted:
+            return
+        empty = self.log is None or not any(self.log.summary.messages.values())
+        self.exit_code = EXIT_INCOMPLETE if empty else 0
+        if empty:
+            self.get_logger().error(
+                f'nothing was recorded: it waited for {wants or "the first tick"}'
+            )
 
 
 def main() -> int:

@@ -23,11 +23,14 @@ from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.signals import message_class
+from rpo_ros.timeout import Timeout
 
 EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3
 
-_FASTEST_S = 1e-4
+_FASTEST_S, _LOOK_S = 1e-4, 0.02
+"""Between two ticks of a replay as fast as possible; between two looks at a driven controller, which
+needs the processor too: its answers bring the ticks."""
 _SETTLED_S = 0.5
 """Topics of a listener are found one by one; after so long without a new one, all are found."""
 
@@ -53,6 +56,7 @@ class ReplayNode(FlightNode):
         self._logged_force: tuple[float, ...] | None = None
         self._awaited_ns: int | None = None
         self._sent = self._begun = self._found_s = time.monotonic()
+        self._silence = Timeout()
         self._said = time.monotonic()
         self._found = 0
         self._played = 0
@@ -60,7 +64,8 @@ class ReplayNode(FlightNode):
         self._connect()
         self._left = self._ticks()
         rate, dt_s = self.values['rate'], self._reader.base.dt_ns / 1e9
-        self.every(dt_s / rate if rate else _FASTEST_S, self._on_time)
+        fastest = _LOOK_S if self.values['drive'] else _FASTEST_S
+        self.every(dt_s / rate if rate else fastest, self._on_time)
 
     def _ticks_asked(self) -> range:
         base = self._reader.base
@@ -106,9 +111,11 @@ class ReplayNode(FlightNode):
             return
         if not self._played and not self._has_listeners():
             self._say(f'waiting for {names.CONTROL_FORCE if self.values["drive"] else "listeners"}')
-            if time.monotonic() - self._begun > self.values['answer_timeout_s']:
+            if self._silence.look() > self.values['answer_timeout_s']:
                 self._end(f'no answer from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
             return
+        if not self._played:
+            self._silence.broken()  # only now it can be asked: its start is no silence
         if self._awaited_ns is None:
             self._play_next()
         else:
@@ -155,7 +162,7 @@ class ReplayNode(FlightNode):
     def _wait(self) -> None:
         """Send the state again, or give up, when a driven controller does not answer."""
         waited = time.monotonic() - self._sent
-        if time.monotonic() - self._begun > self.values['answer_timeout_s']:
+        if self._silence.look() > self.values['answer_timeout_s']:
             tick = self._current[0].tick
             self._end(f'no answer to tick {tick} from {names.CONTROL_FORCE}', EXIT_NO_ANSWER)
         elif waited > self.values['resend_after_s']:
@@ -172,13 +179,13 @@ class ReplayNode(FlightNode):
                     f'tick {self._current[0].tick}: logged {self._logged_force}, answered {force}'
                 )
         self._awaited_ns = None
-        self._begun = time.monotonic()
+        self._silence.broken()
         if not self.values['rate'] and not self._paused:
             self._play_next()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused = request.data
-        self._begun = time.monotonic()  # the pause times out no controller
+        self._silence.broken()  # the pause times out no controller
         response.success = True
         response.message = 'paused' if self._paused else 'playing'
         return response

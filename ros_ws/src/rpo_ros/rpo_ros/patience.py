@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 from rpo_core.chain import Chain
 from rpo_core.interfaces import current
@@ -13,6 +14,9 @@ from rpo_core.stage import Stage
 MOST_REPEATS = 3
 """Without a command, of this tick or before, a state that was repeated so often is answered; in
 free running, one that is so many ticks newer than the last answer."""
+
+FAR_TICKS = 100
+"""An input so many ticks ahead of the last answer is somebody else's, unless more follow it."""
 
 LOST_TICKS = 5
 """A peer whose commands are missing at so many ticks in a row is lost."""
@@ -31,7 +35,22 @@ class Patience:
     def forget(self) -> None:
         """Begin a run."""
         self._stamp_ns, self._repeats = -1, 0
+        self._far_ns, self._in_front = inf, 0
         self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
+
+    def answered(self, stamp_ns: int, dt_ns: int) -> None:
+        """Note the stamp of the newest answer."""
+        self._far_ns, self._in_front = stamp_ns + FAR_TICKS * dt_ns, 0
+
+    def is_stray(self, stamp_ns: int) -> bool:
+        """Return whether an input is to be ignored: it is far ahead, and few such came in a row.
+
+        A stage with memory that took it could answer no tick before it any more.
+        """
+        if stamp_ns <= self._far_ns:
+            return False
+        self._in_front += 1
+        return self._in_front < MOST_REPEATS
 
     def hear(self, chain: Chain) -> None:
         """Take the stages whose inputs are waited for."""

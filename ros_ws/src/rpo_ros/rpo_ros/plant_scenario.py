@@ -8,14 +8,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from rpo_core import files, scenario
 from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
-from rpo_ros import names, qos
-from rpo_ros.conversions import values_of
+from rpo_core.statuses import Manifest
+from rpo_core.validation import InputError, choice
 from rpo_ros.running import FlightNode
+from rpo_ros.signals import hear
 
 ANEW_S = 2.5
 """Silence of a plant, which publishes its manifest once a second, after which another may take
@@ -23,6 +21,16 @@ over; until then it is a second one, and does not count."""
 
 SCENARIO_FILE = 'file.scenario.yaml'
 _MODE = 'parameter.mode'
+_LOCKSTEP, _FREE_RUNNING = 'lockstep', 'free_running'
+
+
+def _flown(text: str, mode: str) -> Scenario:
+    """Return the scenario that a plant flies in a mode; raises InputError if no plant does."""
+    found = files.loads(text, scenario.parse, 'the scenario of the plant')
+    if not isinstance(found, Scenario):
+        raise InputError('the scenario of the plant must be a single flight; got a set')
+    choice(_MODE, mode, ('', _LOCKSTEP, _FREE_RUNNING))
+    return found
 
 
 class PlantScenario:
@@ -44,42 +52,40 @@ class PlantScenario:
         self._node, self._take, self._refuse = node, take, refuse
         self._asserted = scenario.load_scenario(asserted) if asserted else None
         self._text = self._run = self._mode = ''
-        self._heard_s = 0.0
+        self._heard_s = self._asked_s = 0.0
         self.scenario = self._asserted
         self.free_running = False
-        node.create_subscription(
-            DiagnosticStatus, names.NODE_MANIFEST, self._on_manifest, qos.LATCHED_QUEUE
-        )
+        hear(node, Manifest, self._on_manifest)
+
+    def confirmed(self, patience_s: float) -> bool:
+        """Return whether the plant has said what it flies, or has not said so for some time."""
+        now_s = time.monotonic()
+        self._asked_s = self._asked_s or now_s
+        return bool(self._text) or now_s - self._asked_s > patience_s
 
     def begin(self) -> None:
         """Pass on the scenario of the parameter, if there is one; the node is ready."""
         if self.scenario is not None:
             self._take(self.scenario)
 
-    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
-        values = values_of(manifest)
-        text = values.get(SCENARIO_FILE, '')
-        if values.get('role') != 'plant':
+    def _on_manifest(self, manifest: Manifest) -> None:
+        if manifest.role != 'plant':
             return
-        run, now_s = values.get('run', ''), time.monotonic()
+        text, mode = (manifest.values.get(key, '') for key in (SCENARIO_FILE, _MODE))
+        run, now_s = manifest.run, time.monotonic()
         second = self._run not in ('', run) and now_s - self._heard_s < ANEW_S
         if second and text != self._text:
             return
+        found = None
+        if (text, mode) != (self._text, self._mode):
+            found = _flown(text, mode)
         self._run, self._heard_s = run, now_s
-        mode = values.get(_MODE, '')
-        if (text, mode) == (self._text, self._mode):
-            return
-        try:
-            found = files.loads(text, scenario.parse, 'the scenario of the plant')
-            if not isinstance(found, Scenario):
-                raise InputError('the scenario of the plant must be a single flight; got a set')
-        except InputError as error:  # no plant flies it, so it is not that of a plant
-            self._node.complain(f'a manifest was ignored: {error}')
+        if found is None:
             return
         self._text, self._mode = text, mode
         try:
             self._compare(found)
-            free = mode == 'free_running'
+            free = mode == _FREE_RUNNING
             if found != self.scenario or free != self.free_running:
                 self.scenario, self.free_running = found, free
                 self._take(found)

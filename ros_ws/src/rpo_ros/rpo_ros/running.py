@@ -38,6 +38,7 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from rpo_core.cdr import CdrError
 from rpo_core.validation import InputError, shown
 from rpo_ros.entry_point import EXIT_BAD_INPUT
 
@@ -117,24 +118,23 @@ class FlightNode(Node):
         raw: bool = False,
         **options: Any,
     ) -> Subscription:
-        """Listen to a topic; bytes that are no message of its type are ignored.
+        """Listen to a topic; what is no message of its type, or has a wrong content, is refused.
 
-        The middleware ignores them too, but prints ten lines for each. A negative time is ignored
-        also: with `use_sim_time`, rclpy itself listens to /clock, and its times cannot be negative.
+        The callback raises InputError for a wrong content, before it acts on any of it. The
+        middleware refuses bytes that are no message too, but prints ten lines for each.
         """
 
         def take(data: bytes) -> None:
             try:
-                message = deserialize_message(data, msg_type)
-                if msg_type is ClockMessage and message.clock.sec < 0:
-                    raise ValueError('a time before 1970')
-            except (RuntimeError, ValueError):
-                self.complain(f'a message on {topic} was ignored: it is no {msg_type.__name__}')
-                return
-            callback(message)
+                callback(data if raw else _message(data, msg_type))
+            except (InputError, CdrError) as error:
+                self.refused(topic, str(error))
 
-        taker = callback if raw else take
-        return super().create_subscription(msg_type, topic, taker, qos_profile, raw=True, **options)
+        return super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **options)
+
+    def refused(self, topic: str, reason: str) -> None:
+        """React to a message that was refused."""
+        self.complain(f'a message on {topic} was refused: {reason}')
 
     def complain(self, sentence: str) -> None:
         """Warn of something that others do; the 10th, 100th, ... time again, with the number."""
@@ -161,6 +161,21 @@ class FlightNode(Node):
 
     def close(self) -> None:
         """Release resources, just before the node is destroyed."""
+
+
+def _message(data: bytes, kind: Any) -> Any:
+    """Return a message; raises InputError.
+
+    A negative time is refused: with `use_sim_time`, rclpy itself listens to /clock, and its times
+    cannot be negative.
+    """
+    try:
+        message = deserialize_message(data, kind)
+    except (RuntimeError, ValueError):
+        raise InputError(f'it is no {kind.__name__}') from None
+    if kind is ClockMessage and message.clock.sec < 0:
+        raise InputError('it is a time before 1970')
+    return message
 
 
 class _Pending(Future):

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Signals on topics: bytes in, numbers out, and back. The loop makes no message object.
 
+Statuses, which come now and then, pass through their reader.
+
 To make, publish or take a message object costs ten times as much as its bytes. The table of
 interfaces knows the place of each number in the bytes.
 """
@@ -13,11 +15,14 @@ from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
-from rpo_core import interfaces
+from rpo_core import interfaces, statuses
 from rpo_core.stage import Signal
 from rpo_ros import qos
+from rpo_ros.conversions import from_status
 
 Taker = Callable[[int, Signal], None]
 """Takes the stamp [ns] and the numbers of a message."""
@@ -71,6 +76,23 @@ def listen(
     on_message = partial(_on_message, row.layout.use, width, take, ignore)
     kind = message_class(row.type)
     return node.create_subscription(kind, row.topic, on_message, qos.IN_LOOP, raw=True)
+
+
+def hear(
+    node: Node,
+    reader: type[statuses.Reader],
+    take: Callable[[Any], Any],
+    profile: QoSProfile = qos.LATCHED_QUEUE,
+) -> Any:
+    """Subscribe to the statuses of a topic; return the subscription.
+
+    take : gets what a status says, whole; the node refuses one that is not
+    """
+
+    def on_status(status: DiagnosticStatus) -> None:
+        take(reader.of(from_status(status)))
+
+    return node.create_subscription(DiagnosticStatus, reader.topic, on_status, profile)
 
 
 def _on_message(

@@ -17,18 +17,16 @@ from rpo_core import interfaces
 from rpo_core.chain import Chain, Signals
 from rpo_core.scenario import Scenario
 from rpo_core.stage import WITHOUT_COMMAND, Signal
+from rpo_core.statuses import REFUSED, RUNNING, WAITING, RunStatus
 from rpo_core.thrusters import ZERO
 from rpo_ros import health, names, qos
-from rpo_ros.conversions import to_status, values_of
+from rpo_ros.conversions import to_status
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
-from rpo_ros.signals import Outlet, listen
-
-REFUSED = 'refused'
-"""State in `stage_status` of a node that takes no part in the run of the plant."""
+from rpo_ros.signals import Outlet, hear, listen
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 
@@ -94,9 +92,7 @@ class StageNode(FlightNode):
         self._open(self.outlets())
         if not self._inlets:
             self._listen(interfaces.RELATIVE_STATE)
-        self.create_subscription(
-            DiagnosticStatus, names.RUN_STATUS, self._on_run_status, qos.LATCHED
-        )
+        hear(self, RunStatus, self._on_run_status, qos.LATCHED)
         health.publish_health(self, self.health)
         self._run.begin()
 
@@ -141,6 +137,7 @@ class StageNode(FlightNode):
         self.get_logger().error(reason)
         self.publish_stage_status(self.get_name(), REFUSED, max(0, self.last_tick + 1), reason)
         self.exit_code = EXIT_BAD_INPUT
+        self.chain = None
         self.every(_REFUSAL_S, self._leave)
 
     def _leave(self) -> None:
@@ -203,6 +200,11 @@ class StageNode(FlightNode):
 
     def _on_signal(self, name: str, stamp_ns: int, values: Signal) -> None:
         chain = self.chain
+        if self.exit_code:  # it refused, and leaves
+            return
+        if self._patience.is_stray(stamp_ns):
+            self.ignored['stray'] += 1
+            return
         if chain is None:
             reason = self.refusal()
             if reason:
@@ -224,6 +226,9 @@ class StageNode(FlightNode):
         """Take one of several inputs; answer if all of its tick are there."""
         if interfaces.current(read) != read and self.scenario is not None:
             stamp_ns += self.scenario.dt_ns
+            answered = self._asked and stamp_ns <= self._asked[0]
+            if answered or self.scenario.tick_of(stamp_ns) is None:
+                return  # it must not replace the one that waits: nobody sends that again
         elif self._waiting.get(read) == (stamp_ns, values) and not interfaces.row_of(read).rides:
             self._patience.repeated(stamp_ns)
         self._waiting[read] = stamp_ns, values
@@ -307,6 +312,8 @@ class StageNode(FlightNode):
             self.ignored[reason] += 1
             return
         if self.last_tick < 0 < tick and self.chain is not None:
+            if not self._run.confirmed(PATIENCE_S):
+                return  # it joins in flight: the plant may fly another scenario
             self._say_begun(self.chain, tick)
         self.step(tick, signals)
         self._answer = [
@@ -314,6 +321,8 @@ class StageNode(FlightNode):
         ]
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
+        if self.scenario is not None:
+            self._patience.answered(stamp_ns, self.scenario.dt_ns)
         self.answered += 1
         self._answered_s = time.monotonic()
         self.after_answer(stamp_ns, signals)
@@ -354,19 +363,17 @@ class StageNode(FlightNode):
         if self.chain is not None:
             self.chain.reset()
 
-    def _on_run_status(self, status: DiagnosticStatus) -> None:
-        values = values_of(status)
-        phase = values.get('phase', '')
-        for name in values.get('dropped', '').split():
-            self._dropped.setdefault(name, int(values.get('tick', '0')))
-        if phase == 'waiting' and self.plant_phase not in ('', 'waiting'):
+    def _on_run_status(self, status: RunStatus) -> None:
+        for name in status.dropped:
+            self._dropped.setdefault(name, status.tick)
+        if status.phase == WAITING and self.plant_phase not in ('', WAITING):
             self._anew = True
-        self.plant_phase = phase
+        self.plant_phase = status.phase
 
     @property
     def plant_gone(self) -> bool:
         """Whether no state comes although the last status of the plant was `running`."""
-        flying = self.plant_phase == 'running' and self._answered_s is not None
+        flying = self.plant_phase == RUNNING and self._answered_s is not None
         return flying and health.age_s(self._answered_s) > SILENT_S
 
     def close(self) -> None:

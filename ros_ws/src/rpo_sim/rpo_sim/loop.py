@@ -9,13 +9,8 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
+from rpo_core.statuses import RUNNING, WAITING
 from rpo_ros.running import FlightNode
-
-WAITING, RUNNING, PAUSED = 'waiting', 'running', 'paused'
-FINISHED, ABORTED = 'finished', 'aborted'
-"""Phases of a run."""
-
-ENDED = (FINISHED, ABORTED)
 
 
 class Loop(FlightNode):

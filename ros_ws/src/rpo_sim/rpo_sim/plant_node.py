@@ -10,19 +10,16 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from rpo_core import files, interfaces, scenario
 from rpo_core.stage import Signal
-from rpo_ros import health, names, qos
-from rpo_ros.conversions import values_of
+from rpo_core.statuses import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING
+from rpo_ros import health
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node
 from rpo_ros.signals import listen
-from rpo_ros.stage_node import REFUSED
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
-from rpo_sim.loop import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING, Loop
+from rpo_sim.loop import Loop
 from rpo_sim.loop_health import LoopHealth
 from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
 from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
@@ -30,6 +27,7 @@ from rpo_sim.parameters import PLANT as PARAMETERS
 from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
 from rpo_sim.publications import Publications
 from rpo_sim.recorder_watch import RecorderWatch
+from rpo_sim.refusals import Refusals
 from rpo_sim.simulator_control import SimulatorControl
 
 EXIT_ABORTED = 3
@@ -40,9 +38,6 @@ _LOG_S = 4.0
 _LAST_WORD_S = 5.0
 """Longest wait, after the end of a run, until the recorder has closed its log."""
 _INTERRUPTED_S = 0.2
-_REFUSAL_WAIT_S = 1.0
-"""A node that refuses stays for so long."""
-_MOST_REFUSALS = 64
 
 
 class PlantNode(Loop):
@@ -55,8 +50,6 @@ class PlantNode(Loop):
         self.scenario = scenario.load_scenario(path)
         self.run_id = uuid.uuid4().hex
         self._peers, self._own = topics_of(self.scenario)
-        self._refusals: dict[str, tuple[float, str]] = {}
-        self._doubted_s = 0.0  # when the first of them came
         self._connect()
         self.control = SimulatorControl(self)
         self._manifest(files.read_text(path))
@@ -71,9 +64,7 @@ class PlantNode(Loop):
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore)
-        self.create_subscription(
-            DiagnosticStatus, names.STAGE_STATUS, self._on_stage_status, qos.LATCHED_QUEUE
-        )
+        self._refusals = Refusals(self, self.scenario)
         self.recorder = RecorderWatch(
             self, self.values['wait_for_recorder'], self.run_id, self._on_progress
         )
@@ -127,33 +118,13 @@ class PlantNode(Loop):
             self.loop.commanded(self.scenario.tick_of(stamp_ns))
         self.pacing.on_answer()
 
-    def _on_stage_status(self, status: DiagnosticStatus) -> None:
-        """Take the refusal of a node."""
-        values = values_of(status)
-        if values.get('state') == REFUSED and len(self._refusals) < _MOST_REFUSALS:
-            reason = f'{values.get("stage")} takes no part: {values.get("reason")}'
-            self._refusals.setdefault(status.name, (time.monotonic(), reason))
-            self._heed_refusals()
-
     def _heed_refusals(self) -> None:
-        """End the run when a node that was started for it takes no part.
-
-        Its name may be known a moment after its message; a name that is not known is nobody's.
-        """
-        if not self._refusals or self.phase in ENDED:
-            return
-        self._doubted_s = self._doubted_s or time.monotonic()
-        there = self.get_node_names()
-        for name, (said_s, reason) in list(self._refusals.items()):
-            if name in there:
+        """Abort before tick 0 when a node of this flight takes no part; later, warn."""
+        for reason in self._refusals.weighed():
+            if self.phase == WAITING:
                 self.abort(reason)
-                return
-            if time.monotonic() - said_s > _REFUSAL_WAIT_S:
-                del self._refusals[name]
-
-    def _in_doubt(self, now_s: float) -> bool:
-        """Return whether the run must not begin yet: a node that refuses may still be found."""
-        return bool(self._refusals) and now_s - self._doubted_s < _REFUSAL_WAIT_S
+            elif self.phase not in ENDED:
+                self.complain(f'{reason}; the flight goes on')
 
     def advance(self) -> None:
         """Pass the current tick."""
@@ -189,7 +160,7 @@ class PlantNode(Loop):
         now_s = time.monotonic()
         self._heed_refusals()
         if self.phase == WAITING:
-            if not self._in_doubt(now_s):
+            if not self._refusals.in_doubt:
                 self._wait(now_s)
         elif self.phase in ENDED:
             if self.recorder.done or now_s - self.progress_s > _LAST_WORD_S:

@@ -7,18 +7,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from diagnostic_msgs.msg import DiagnosticStatus
-
 from rpo_core import interfaces
-from rpo_ros import names, qos
-from rpo_ros.conversions import values_of
+from rpo_core.statuses import CLOSED, FAILED, READY, RecorderStatus
+from rpo_core.statuses import RECORDER_WAITS as WAITING
+from rpo_ros import names
 from rpo_ros.running import FlightNode
+from rpo_ros.signals import hear
 from rpo_ros.timeout import Timeout
 
 LEASE_S = 5.0
 """Longest silence of a live recorder: it publishes its status once a second."""
 
-WAITING, READY, CLOSED, FAILED = 'waiting', 'ready', 'closed', 'failed'
 _BUSY = 'busy'
 
 PATIENCE_S = 5.0
@@ -61,24 +60,19 @@ class RecorderWatch:
         self._in_sight, self._seen_s = 0, 0.0
         self._why = ''
         self.lost = False
-        node.create_subscription(
-            DiagnosticStatus, names.RECORDER_STATUS, self._on_status, qos.LATCHED_QUEUE
-        )
+        hear(node, RecorderStatus, self._on_status)
 
-    def _on_status(self, message: DiagnosticStatus) -> None:
-        values = values_of(message)
-        key = values.get('recorder', message.name)
-        if key not in self._known and len(self._known) >= _MOST:
+    def _on_status(self, status: RecorderStatus) -> None:
+        if status.recorder not in self._known and len(self._known) >= _MOST:
             return
-        known = self._known.setdefault(key, _Recorder())
-        of_another = values.get('run', '') not in ('', self._run)
-        known.says = _BUSY if of_another else message.message
+        known = self._known.setdefault(status.recorder, _Recorder())
+        of_another = status.run not in ('', self._run)
+        known.says = _BUSY if of_another else status.says
         known.timeout.broken()
         if known.says == FAILED:
-            self._why = values.get('reason', FAILED)
-        told = values.get('next_tick', '')
-        if told.isdecimal():
-            known.next_tick = int(told)
+            self._why = status.reason
+        if status.next_tick is not None:
+            known.next_tick = status.next_tick
             self._on_progress()
 
     def forget(self) -> None:

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from std_srvs.srv import SetBool, Trigger
 
+from rpo_core.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
-from rpo_sim.loop import PAUSED, RUNNING, WAITING, Loop
+from rpo_sim.loop import Loop
 
 Answer = SetBool.Response | Trigger.Response
 

@@ -7,17 +7,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray
 
 from rpo_core import interfaces
+from rpo_core.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ros import conversions, names, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode
+from rpo_ros.signals import hear
 from rpo_view.latest import Latest
 from rpo_view.live import LiveRun
-
-_ASSURANCE_STATUS = 'assurance_status'
-"""Topic of the room of assurance, whose row the table has where that room is installed."""
 
 
 class ListeningNode(FlightNode):
@@ -38,13 +37,13 @@ class ListeningNode(FlightNode):
             'exerted_n': Latest(self, interfaces.EXERTED_FORCE),
         }
         self._decisions = Latest(self, names.DECISION)
-        for topic, react in (
-            (names.RUN_STATUS, self._on_status),
-            (names.NODE_MANIFEST, self._on_manifest),
-            (interfaces.GUIDANCE_STATUS, self._on_guidance),
-            (_ASSURANCE_STATUS, self._on_assurance),
+        for reader, take in (
+            (RunStatus, self.live.on_status),
+            (Manifest, self.live.on_manifest),
+            (GuidanceStatus, lambda status: self.live.onboard.on_guidance(status)),
+            (AssuranceStatus, lambda status: self.live.onboard.on_assurance(status)),
         ):
-            self.create_subscription(DiagnosticStatus, topic, react, qos.LATCHED_QUEUE)
+            hear(self, reader, take)
         self.create_subscription(
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS
         )
@@ -94,21 +93,9 @@ class ListeningNode(FlightNode):
             return None
         return conversions.from_stamp(message.header.stamp), values, message.pose.covariance
 
-    def _on_guidance(self, status: DiagnosticStatus) -> None:
-        self.live.onboard.on_guidance(values_of(status))
-
-    def _on_assurance(self, status: DiagnosticStatus) -> None:
-        self.live.onboard.on_assurance(values_of(status))
-
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         """Take the health of the nodes in this namespace."""
         for status in array.status:
             node, _, _ = status.name.partition(': ')
             if f'/{node}'.rpartition('/')[0] == self.get_namespace().rstrip('/'):
                 self.live.onboard.on_health(values_of(status))
-
-    def _on_status(self, status: DiagnosticStatus) -> None:
-        self.live.on_status(status.message, values_of(status))
-
-    def _on_manifest(self, manifest: DiagnosticStatus) -> None:
-        self.live.on_manifest(values_of(manifest))

@@ -15,6 +15,7 @@ from rpo_core import files
 from rpo_core import scenario as scenarios
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario import Scenario
+from rpo_core.statuses import ENDED, Manifest, RunStatus
 from rpo_core.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_core.validation import MOST_NAME, InputError, printable
 from rpo_core.zones import Zones, zones_of
@@ -139,18 +140,18 @@ class LiveRun:
         self.force_n = self.disturbance_n = self.exerted_n = None
         self.effort, self.onboard = Effort(), self.onboard.anew()
 
-    def on_status(self, message: str, values: Mapping[str, str]) -> None:
+    def on_status(self, status: RunStatus) -> None:
         """Take a run_status."""
-        self.phase, self.reason = printable(values.get('phase', ''), MOST_NAME), printable(message)
+        self.phase, self.reason = status.phase, status.reason
 
-    def on_manifest(self, values: Mapping[str, str]) -> None:
+    def on_manifest(self, manifest: Manifest) -> None:
         """Take the manifest of a node."""
-        role = values.get('role')
-        if role == 'controller':
-            self.controller = printable(values.get('parameter.controller', ''), MOST_NAME)
-        if role != 'plant':
+        if manifest.role == 'controller':
+            name = manifest.values.get('parameter.controller', '')
+            self.controller = printable(name, MOST_NAME)
+        if manifest.role != 'plant':
             return
-        text = values.get('file.scenario.yaml', '')
+        text = manifest.values.get('file.scenario.yaml', '')
         if text == self._text:  # said again each second
             return
         self._text, self.scenario, self.zones = text, None, []
@@ -233,7 +234,7 @@ class LiveRun:
     @property
     def silent_s(self) -> float | None:
         """Wall time since the last state of a run in progress, if it is long; else None."""
-        if self._heard_s is None or self.phase in ('finished', 'aborted'):
+        if self._heard_s is None or self.phase in ENDED:
             return None
         silence_s = self.clock() - self._heard_s
         return silence_s if silence_s > SILENCE_S else None

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from rpo_core.statuses import AssuranceStatus, GuidanceStatus, tick_of
 from rpo_core.validation import MOST_NAME, printable
 
 Vector = tuple[float, ...]
@@ -33,25 +34,13 @@ def number(text: str) -> float | None:
     return found if math.isfinite(found) else None
 
 
-def tick_of(values: Mapping[str, str]) -> int | None:
-    """Return the tick that a status tells of; None if it tells of none."""
-    text = values.get('tick', '')
-    good = text.isascii() and text.isdigit() and len(text) <= _MOST_DIGITS
-    return int(text) if good else None
+def _margin(found: float | None) -> float | None:
+    return found if found is not None and -math.inf < found <= _NO_LIMIT else None
 
 
 def _sound(values: Sequence[float]) -> bool:
     """Whether numbers and what is computed of them are finite."""
     return all(abs(value) < _LARGEST for value in values)
-
-
-@dataclass(frozen=True)
-class Phase:
-    """A phase of the plan, from its first tick on."""
-
-    tick: int
-    name: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -75,8 +64,7 @@ class Acting:
         constraint, mode = (
             printable(values.get(key, ''), MOST_NAME) for key in ('constraint', 'mode')
         )
-        found = (number(values.get(key, '')) for key in ('margin_m', 'margin_m_s'))
-        margins = (None if m is None or m > _NO_LIMIT else m for m in found)
+        margins = (_margin(number(values.get(key, ''))) for key in ('margin_m', 'margin_m_s'))
         return cls(tick, constraint, mode, *margins)
 
 
@@ -101,7 +89,7 @@ class Onboard:
     openings: int | None = None
     interventions: int | None = None
     table: str = ''
-    _phase: Phase | None = None
+    _phase: GuidanceStatus | None = None
     _acting: Acting | None = None
     _states: dict[int, Vector] = field(default_factory=dict)
 
@@ -136,19 +124,17 @@ class Onboard:
         if truth is not None:
             self.miss = tuple(t - r for t, r in zip(truth, state, strict=True))
 
-    def on_guidance(self, values: Mapping[str, str]) -> None:
+    def on_guidance(self, status: GuidanceStatus) -> None:
         """Take a guidance_status."""
-        tick = tick_of(values)
-        if tick is not None:
-            name, reason = (printable(values.get(key, '')) for key in ('phase', 'reason'))
-            self._phase = Phase(tick, name[:MOST_NAME], reason)
+        self._phase = status
 
-    def on_assurance(self, values: Mapping[str, str]) -> None:
-        """Take an assurance_status, or what the health of assurance says of the newest tick."""
-        tick = tick_of(values)
-        if tick is None:
-            return
-        said, before = Acting.of(tick, values), self._acting
+    def on_assurance(self, status: AssuranceStatus) -> None:
+        """Take an assurance_status."""
+        margins = _margin(status.margin_m), _margin(status.margin_m_s)
+        self._on_acting(Acting(status.tick, status.constraint, status.mode, *margins))
+
+    def _on_acting(self, said: Acting) -> None:
+        before = self._acting
         if before is not None and said.constraint == before.constraint and said.tick > before.tick:
             said = Acting(before.tick, said.constraint, said.mode, said.margin_m, said.margin_m_s)
         self._acting = said
@@ -162,10 +148,11 @@ class Onboard:
         if 'table' in values:
             table, phase = (printable(values.get(k, ''), MOST_NAME) for k in ('table', 'phase'))
             self.table = f'{table}, {phase}' if phase else table
-        if 'margin_m' in values:
-            self.on_assurance(values)
+        tick = tick_of(values)
+        if 'margin_m' in values and tick is not None:
+            self._on_acting(Acting.of(tick, values))
 
-    def phase(self, tick: int) -> Phase | None:
+    def phase(self, tick: int) -> GuidanceStatus | None:
         """Return the phase of the plan at a tick; None if what was heard is of another run."""
         return self._phase if self._phase is not None and self._phase.tick <= tick else None
 
@@ -193,7 +180,7 @@ class Onboard:
             'miss_m_s': self.miss and math.hypot(*self.miss[3:]),
             'openings': self.openings,
             'guidance': phase
-            and {'phase': phase.name, 'reason': phase.reason, 'since_s': phase.tick * seconds},
+            and {'phase': phase.phase, 'reason': phase.reason, 'since_s': phase.tick * seconds},
             'assurance': acting
             and {
                 'constraint': acting.constraint,

@@ -54,7 +54,7 @@ def line(run: LiveRun, topic: str) -> str:
 def _said(run: LiveRun) -> str:
     """Return the phase of the plan and the constraint that acts, for a line; '' without."""
     phase, acting = run.onboard.phase(run.tick), run.onboard.acting(run.tick)
-    found = f'phase {phase.name}  ' if phase is not None else ''
+    found = f'phase {phase.phase}  ' if phase is not None else ''
     if acting is not None and acting.constraint:
         found += f'assurance acts: {acting.constraint}  '
     return found
@@ -117,7 +117,7 @@ def _onboard(run: LiveRun) -> list[Text]:
     phase, acting = said.phase(run.tick), said.acting(run.tick)
     if phase is not None:
         away = '' if said.miss is None else f', {math.hypot(*said.miss[:3]):.3f} m from reference'
-        since = f'{phase.name} since {phase.tick * dt_s:.1f} s{away}'
+        since = f'{phase.phase} since {phase.tick * dt_s:.1f} s{away}'
         found.append(Text(f'guidance   {since}', style='bold'))
     if said.estimate is not None:
         off = '' if said.error is None else f'{math.hypot(*said.error[:3]):.3f} m off the truth'

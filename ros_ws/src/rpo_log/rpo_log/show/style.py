@@ -131,6 +131,26 @@ def new_panels(height_in: float, rows: int = 1, columns: int = 1, **options: Any
     return figure, figure.subplots(rows, columns, **options)
 
 
+def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
+    """Make axes logarithmic, with plain numbers along them.
+
+    matplotlib writes powers as mathtext, which these settings leave as it is (`text.parse_math`).
+    """
+    from matplotlib.ticker import LogFormatter
+
+    class Plain(LogFormatter):  # which ticks have a label, it knows
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return f'{x:g}' if super().__call__(x, pos) else ''
+
+    if x:
+        axes.set_xscale('log')
+    if y:
+        axes.set_yscale('log')
+    for axis in (axes.xaxis,) * x + (axes.yaxis,) * y:
+        axis.set_major_formatter(Plain())
+        axis.set_minor_formatter(Plain(labelOnlyBase=False))
+
+
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
     """Put one legend of what some axes show below the figure, where it hides no data."""
     found: dict[str, Any] = {}

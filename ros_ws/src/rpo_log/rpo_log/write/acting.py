@@ -41,6 +41,7 @@ class Acting:
 
     topics : of the log, in the order of their indices
     reach : ticks after one that show which of its messages acted
+    tells_states : whether it knows which state follows: not where thrusters remember all ticks
     """
 
     def __init__(self, scenario: Scenario, topics: Sequence[Topic]) -> None:
@@ -49,7 +50,7 @@ class Acting:
         whole = Chain.of(scenario)
         self._plant, self._before = whole.part(*_PLANT), whole.part(Place.SENSOR, Place.ESTIMATOR)
         self._delay = self._plant.memory_ticks or 0
-        self._known = self._plant.memory_ticks is not None
+        self.tells_states = self._plant.memory_ticks is not None
         self._free = free_running(topics)
         self._inputs = [name for name in self._plant.inputs if name != RELATIVE_STATE]
         self.reach = HOLD + self._delay
@@ -66,7 +67,7 @@ class Acting:
             return self._applied(index, tick, candidates)
         if signal == RELATIVE_STATE:
             return self._consistent(index, tick - 1, candidates)
-        if signal in map(self._source, self._inputs) and self._known:
+        if signal in map(self._source, self._inputs) and self.tells_states:
             return self._consistent(index, tick + self._late(signal), candidates)
         return None
 

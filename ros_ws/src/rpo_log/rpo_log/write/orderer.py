@@ -60,6 +60,7 @@ class TickOrderer:
     leader : index of the topic of true states
     plain : indices of the topics whose messages hold their stamp only, so that none differ
     judge : returns which message of a topic acted at a tick; None if that is not known
+    tells : whether `judge` knows which state follows; else the first one that comes leads
     reach : ticks after one that show which of its messages acted
     """
 
@@ -70,6 +71,7 @@ class TickOrderer:
     leader: int = 0
     plain: frozenset[int] = frozenset()
     judge: Callable[[int, int, Candidates], bytes | None] = no_judge
+    tells: bool = False
     reach: int = HOLD
     counts: list[Counts] = field(init=False)
 
@@ -176,7 +178,7 @@ class TickOrderer:
 
     def _follows(self, tick: int) -> bool:
         """Return whether a state follows from the one before; it becomes the first of its tick."""
-        if self.judge is no_judge:
+        if not self.tells:
             return True
         state = self.judge(self.leader, tick, self.candidates)
         if state is not None:

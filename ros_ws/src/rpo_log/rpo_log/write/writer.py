@@ -88,6 +88,7 @@ class RunLogWriter:
         if scenario is not None:
             acting = Acting(scenario, self.topics)
             self._orderer.judge, self._orderer.reach = acting.acted, acting.reach
+            self._orderer.tells = acting.tells_states
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)

@@ -1,0 +1,70 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes that take no part in a run, as they say on `stage_status`."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+
+from rpo_core import interfaces
+from rpo_core.chain import signals_of
+from rpo_core.scenario import Scenario
+from rpo_core.statuses import REFUSED, StageStatus
+from rpo_ros.running import FlightNode
+from rpo_ros.signals import hear
+
+_WAIT_S = 1.0
+"""A node that refuses stays for so long; by then its name and its topics are known."""
+_MOST = 64
+
+
+class Refusals:
+    """Weighs each refusal: only a node that serves this flight may end it.
+
+    It serves the flight if it publishes or hears one of its signals, on the topics of this plant.
+    """
+
+    def __init__(self, node: FlightNode, scenario: Scenario) -> None:
+        self._node = node
+        rows = (interfaces.row_of(name) for name in signals_of(scenario))
+        self._topics = {node.resolve_topic_name(row.topic) for row in rows if row.type}
+        self._said: dict[str, tuple[float, str]] = {}
+        self._first_s = 0.0
+        hear(node, StageStatus, self._on_status)
+
+    def _on_status(self, status: StageStatus) -> None:
+        if status.state == REFUSED and len(self._said) < _MOST:
+            now_s = time.monotonic()
+            self._first_s = self._first_s or now_s
+            reason = f'{status.node} takes no part: {status.reason}'
+            self._said.setdefault(status.node, (now_s, reason))
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether a node that refuses may still be found; at most once for so long."""
+        return bool(self._said) and time.monotonic() - self._first_s < _WAIT_S
+
+    def weighed(self) -> list[str]:
+        """Return why nodes of this flight take no part; each is returned once."""
+        found = []
+        for name, (said_s, reason) in list(self._said.items()):
+            if self._serves(name):
+                found.append(reason)
+            elif time.monotonic() - said_s < _WAIT_S:
+                continue
+            del self._said[name]
+        return found
+
+    def _serves(self, name: str) -> bool:
+        """Return whether a node of this name is known to serve this flight."""
+        node, topics = self._node, set()
+        asked = (
+            node.get_publisher_names_and_types_by_node,
+            node.get_subscriber_names_and_types_by_node,
+        )
+        for found, namespace in node.get_node_names_and_namespaces():
+            if found == name:
+                with suppress(RuntimeError):  # it is gone again
+                    topics |= {topic for ask in asked for topic, _ in ask(name, namespace)}
+        return bool(self._topics & topics)

@@ -1,0 +1,50 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every shipped scenario: flown by its nodes, verified, reported."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from test_report import refuse_optima
+from typer.testing import CliRunner
+
+from rpo_core import files, scenario
+from rpo_core.scenario import ScenarioSet
+from rpo_log.verify import verify
+from rpo_training.cli import app
+from tools.node_processes import node_processes
+
+QUICK = ('quick',)
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
+        for name in sorted(files.shipped('scenario'))
+    ],
+)
+def test_a_shipped_scenario_is_flown_verified_and_reported(name, ros_env, tmp_path, monkeypatch):
+    found, flown = scenario.load(name), name
+    if isinstance(found, ScenarioSet):  # one start of a set is flown at a time
+        path = tmp_path / f'{name}.yaml'
+        path.write_text(scenario.dumps(found.farthest))
+        flown = str(path)
+    monkeypatch.delenv('RPO_JIT')
+    env = {key: value for key, value in ros_env.items() if key != 'RPO_JIT'}
+    folder = tmp_path / 'run'
+    options = ('--scenario', flown, '--output', str(folder), '--no-report')
+    with node_processes(env, tmp_path) as ros:
+        node = ros.node('rpo_bringup', 'final_approach', *options)
+        assert node.wait(600.0) == 0, node.output
+    verified = verify(folder)
+    assert verified.exit_code == 0, verified.sentence()
+    if name in QUICK:
+        refuse_optima(monkeypatch)
+    reported = CliRunner().invoke(app, ['report', str(folder)], env={'COLUMNS': '200'})
+    assert reported.exit_code == 0, reported.output
+    page = (folder / 'report/report.html').read_text(encoding='utf-8')
+    assert found.name in page and not re.search(r'>[^<]*\bnan\b', page)

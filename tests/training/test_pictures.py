@@ -1,0 +1,91 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers along logarithmic axes are plain: pictures printed `$\\mathdefault{10^{2}}$`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from rpo_core.controller import load_controller
+from rpo_core.scenario import load_scenario
+from rpo_log.show import style
+from rpo_training.report import training
+from rpo_training.truth import picture, two_body
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def texts(figure: Figure) -> list[str]:
+    """Return the texts of a figure as they are drawn."""
+    figure.draw_without_rendering()
+    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
+
+
+@pytest.mark.parametrize(
+    ('low', 'high', 'wanted'),
+    [
+        (3.97, 1e4, {'10', '100', '1000'}),
+        (1e-6, 1e-1, {'1e-05', '0.01'}),
+        (3.9, 4.2, {'3.9', '4', '4.2'}),  # less than a decade: the ticks between have labels
+    ],
+)
+def test_a_logarithmic_scale_has_plain_numbers(low, high, wanted):
+    with style.applied():
+        figure, axes = style.new_panels(4.0)
+        axes.plot([low, high], [low, high])
+        style.log_scale(axes, x=True)
+        assert not any(re.search(r'[$\\]', text) for text in texts(figure))
+    for axis in (axes.xaxis, axes.yaxis):
+        ticks = (*axis.get_major_ticks(), *axis.get_minor_ticks())
+        assert wanted <= {tick.label1.get_text() for tick in ticks}
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Return the figures that are saved: name -> figure."""
+    found: dict[str, Figure] = {}
+    monkeypatch.setattr(Figure, 'savefig', lambda self, path: found.update({path.name: self}))
+    return found
+
+
+def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
+    columns = 'evaluations', 'mean_fitness', 'best_fitness', 'best_energy_n2s'
+    rows = [(60 * k, 300.0 / k, 4.0 + 8.0 / k, 4.0 + 1.0 / k) for k in range(1, 9)]
+    finalists = [(4.1 + 0.1 * k, 4.3 + 0.1 * k) for k in range(4)]
+    for name, heads, table in (
+        ('history.csv', columns, rows),
+        ('finalists.csv', ('training_fitness', 'held_out_fitness'), finalists),
+    ):
+        lines = [','.join(heads), *(','.join(map(str, row)) for row in table)]
+        (tmp_path / name).write_text('\n'.join(lines))
+    monkeypatch.setattr(training, 'effects', lambda controller: ())  # flights, and no log axes
+    monkeypatch.setattr(training, 'draw_effects', lambda: style.new_panels(2.0)[0])
+    training.draw_run(tmp_path, load_controller('handmade'))
+    flown = replace(load_scenario('approach'), duration_s=8.0)
+    errors = {'two bodies': 1e-5 * np.arange(6.0 * (flown.ticks + 1)).reshape(-1, 6)}
+    growth = tuple(
+        two_body.Growth(d, np.array([1e-6, 1e-5, 1e-4]) * d * d, np.zeros(3)) for d in (10.0, 1e3)
+    )
+    picture.draw(two_body.Comparison('so', flown, errors, None, growth), tmp_path / 'truth.png')
+    assert {'convergence.png', 'held_out.png', 'truth.png'} <= set(drawn)
+    for name, figure in drawn.items():
+        assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name
+    assert {'10', '100'} <= set(texts(drawn['convergence.png']))
+
+
+def test_only_the_style_makes_a_scale_logarithmic():
+    own = re.compile(r"\.semilog|\.loglog|scale\('log'|mathtext")
+    places = [
+        path.name
+        for folder in ('offline_training/rpo_training', 'ros_ws/src', 'tools')
+        for path in (ROOT / folder).rglob('*.py')
+        if own.search(path.read_text(encoding='utf-8'))
+    ]
+    assert places == ['style.py']
