@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rpo_core.validation import InputError, choice
-from rpo_training.commands.shared import Workers
+from rpo_training.commands.shared import NoFail, Workers, end
 
 EXAMPLES = """
 Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluations 600` |
@@ -29,8 +29,12 @@ def bench(
     workers: Workers = 0,
     output: Annotated[Path, typer.Option(help='all: folder of the JSON file')] = Path('runs/bench'),
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
+    no_fail: NoFail = False,
 ) -> None:
-    """Measure speed, and that of other tools in the same run: targets P1 to P5."""
+    """Measure speed, and that of other tools in the same run: targets P1 to P5.
+
+    Exit code 1: a target is missed; only the whole table judges.
+    """
     from rpo_training.bench import machine
 
     choice('what', what, PARTS)
@@ -44,7 +48,7 @@ def bench(
             err=True,
         )
     if what == 'all':
-        _all(output, write)
+        end(not _all(output, write), no_fail)
     elif what == 'inference':
         _inference()
     elif what == 'training':
@@ -55,7 +59,8 @@ def bench(
         _ros()
 
 
-def _all(output: Path, page: Path | None) -> None:
+def _all(output: Path, page: Path | None) -> bool:
+    """Measure all; return whether every target is held."""
     from rpo_training import outputs
     from rpo_training.bench import table
     from rpo_training.display import print_table, progress
@@ -67,6 +72,7 @@ def _all(output: Path, page: Path | None) -> None:
     if page is not None:
         outputs.put(page, 'rpo bench --write', table.markdown(found))
         typer.echo(page)
+    return all(row.holds for row in found.rows)
 
 
 def _inference() -> None:

@@ -13,6 +13,7 @@ import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError, printable
+from rpo_training.commands.shared import NoFail, end
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,11 +51,13 @@ def explain(
             'controller was trained for]'
         ),
     ] = '',
-    certify: Annotated[
-        bool, typer.Option('--certify', help='prove the control surface; exit code 1 if it fails')
-    ] = False,
+    certify: Annotated[bool, typer.Option('--certify', help='prove the control surface')] = False,
+    no_fail: NoFail = False,
 ) -> None:
-    """Say in words why the controller fires: its rules, or one decision of a run or a state."""
+    """Say in words why the controller fires: its rules, or one decision of a run or a state.
+
+    Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
+    """
     from rpo_core.controller import load_controller, only_fuzzy
     from rpo_core.explain import decisions, state_of
     from rpo_core.family import Family
@@ -89,7 +92,7 @@ def explain(
                 f'`--at` needs a run, a folder or a .mcap file; got {target}. To explain a '
                 'controller, leave out `--at`; to explain one state, give `--state`'
             )
-        _explain_run(console, target, at)
+        end(not _explain_run(console, target, at), no_fail)
         return
     if not target:
         raise InputError('say what to explain: a controller, a run with --at, or --state')
@@ -97,9 +100,10 @@ def explain(
         raise InputError(f'{target}: say which instant of the run, like --at 37.5')
     loaded = load_controller(target)
     if isinstance(loaded, Family):
-        explain_family.print_controller(console, loaded, certify)
+        holds = explain_family.print_controller(console, loaded, certify)
     else:
-        _explain_controller(console, only_fuzzy(loaded), certify)
+        holds = _explain_controller(console, only_fuzzy(loaded), certify)
+    end(not holds, no_fail)
 
 
 def _is_run(target: str) -> bool:
@@ -129,8 +133,8 @@ def _from_goal(
     return base.from_goal(state)
 
 
-def _explain_run(console: Console, path: str, at: float) -> None:
-    """Print the decisions at the tick at or before a time, and check them against the log."""
+def _explain_run(console: Console, path: str, at: float) -> bool:
+    """Print the decisions at the tick at or before a time; return whether the log has the same."""
     import numpy as np
 
     from rpo_core.controller import only_fuzzy
@@ -178,8 +182,7 @@ def _explain_run(console: Console, path: str, at: float) -> None:
     else:
         console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
     same_decision = _compare_decision(console, path, log.base.stamp_ns(tick), reasons)
-    if not same_decision or (np.isfinite(logged).all() and tuple(logged.tolist()) != same):
-        raise typer.Exit(1)
+    return same_decision and (not np.isfinite(logged).all() or tuple(logged.tolist()) == same)
 
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
@@ -245,7 +248,8 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
         )
 
 
-def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> None:
+def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> bool:
+    """Print a controller; return whether its certificate, if asked for, holds."""
     from rpo_training.analysis.certificate import certify as examine
     from rpo_training.analysis.rule_base import WELL, warnings
 
@@ -264,11 +268,11 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
         console.print(f': {warning}', soft_wrap=True)
     if not found:
         console.print(f'No warnings. {WELL}')
-    if certify:
-        certificate = examine(controller.system)
-        _print_certificate(console, controller, certificate)
-        if not certificate.holds:
-            raise typer.Exit(1)
+    if not certify:
+        return True
+    certificate = examine(controller.system)
+    _print_certificate(console, controller, certificate)
+    return certificate.holds
 
 
 def _print_rules(controller: FuzzyController) -> None:

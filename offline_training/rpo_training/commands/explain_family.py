@@ -7,8 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import typer
-
 from rpo_core.family import Family
 from rpo_core.validation import InputError, printable
 
@@ -19,8 +17,8 @@ if TYPE_CHECKING:
     from rpo_core.kernels import Vector
 
 
-def print_controller(console: Console, controller: Family, certify: bool) -> None:
-    """Print the rules of a controller; with `certify` what is proven, exit code 1 if it fails."""
+def print_controller(console: Console, controller: Family, certify: bool) -> bool:
+    """Print the rules of a controller, with `certify` what is proven; return whether it holds."""
     from rpo_training.display import print_table
 
     console.print(controller.name, style='bold', end='')
@@ -28,15 +26,14 @@ def print_controller(console: Console, controller: Family, certify: bool) -> Non
     for title, headings, rows in controller.tables():
         print_table(headings, rows, title)
     if not certify:
-        return
+        return True
     claims = controller.claims()
     console.print('\nCertificate', style='bold')
     for claim in claims:
         word, color = ('proven', 'green') if claim.holds else ('not proven', 'yellow')
         console.print(f'{word:10s}', style=color, end='')
         console.print(f' {claim.name}: {claim.statement}', soft_wrap=True)
-    if not all(claim.holds for claim in claims if claim.needed):
-        raise typer.Exit(1)
+    return all(claim.holds for claim in claims if claim.needed)
 
 
 def print_at(

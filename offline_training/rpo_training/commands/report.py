@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.validation import InputError, printable, within
-from rpo_training.commands.shared import echo
+from rpo_training.commands.shared import NoFail, echo, end
 
 if TYPE_CHECKING:
     from rpo_training.report.blocks import Report
@@ -46,8 +46,12 @@ def report(
         ),
     ] = '',
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
+    no_fail: NoFail = False,
 ) -> None:
-    """Draw a run, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained."""
+    """Draw a run, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained.
+
+    Exit code 1: something that the page judges is missed; the page is written all the same.
+    """
     from rich.text import Text
 
     from rpo_training.display import plain_console
@@ -65,7 +69,9 @@ def report(
         echo(path)
     if open_:
         typer.launch(paths[-1].resolve().as_uri())
-    raise typer.Exit(int(code))
+    if code:
+        raise typer.Exit(int(code))
+    end(made.missed, no_fail)
 
 
 Made = tuple['Report', Path, int]

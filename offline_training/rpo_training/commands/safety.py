@@ -11,7 +11,7 @@ import typer
 
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError
-from rpo_training.commands.shared import Set, interruptible
+from rpo_training.commands.shared import NoFail, Set, end, interruptible
 
 safety = typer.Typer(
     name='safety',
@@ -87,6 +87,7 @@ def attack(
     seed: Annotated[int, typer.Option(min=0, help='of all that is drawn')] = 1,
     ticks: Annotated[int, typer.Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
     changes: Set = None,
+    no_fail: NoFail = False,
 ) -> None:
     """Fly dispersed runs under hostile commands and faults; exit code 1 if a limit is broken.
 
@@ -133,8 +134,7 @@ def attack(
     broken = sum(r.total(column) for r in results for column in columns[:3])
     typer.echo(LEGEND)
     typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
-    if broken:
-        raise typer.Exit(1)
+    end(broken > 0, no_fail)
 
 
 @safety.command(epilog=QUIET_EXAMPLES)
@@ -240,13 +240,14 @@ def peers(
         bool,
         typer.Option('--prove', help='ARCH-COMP: prove its regulator instead, from every start'),
     ] = False,
+    no_fail: NoFail = False,
 ) -> None:
     """Fly benchmarks of others, with our stack and with the controllers that they have.
 
     Exit code 1 if our stack breaks a constraint; with --prove, if an instance is not as named.
     """
     if prove:
-        _prove_peers(files)
+        end(not _prove_peers(files), no_fail)
         return
     from rpo_core.controller import load_controller
     from rpo_core.scenario import load_scenario
@@ -262,12 +263,11 @@ def peers(
         cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
         print_table((*benchmarks.HEADINGS[known], 'constraints'), cells, scenario.name)
         broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
-    if broken:
-        raise typer.Exit(1)
+    end(broken > 0, no_fail)
 
 
-def _prove_peers(files: list[str]) -> None:
-    """Print what is proven of ARCH-COMP's instances."""
+def _prove_peers(files: list[str]) -> bool:
+    """Print what is proven of ARCH-COMP's instances; return whether all is as they say."""
     from rpo_core.scenario import load_scenario
     from rpo_core.validation import choice
     from rpo_training.display import print_table, progress
@@ -277,6 +277,7 @@ def _prove_peers(files: list[str]) -> None:
     scenarios = [load_scenario(file) for file in files]
     for scenario in scenarios:
         choice('scenario', scenario.name, (benchmarks.ARCH,))
+    as_expected = True
     for scenario in scenarios:
         with interruptible(lambda: 'stopped'), progress() as show:
             proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
@@ -287,5 +288,5 @@ def _prove_peers(files: list[str]) -> None:
         print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
         for sentence in filter(None, map(rendezvous.flight_of, found)):
             typer.echo(sentence)
-        if not all(v.as_expected for v in found):
-            raise typer.Exit(1)
+        as_expected &= all(v.as_expected for v in found)
+    return as_expected

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from rpo_training.commands import shared
 from rpo_training.commands.shared import echo, interruptible
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def fly(run: SearchRun[Config, Found]) -> Found:
     return best
 
 
-def end(run: SearchRun[Config, Found], best: Found) -> None:
+def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
     """End with exit code 1 and a sentence if the best controller misses a condition."""
     misses = {name: n for name, n in best.provenance['starts_that_miss'].items() if n}
     if not misses:
@@ -51,4 +52,4 @@ def end(run: SearchRun[Config, Found], best: Found) -> None:
         'another seed or more evaluations; or give the scenario more time, force or weaker limits.',
         err=True,
     )
-    raise typer.Exit(1)
+    shared.end(missed=True, no_fail=no_fail)

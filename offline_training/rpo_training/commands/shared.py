@@ -34,6 +34,20 @@ Cluster = Annotated[
 ]
 
 
+NoFail = Annotated[
+    bool, typer.Option('--no-fail', help='exit code 0 although something judged is missed')
+]
+
+
+def end(missed: bool, no_fail: bool) -> None:
+    """End with exit code 1 where something that the command judged is missed.
+
+    One rule for all commands: docs/exit_codes.md.
+    """
+    if missed and not no_fail:
+        raise typer.Exit(1)
+
+
 @contextmanager
 def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
     """Let Ctrl-C or SIGTERM end the work inside with a sentence and exit code 130."""

@@ -12,7 +12,7 @@ import typer
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.validation import InputError
 from rpo_training import outputs
-from rpo_training.commands.shared import Set
+from rpo_training.commands.shared import NoFail, Set, end
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
@@ -26,11 +26,16 @@ def simulate(
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    no_fail: NoFail = False,
 ) -> None:
-    """Fly one scenario without ROS: the bits that the nodes fly, and their metrics."""
+    """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
+
+    Exit code 1: a requirement of the scenario is missed.
+    """
     from rpo_core import overrides
     from rpo_core.controller import load_controller
     from rpo_core.flight import fly
+    from rpo_core.verdicts import missed
     from rpo_log.show.report import print_table
 
     if scenario and named:
@@ -40,3 +45,4 @@ def simulate(
     print_table(flight, f'{flown.name}, controller {controller}')
     if csv:
         outputs.write_flight(flight, csv)
+    end(missed(flight), no_fail)

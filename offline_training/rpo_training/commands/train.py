@@ -11,11 +11,12 @@ import typer
 
 from rpo_core.validation import InputError, choice
 from rpo_training.commands.searching import end, fly
-from rpo_training.commands.shared import Cluster, Workers, echo
+from rpo_training.commands.shared import Cluster, NoFail, Workers, echo
 
 if TYPE_CHECKING:
     from rpo_core.controller import FuzzyController
     from rpo_training.search.config import TrainingConfig
+    from rpo_training.search.family_training import FamilyTraining
     from rpo_training.search.training import Training
 
 EXAMPLES = """
@@ -57,6 +58,7 @@ def train(
     cluster: Cluster = '',
     show: Annotated[bool, typer.Option('--show', help='print the configuration, and end')] = False,
     plots: Annotated[bool, typer.Option(help='pictures at the end')] = True,
+    no_fail: NoFail = False,
 ) -> None:
     """Train a controller; the same configuration and seed give the same bits anywhere.
 
@@ -74,14 +76,16 @@ def train(
             raise InputError('`--resume` takes its configuration from the run folder: give none')
         if (resume / FAMILY).exists():
             training = FamilyTraining.resume(resume, workers)
-            end(training, fly(training))
+            end(training, fly(training), no_fail)
         else:
-            _fly(Training.resume(resume, workers, cluster), plots)
+            _fly(Training.resume(resume, workers, cluster), plots, no_fail)
         return
     if family or (config is not None and is_family(config)):
         if preset or algorithm or cluster:
             raise InputError('`--family` takes no `--preset`, `--algorithm` and `--cluster`')
-        _train_family(family, scenario, config, seed, settings or [], output, workers, show)
+        found = _family(family, scenario, config, seed, settings or [], output, workers, show)
+        if found is not None:
+            end(found, fly(found), no_fail)
         return
     options = {'seed': seed, 'algorithm': algorithm}
     named = [f'{key}={value}' for key, value in options.items() if value is not None]
@@ -95,10 +99,10 @@ def train(
     if show:
         typer.echo(configs.dumps(chosen), nl=False)
         return
-    _fly(Training.create(chosen, folder, workers, cluster), plots)
+    _fly(Training.create(chosen, folder, workers, cluster), plots, no_fail)
 
 
-def _train_family(
+def _family(
     family: str,
     scenario: str,
     path: Path | None,
@@ -107,7 +111,8 @@ def _train_family(
     output: Path | None,
     workers: int,
     show: bool,
-) -> None:
+) -> FamilyTraining | None:
+    """Return a training run of a family; None where its configuration was shown instead."""
     from rpo_training.search import config as configs
     from rpo_training.search import family_training
 
@@ -124,9 +129,8 @@ def _train_family(
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
         typer.echo(family_training.dumps(chosen), nl=False)
-        return
-    training = family_training.FamilyTraining.create(chosen, folder, workers)
-    end(training, fly(training))
+        return None
+    return family_training.FamilyTraining.create(chosen, folder, workers)
 
 
 def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfig:
@@ -139,11 +143,11 @@ def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfi
     return fitted(base, scenario) if scenario else base
 
 
-def _fly(training: Training, plots: bool) -> None:
+def _fly(training: Training, plots: bool, no_fail: bool) -> None:
     best = fly(training)
     if plots:
         _draw(training, best)
-    end(training, best)
+    end(training, best, no_fail)
 
 
 def _draw(training: Training, best: FuzzyController) -> None:

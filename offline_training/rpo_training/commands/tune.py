@@ -11,7 +11,7 @@ import typer
 
 from rpo_core.validation import InputError
 from rpo_training.commands.searching import end, fly
-from rpo_training.commands.shared import Workers
+from rpo_training.commands.shared import NoFail, Workers
 
 EXAMPLES = """
 Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
@@ -36,6 +36,7 @@ def tune(
     ] = None,
     resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
     workers: Workers = 0,
+    no_fail: NoFail = False,
 ) -> None:
     """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
 
@@ -48,9 +49,9 @@ def tune(
         raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
     if resume is not None:
         tuning = Tuning.resume(resume, workers)
-        end(tuning, fly(tuning))
+        end(tuning, fly(tuning), no_fail)
         return
     budget = BUDGET if evaluations is None else evaluations
     config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
     tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
-    end(tuning, fly(tuning))
+    end(tuning, fly(tuning), no_fail)

@@ -64,11 +64,16 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """A whole report; summary : one sentence."""
+    """A whole report.
+
+    summary : one sentence
+    missed : whether something that the report judges is missed
+    """
 
     title: str
     summary: str
     sections: tuple[Section, ...] = field(default=())
+    missed: bool = False
 
     @property
     def pictures(self) -> list[Picture]:

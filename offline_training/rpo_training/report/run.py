@@ -18,6 +18,7 @@ from rpo_core.flight import Flight
 from rpo_core.interfaces import RELATIVE_STATE
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
+from rpo_core.verdicts import missed
 from rpo_core.zones import zones_of
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE
@@ -84,7 +85,8 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
             Section('Files', tuple(_files(log))),
         ]
     title = log_report.title_of(log)
-    return Report(title, _summary(shown, log), tuple(sections)), shown
+    judged = shown.whole and missed(flight)
+    return Report(title, _summary(shown, log), tuple(sections), judged), shown
 
 
 def _optima(shown: LoggedFlight) -> _Optima:

@@ -54,11 +54,13 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
     return nodes
 
 
-def _report(folder: Path, plant: PlantNode, wall_s: float) -> None:
+def _report(folder: Path, plant: PlantNode, wall_s: float) -> bool:
+    """Print and draw a recorded flight; return whether it misses a requirement."""
     duration_s = plant.scenario.duration_s
     print(f'simulated {duration_s:g} s in {wall_s:.2f} s, start included: {folder}')
-    picture = report.show(folder)
+    picture, missed = report.show(folder)
     print(picture or 'no picture: matplotlib is missing (apt: python3-matplotlib; pip: matplotlib)')
+    return missed
 
 
 def main() -> int:
@@ -84,7 +86,8 @@ def main() -> int:
         code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
     if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
         try:
-            _report(nodes[-1].folder, nodes[0], time.monotonic() - begun)
+            missed = _report(nodes[-1].folder, nodes[0], time.monotonic() - begun)
+            code = int(missed and not options.no_fail)
         except (InputError, LogError) as error:
             print(error, file=sys.stderr)
             return EXIT_BAD_INPUT

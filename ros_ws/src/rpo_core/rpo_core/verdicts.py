@@ -91,6 +91,11 @@ def verdicts(flight: Flight) -> list[Verdict]:
     return found
 
 
+def missed(flight: Flight) -> bool:
+    """Return whether a requirement that the flight is judged by is missed."""
+    return any(verdict.holds is False for verdict in verdicts(flight))
+
+
 def unit_of(key: str) -> str:
     """Return the unit of a requirement."""
     return _SHOWN[key][0]

@@ -29,8 +29,8 @@ EXIT_DIFFERENT = 1
 EXIT_NO_ANSWER = 3
 
 _FASTEST_S, _LOOK_S = 1e-4, 0.02
-"""Between two ticks of a replay as fast as possible; between two looks at a driven controller, which
-needs the processor too: its answers bring the ticks."""
+"""Between two ticks of a replay as fast as possible; between two looks at a driven controller,
+which needs the processor too: its answers bring the ticks."""
 _SETTLED_S = 0.5
 """Topics of a listener are found one by one; after so long without a new one, all are found."""
 

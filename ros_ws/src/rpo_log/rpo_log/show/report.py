@@ -16,7 +16,7 @@ from rpo_core import metrics
 from rpo_core.flight import Flight
 from rpo_core.scenario import Scenario
 from rpo_core.validation import printable
-from rpo_core.verdicts import Verdict, verdicts
+from rpo_core.verdicts import Verdict, missed, verdicts
 from rpo_log.format.run import CONTROLLER, REPORT
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.show import style
@@ -35,15 +35,17 @@ COLUMNS = ('metric', 'value', 'limit', 'verdict')
 TableLine = tuple[str, str, str, str]
 
 
-def show(run: Path) -> Path | None:
-    """Print the table of a run, draw its picture into `report/`; return the picture's path.
+def show(run: Path) -> tuple[Path | None, bool]:
+    """Print the table of a run, draw its picture into `report/`.
+
+    Returns the picture's path, None without matplotlib, and whether a requirement is missed.
 
     Raises LogError if the log is not that of a whole flight.
     """
     log = read_run(run)
     flight, title = flight_of(log), title_of(log)
     print_table(flight, title)
-    return draw(flight, folder_of(run), title)
+    return draw(flight, folder_of(run), title), missed(flight)
 
 
 def title_of(log: RunLog) -> str:
