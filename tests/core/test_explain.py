@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core_oracles import grade, mamdani, triangles
+from core_oracles import aggregate, grade, mamdani, triangles
 from core_strategies import systems
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo_core import explain
-from rpo_core.controller import FuzzyController
+from rpo_core.controller import FuzzyController, load_controller
 from rpo_core.fuzzy import WORDS, MembershipFunctions
 from rpo_core.validation import InputError
 
@@ -45,10 +45,94 @@ def test_decisions_are_what_is_commanded(system, state):
         json.dumps(dict(decision.pairs()), allow_nan=False)
 
 
-def test_the_sentence_of_the_issue(handmade):
+@given(systems(), component, component)
+def test_shares_of_words_make_the_force(system, position, velocity):
+    """Shares add up to 1, and share times centroid to the output; each is its part of the area.
+
+    The area of a word: by the definition of the output set, sample by sample, between that of the
+    samples where it is clearly the greatest, and where it is the greatest to within rounding.
+    """
+    decision = explain.decide(FuzzyController('any', system, 70.0, 0.9, 0.5), position, velocity)
+    errors = decision.position_error, decision.velocity_error
+    shares = [part.share for part in decision.parts.values()]
+    samples, heights = aggregate(system, *errors)
+    assert sum(shares) == pytest.approx(1.0 if sum(heights) else 0.0, abs=1e-12)
+    made = sum(part.share * part.centroid for part in decision.parts.values())
+    assert made == pytest.approx(mamdani(system, *errors), abs=1e-12)
+    assert made == pytest.approx(decision.output, abs=1e-12)
+    for word, strength in zip(WORDS, decision.strengths, strict=True):
+        clearly, about = 0.0, 0.0
+        for y, height in zip(samples, heights, strict=True):
+            own = min(strength, grade(y, triangles(system.force)[word]))
+            others = [
+                min(other, grade(y, triangles(system.force)[name]))
+                for name, other in zip(WORDS, decision.strengths, strict=True)
+                if name != word
+            ]
+            clearly += height if own > max(others) + 1e-12 else 0.0
+            about += height if own > 0.0 and own > max(others) - 1e-12 else 0.0
+        area = decision.parts[word].share * sum(heights) if word in decision.parts else 0.0
+        assert clearly - 1e-9 <= area <= about + 1e-9
+        if word in decision.parts:
+            assert decision.deciding(word), 'a part has a rule that decides it'
+
+
+def test_the_strongest_rule_is_not_the_force():
+    """Of `allround`: zero is the strongest by far, and makes a fifth of a force of 0.12 N."""
+    decision = explain.decide(load_controller('allround'), -11.0, 0.5)
+    assert 'force zero, 1.00' in decision.strongest
+    assert decision.force_n == pytest.approx(-0.1201, abs=1e-4)
+    assert decision.reasons.sentence == (
+        '-0.12 N, between small negative and zero (24 % of 0.5 N): '
+        '67 % from small negative (-0.234 N), because position error is small positive and '
+        'velocity error is large negative; '
+        '19 % from zero (0 N), because position error is small positive and velocity error is '
+        'small negative; '
+        '15 % from small positive (+0.247 N), because position error is large positive and '
+        'velocity error is small negative'
+    )
+    assert decision.reasons.brief.endswith(': 67 % SP, LN → small negative (-0.234 N); '
+        '19 % SP, SN → zero (0 N); 15 % LP, SN → small positive (+0.247 N)')  # fmt: skip
+    said = dict(decision.pairs())
+    for controller, words in (
+        (load_controller('allround'), decision.reasons.sentence),
+        (load_controller('robust'), f'strongest rule: {decision.strongest}'),
+        (None, f'strongest rule: {decision.strongest}'),
+    ):
+        assert explain.in_words(controller, decision.strongest, said).sentence == words
+
+
+def test_rules_that_tie_decide_together(handmade):
+    """At e = v = -0.25 all four rules that fire have the strength 0.5; three command SN."""
+    functions = MembershipFunctions(0.5, 0.0, 0.5, 1.0, 0.5)
+    system = replace(handmade.system, position=functions, velocity=functions)
+    decision = explain.decide(FuzzyController('any', system, 1.0, 1.0, 1.0), 0.25, 0.25)
+    tied = {(r.position, r.velocity) for r in decision.deciding('SN')}
+    assert tied == {('SN', 'SN'), ('SN', 'Z'), ('Z', 'SN')}
+    assert decision.reasons.sentence.count(', or position error is') == 2
+
+
+@pytest.mark.parametrize(
+    ('output', 'words'),
+    [
+        (0.0, 'zero'),
+        (0.05, 'about zero'),
+        (0.25, 'between zero and small positive'),
+        (0.47, 'about small positive'),
+        (0.5, 'small positive'),
+        (-0.7, 'between large negative and small negative'),
+        (-0.95, 'about large negative'),
+        (1.0, 'large positive'),
+    ],
+)
+def test_a_force_has_words(output, words):
+    assert explain.place(output, 0.5) == words
+
+
+def test_the_strongest_rule_of_a_state(handmade):
     """At 10 m, at rest: e = -1/7 is SN to 5/7, Z to 2/7."""
     decision = explain.decide(handmade, 10.0, 0.0)
-    assert decision.sentence == (
+    assert decision.strongest == (
         'position error is small negative and velocity error is zero → force small negative, 0.71'
     )
     assert decision.rules[0].strength == pytest.approx(5 / 7)
@@ -66,7 +150,8 @@ def test_without_a_rule_there_is_no_force(handmade):
     bare = replace(handmade.system, position=MembershipFunctions(0.1, 0.5, 0.6, 0.7, 0.8))
     decision = explain.decide(replace(handmade, system=bare), -0.3 * 70.0, 0.0)
     assert (decision.rules, decision.force_n) == ((), 0.0)
-    assert decision.sentence == 'no rule fires → no force, 0.00'
+    assert decision.strongest == 'no rule fires → no force, 0.00'
+    assert decision.reasons.sentence == decision.reasons.brief == '0 N: no rule fires'
 
 
 @pytest.mark.parametrize(

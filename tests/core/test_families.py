@@ -17,7 +17,7 @@ from scipy.interpolate import RegularGridInterpolator
 from rpo_core import controller, cw, metrics
 from rpo_core.baseline_kernels import axis_force, baseline_force
 from rpo_core.baselines import Model, Mpc
-from rpo_core.explain import reasons
+from rpo_core.explain import in_words, reasons
 from rpo_core.family import Gene, Mission, family_of
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
@@ -211,6 +211,35 @@ def test_reasons_say_the_words_and_the_force_of_the_flight():
     assert 'the closing speed is resting (0 m/s)' in reasons(MORE, state, state[:3])[1][0]
     assert 'the pace is resting' in reasons(PACE, state, state[:3])[1][0]
     assert 'time to go is short' in reasons(TO_GO, state, state[:3], 1250)[0][0]
+
+
+@pytest.mark.parametrize('law', [PACE, MORE], ids=['pace', 'more_words'])
+@given(st.floats(-150.0, 150.0), st.floats(-1.5, 1.5))
+def test_all_rules_of_a_force_are_said_with_their_shares(law, position, velocity):
+    """Shares add up to 1, and share times force to the force, which may be limited."""
+    (said, pairs), *_ = reasons(law, (position, 0.0, 0.0, velocity, 0.0, 0.0), (0.0,) * 3)
+    force = dict(pairs)['force_n']
+    found = in_words(law, said, dict(pairs))
+    assert sum(cause.share for cause in found.causes) == pytest.approx(1.0, abs=1e-12)
+    pulls = [float(cause.what.split(' N')[0]) for cause in found.causes]
+    ways = [-1.0 if 'away' in cause.what else 1.0 for cause in found.causes]
+    pull = sum(c.share * p * way for c, p, way in zip(found.causes, pulls, ways, strict=True))
+    limited = min(max(pull, -law.max_force_n), law.max_force_n)
+    assert limited == pytest.approx(-force if position >= 0.0 else force, abs=2e-3)
+    assert ('limited from' in found.force) == (abs(force) == law.max_force_n and abs(pull) > 0.5)
+    assert found.force.startswith(f'{force:+.3g} N' if force else '0 N')
+    other = in_words(law, said, {**dict(pairs), 'force_n': force + 0.01}).sentence
+    assert other == f'strongest rule: {said}'
+
+
+def test_a_limited_force_is_said_to_be_limited():
+    state = (900.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    (x, y, _) = (
+        in_words(TO_GO, said, dict(pairs)).sentence
+        for said, pairs in reasons(TO_GO, state, (0.0,) * 3, 1000)
+    )
+    assert x.startswith('-0.5 N, limited from −') and 'time to go is medium' in x
+    assert y == reasons(TO_GO, state, (0.0,) * 3, 1000)[1][0] and 'force −' in y
 
 
 def changed(law, **changes):

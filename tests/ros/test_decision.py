@@ -50,7 +50,7 @@ def test_it_says_what_it_does_once_a_period(ros_env):
     from rpo_core.controller import load_controller
 
     expected = {
-        (f'decision: {d.axis}', d.sentence, tuple((k, repr(x)) for k, x in d.pairs()))
+        (f'decision: {d.axis}', d.strongest, tuple((k, repr(x)) for k, x in d.pairs()))
         for d in decisions(load_controller(DEFAULT_CONTROLLER), STATE)
     }
     assert node_said == expected
@@ -86,6 +86,6 @@ def test_the_log_has_what_was_said_and_it_is_true(ros_env, tmp_path):
         for axis, expected in zip(
             decision.axes, decisions(controller, log.states[tick].tolist()), strict=True
         ):
-            assert axis.message == expected.sentence
+            assert axis.message == expected.strongest
             assert list(axis.values) == [(k, repr(x)) for k, x in expected.pairs()]
             assert float(dict(axis.values)['force_n']) == expected.force_n

@@ -33,8 +33,9 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core import files
+from rpo_core import explain, files
 from rpo_core.cdr import Status
+from rpo_core.controller import load_fuzzy
 from rpo_core.statuses import Manifest, RunStatus
 from rpo_core.validation import InputError
 from rpo_ros import conversions, names, qos
@@ -118,9 +119,13 @@ def test_the_transform_places_the_chaser():
     assert transform.transform.rotation.w == 1.0
 
 
+NAMES = {'plant': 'scenario', 'controller': 'controller'}
+
+
 def manifest(role: str, value: str) -> Manifest:
-    """Return the manifest of a plant with a scenario, or of a controller with a name."""
-    key = 'file.scenario.yaml' if role == 'plant' else 'parameter.controller'
+    """Return the manifest of a plant with a scenario, of a controller with a name or its file."""
+    named = role == 'controller' and not value.startswith('schema:')
+    key = 'parameter.controller' if named else f'file.{NAMES[role]}.yaml'
     return Manifest.of(Status(0, role, 'manifest', 'none', (('role', role), (key, value))))
 
 
@@ -251,17 +256,46 @@ def test_valves_and_propellant_of_a_world_are_shown():
     assert run.snapshot('/s')['exerted_n'] is None
 
 
+def controller_text(name: str) -> str:
+    """Return the file of a shipped controller."""
+    return files.read_text(files.find('controller', name))
+
+
+def said_of(name: str, position_m: float, velocity_m_s: float) -> tuple[str, dict[str, str]]:
+    """Return what a shipped controller publishes of an axis."""
+    decision = explain.decide(load_fuzzy(name), position_m, velocity_m_s)
+    return decision.strongest, {key: repr(value) for key, value in decision.pairs()}
+
+
+def test_all_rules_that_make_a_force_are_shown():
+    """The controller is in its manifest; of an unknown one, the rule is said to be one of them."""
+    said, values = said_of('allround', -11.0, 0.5)
+    assert 'force zero' in said and float(values['force_n']) < -0.12
+    run = heard()
+
+    def shown(text: str, sentence: str, published: dict[str, str]) -> str:
+        run.on_manifest(manifest('controller', text))
+        run.on_decision('y', sentence, published)
+        return str(run.snapshot('/s')['decisions']['y']['sentence'])
+
+    all_of_it = '-0.12 N, between small negative and zero (24 % of 0.5 N): 67 % from small negative'
+    assert shown(controller_text('allround'), said, values).startswith(all_of_it)
+    for other in (controller_text('robust'), 'schema: other', ''):
+        assert shown(other, said, values) == f'strongest rule: {said}'
+    assert shown(controller_text('pd'), 'commands 0.1 N', {'force_n': '0.1'}) == 'commands 0.1 N'
+    for wrong in ('nan', '1e308', '-1e308', 'much', ''):
+        published = {**values, 'position_error': wrong}
+        found = shown(controller_text('allround'), said, published)
+        assert found == f'strongest rule: {said}'
+
+
 def test_a_small_terminal_shows_all_of_it():
     """At 80 x 24 half of the force bars was cut."""
     run = heard()
     run.scenario = replace(run.scenario, goal_position_m=(0.0, 10.0, 0.0))
-    sentence = (
-        'position error is large negative and velocity error is small positive → '
-        'force small negative, 0.94'
-    )
-    rules = {f'rule.{p}.SP.SN': '0.25' for p in ('LN', 'SN', 'Z', 'SP')}
+    run.on_manifest(manifest('controller', controller_text('allround')))
     for axis in 'xyz':
-        run.on_decision(axis, sentence, rules)
+        run.on_decision(axis, *said_of('allround', -11.0, 0.5))
     run.on_state(START_NS + 2 * 10**9, (-100.0, -100.0, -100.0, -1.0, -1.0, -1.0))
     console = Console(width=80, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115
     console.print(terminal.view(run, '/relative_state'))
@@ -270,6 +304,7 @@ def test_a_small_terminal_shows_all_of_it():
     assert sum('│·' in line or '·│' in line for line in lines) == 3
     assert not any('…' in line for line in lines)
     assert 'Δv about' in '\n'.join(lines) and 'range rate' in '\n'.join(lines)
+    assert sum('15 %' in line for line in lines) == 3, 'the last of the rules that make a force'
 
 
 def test_zero_has_no_sign():

@@ -25,6 +25,7 @@ from rich.console import Console
 from rich.terminal_theme import DEFAULT_TERMINAL_THEME, SVG_EXPORT_THEME
 from tornado.websocket import websocket_connect
 
+from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_view import terminal
 from rpo_view.listening import ListeningNode
 from tools.node_processes import node_processes
@@ -88,7 +89,8 @@ def test_the_page_follows_a_flight(ros_env, tmp_path):
         ros.node('rpo_bringup', *FLIGHT, '--output', str(tmp_path / 'run'))
         until(page, 'now.time_s > 62 && now.decisions.x && forces.length > 20')
         assert page.evaluate('el("sentence").textContent') == 'running: flying'
-        assert page.evaluate('el("who").textContent') == 'scenario paper_test, controller trained'
+        who = f'scenario paper_test, controller {DEFAULT_CONTROLLER}'
+        assert page.evaluate('el("who").textContent') == who
         assert page.evaluate('document.querySelectorAll("td[title^=strength]").length') >= 3
         for theme in ('light', 'dark'):
             look(page, WIDTH, theme)
@@ -160,7 +162,9 @@ def test_the_terminal_view_follows_a_flight(ros_env, tmp_path):
         svg = re.sub(r'@font-face {.*?}', '', svg, flags=re.S)  # the reader's own font
         assert 'url(http' not in svg
         (pictures / f'watch_{name}.svg').write_text(svg)
-    assert 'paper_test · trained' in console.export_text()
+    shown = console.export_text()
+    assert f'paper_test · {DEFAULT_CONTROLLER}' in shown
+    assert re.search(r'of 0.5 N\): \d+ % ', shown), 'the rules that make the force'
     executor.remove_node(node)
     node.destroy_node()
     rclpy.try_shutdown()

@@ -99,14 +99,15 @@ def test_a_state_is_explained():
     done = run('--state', '10,60,-40,0.1,0,0')
     assert done.exit_code == 0
     for decision in decisions(load_controller(DEFAULT_CONTROLLER), (10, 60, -40, 0.1, 0, 0)):
-        assert decision.sentence in done.stdout and f'{decision.force_n:.6f} N' in done.stdout
+        assert decision.reasons.sentence in done.stdout
+        assert f'{decision.force_n:.6f} N' in done.stdout
 
 
 def test_a_state_is_explained_by_the_controller_named(tmp_path):
     state = (10.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     done = run('--state=10,0,0,0,0,0', '--controller', broken(tmp_path))
     (x, _, _) = decisions(load_controller(broken(tmp_path)), state)
-    assert x.sentence in done.stdout and x.force_n > 0.0
+    assert x.reasons.sentence in done.stdout and x.force_n > 0.0
     assert run(broken(tmp_path), '--state=10,0,0,0,0,0').stdout == done.stdout
 
 
@@ -116,7 +117,7 @@ def test_an_instant_of_a_run_is_explained_with_the_bits_of_the_log(folder):
     assert done.exit_code == 0
     assert 'tick 37, 3.7 s' in done.stdout and 'the same, bit for bit' in done.stdout
     for decision in decisions(load_controller('handmade'), flight.states[37]):
-        assert decision.sentence in done.stdout
+        assert decision.reasons.sentence in done.stdout
     assert 'tick 37, 3.7 s' in run(path / 'run.mcap', '--at', 3.79).stdout
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rpo_core.controller import AnyController, FuzzyController
     from rpo_core.controller_file import Reason
-    from rpo_core.explain import Decision
+    from rpo_core.explain import Decision, FiredRule
     from rpo_training.analysis.certificate import Certificate
 
 EXAMPLES = """
@@ -167,7 +167,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
         found = decisions(only_fuzzy(controller), state)
         _print_decisions(console, found)
         same = found[0].force_n, found[1].force_n, found[2].force_n
-        reasons = [(d.sentence, d.pairs()) for d in found]
+        reasons = [(d.strongest, d.pairs()) for d in found]
     logged = log.forces_n[row]
     if any(on_top):
         x, y, z = map(add, same, on_top)
@@ -216,6 +216,11 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
     def error(value: float, saturated: bool) -> str:
         return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
 
+    def share(decision: Decision, rule: FiredRule) -> str:
+        part = decision.parts.get(rule.force) if rule.decides else None
+        ties = len(decision.deciding(rule.force))
+        return f'{100.0 * part.share / ties:.1f} %' if part else ''
+
     for decision in found:
         console.print(f'\n{decision.axis}', style='bold', end='')
         console.print(
@@ -225,7 +230,7 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
             f'{error(decision.velocity_error, decision.velocity_saturated)}',
             soft_wrap=True,
         )
-        console.print(decision.sentence, soft_wrap=True)
+        console.print(decision.reasons.sentence, soft_wrap=True)
         position = dict(zip(WORDS, decision.position_grades, strict=True))
         velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
         rows = [
@@ -234,16 +239,18 @@ def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
                 f'{rule.velocity} {velocity[rule.velocity]:.4f}',
                 rule.force,
                 f'{rule.strength:.4f}',
-                'decides' if rule.decides else '',
+                share(decision, rule),
             )
             for rule in decision.rules
         ]
-        print_table(('position error', 'velocity error', 'force', 'strength', ''), rows, left=3)
-        strengths = zip(WORDS, decision.strengths, strict=True)
-        words = ', '.join(f'{word} {grade:.4f}' for word, grade in strengths if grade > 0.0)
+        headings = ('position error', 'velocity error', 'force', 'strength', 'share')
+        print_table(headings, rows, left=3)
+        sums = ' + '.join(
+            f'{part.share:.4f} × {part.centroid:.4f} ({word})'
+            for word, part in decision.parts.items()
+        )
         console.print(
-            f'force words: {words or "none"} → centroid {decision.output:.4f} → '
-            f'{decision.force_n:.6f} N',
+            f'centroid: {sums or "no rule"} = {decision.output:.4f} → {decision.force_n:.6f} N',
             soft_wrap=True,
         )
 

@@ -40,11 +40,14 @@ def print_at(
     console: Console, controller: Family, state: Sequence[float], tick: int
 ) -> tuple[Sequence[Reason], Vector]:
     """Print the reasons of a state at a tick; return them and the force [N]."""
+    from rpo_core.explain import in_words
+
     x, y, z, vx, vy, vz = state
     reasons = controller.reasons((x, y, z, vx, vy, vz), tick)
     for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
         console.print(f'\n{axis}', style='bold', end='')
-        console.print(f': {sentence}', soft_wrap=True)
+        said = in_words(controller, sentence, dict(pairs)).sentence
+        console.print(f': {said}', soft_wrap=True)
         console.print(', '.join(f'{name} {value:.4g}' for name, value in pairs), soft_wrap=True)
     return reasons, controller.force_n((x, y, z), (vx, vy, vz), tick)
 

@@ -326,8 +326,8 @@ def _decisions(flight: Flight, controller: FuzzyController) -> Table:
         rows.append((f'{flight.scenario.time_s(tick):g} s',))
         for d in decisions(controller, _seen(flight, tick)):
             numbers = (f'{x:.3g}' for x in (d.position_m, d.velocity_m_s, d.force_n))
-            rows.append((d.axis, *numbers, d.sentence))
-    columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'strongest rule and strength')
+            rows.append((d.axis, *numbers, d.reasons.sentence))
+    columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'rules and their shares')
     return Table('Why the controller fired, from the state it received', columns, tuple(rows))
 
 

@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from bisect import bisect
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from rpo_core import kernels
+from rpo_core import blend, kernels
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.controller_file import Reason
 from rpo_core.family import Family
@@ -28,6 +30,9 @@ SPOKEN = {
 }
 """The words as a sentence says them."""
 
+_ABOUT = 0.25
+"""An output so much of the way from the peak of a word to the next is still called by it."""
+
 STATE = ('x', 'y', 'z', 'vx', 'vy', 'vz')
 
 
@@ -46,12 +51,15 @@ class FiredRule:
     decides: bool
 
     @property
+    def condition(self) -> str:
+        """When the rule fires, in words."""
+        position, velocity = SPOKEN[self.position], SPOKEN[self.velocity]
+        return f'position error is {position} and velocity error is {velocity}'
+
+    @property
     def sentence(self) -> str:
         """The rule in words, with its strength."""
-        return (
-            f'position error is {SPOKEN[self.position]} and velocity error is '
-            f'{SPOKEN[self.velocity]} → force {SPOKEN[self.force]}, {self.strength:.2f}'
-        )
+        return f'{self.condition} → force {SPOKEN[self.force]}, {self.strength:.2f}'
 
 
 @dataclass(frozen=True)
@@ -66,6 +74,7 @@ class Decision:
     strengths : (5,) of the output words, in the order of `WORDS`
     output : normalised force
     force_n : commanded force
+    controller : that decided
     """
 
     axis: str
@@ -81,11 +90,43 @@ class Decision:
     strengths: kernels.Five
     output: float
     force_n: float
+    controller: FuzzyController
 
     @property
-    def sentence(self) -> str:
-        """The strongest rule in words; those that tie with it are left to the table."""
+    def strongest(self) -> str:
+        """The strongest rule in words, as the topic `decision` has it; not what is commanded."""
         return self.rules[0].sentence if self.rules else 'no rule fires → no force, 0.00'
+
+    @cached_property
+    def parts(self) -> dict[str, blend.Part]:
+        """Word -> what it contributes to the force, for all words that contribute."""
+        found = blend.parts(self.strengths, self.controller.system.tables)
+        named = zip(WORDS, found, strict=True)
+        return {word: part for word, part in named if part.share > 0.0}
+
+    def deciding(self, word: str) -> list[FiredRule]:
+        """Return the rules that decide the part of a word: the strongest, or those that tie."""
+        return [rule for rule in self.rules if rule.force == word and rule.decides]
+
+    @property
+    def reasons(self) -> blend.Reasons:
+        """The force in words, and the rules that make it with their shares."""
+        scale_n = self.controller.force_scale_n
+        if not self.parts:
+            none = 'the force words that fire hold no sample' if self.rules else 'no rule fires'
+            return blend.Reasons(f'0 N: {none}')
+        causes = [
+            blend.Cause(
+                part.share,
+                f'{SPOKEN[word]} ({blend.newtons(scale_n * part.centroid)})',
+                ' or '.join(f'{rule.position}, {rule.velocity}' for rule in self.deciding(word)),
+                ', or '.join(rule.condition for rule in self.deciding(word)),
+            )
+            for word, part in self.parts.items()
+        ]
+        words = place(self.output, self.controller.system.force.sp_centre)
+        share = f'{100.0 * abs(self.output):.0f} % of {scale_n:g} N'
+        return blend.Reasons(f'{blend.newtons(self.force_n)}, {words} ({share})', causes)
 
     def pairs(self) -> list[tuple[str, float]]:
         """Return what is published of the decision; grades and strengths that are 0 are left out.
@@ -115,6 +156,19 @@ def _grades(named: Iterable[tuple[str, kernels.Five]]) -> list[tuple[str, float]
     ]
 
 
+def place(output: float, small: float) -> str:
+    """Return the words for a normalised force; `small` is the peak of SP."""
+    peaks = (-1.0, -small, 0.0, small, 1.0)
+    if output in peaks:
+        return SPOKEN[WORDS[peaks.index(output)]]
+    above = bisect(peaks, output)
+    low, high = (SPOKEN[word] for word in WORDS[above - 1 : above + 1])
+    way = (output - peaks[above - 1]) / (peaks[above] - peaks[above - 1])
+    if _ABOUT < way < 1.0 - _ABOUT:
+        return f'between {low} and {high}'
+    return f'about {low if way <= _ABOUT else high}'
+
+
 def decide(
     controller: FuzzyController, position_m: float, velocity_m_s: float, axis: str = ''
 ) -> Decision:
@@ -142,6 +196,7 @@ def decide(
         strengths=_floats(strengths),
         output=float(kernels.centroid(strengths, tables)),
         force_n=float(kernels.axis_force(position_m, velocity_m_s, *controller.scales, tables)),
+        controller=controller,
     )
 
 
@@ -202,8 +257,30 @@ def reasons(
         return controller.reasons((x, y, z, vx, vy, vz), tick)
     if isinstance(controller, FuzzyController):
         found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
-        return [(decision.sentence, decision.pairs()) for decision in found]
+        return [(decision.strongest, decision.pairs()) for decision in found]
     return [(f'commands {f:.3g} N', [('force_n', f)]) for f in force_n]
+
+
+def in_words(
+    controller: AnyController | None, said: str, published: Mapping[str, float]
+) -> blend.Reasons:
+    """Return the reasons of a force: all that makes it, not the strongest rule alone.
+
+    controller : that commanded; None if it is not known
+    said, published : sentence and finite numbers of an axis on the topic `decision`
+    """
+    found = None
+    if isinstance(controller, Family):
+        found = controller.in_words(published)
+    elif isinstance(controller, FuzzyController):
+        e, v = published.get('position_error'), published.get('velocity_error')
+        if e is not None and v is not None:
+            scales = controller.position_scale_m, controller.velocity_scale_m_s
+            again = decide(controller, -e * scales[0], -v * scales[1])
+            if blend.is_same(again.force_n, published.get('force_n')):
+                found = again.reasons
+    alone = any(name.startswith('rule.') for name in published)
+    return found or blend.Reasons(f'strongest rule: {said}' if alone else said)
 
 
 def label(controller: AnyController, sha256: str) -> str:

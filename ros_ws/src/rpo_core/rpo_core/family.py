@@ -16,6 +16,7 @@ from typing import ClassVar, NamedTuple
 
 from rpo_core import controller_file
 from rpo_core.baselines import Baseline
+from rpo_core.blend import Reasons
 from rpo_core.controller_file import Reason
 from rpo_core.kernels import State, Vector
 from rpo_core.validation import choice
@@ -132,6 +133,14 @@ class Family(Baseline):
     @abstractmethod
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z for the force that answers a state at a tick."""
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return all that makes a force, from the numbers in its reason.
+
+        None where the sentence of the reason says it all, or the numbers are not of this
+        controller.
+        """
+        return None
 
 
 def family_of(name: str) -> type[Family]:

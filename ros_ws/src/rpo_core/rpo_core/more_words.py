@@ -17,10 +17,20 @@ from itertools import pairwise
 from typing import Annotated, ClassVar
 
 from rpo_core.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_inputs
+from rpo_core.blend import Reasons
 from rpo_core.controller_file import Reason, register
 from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
-from rpo_core.pace import Numbers, ascending, fired_rules, force_table, key, numbers, table_claims
+from rpo_core.pace import (
+    Numbers,
+    ascending,
+    blended,
+    fired_rules,
+    force_table,
+    key,
+    numbers,
+    table_claims,
+)
 from rpo_core.validation import InputError, real, shown
 
 DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
@@ -148,6 +158,12 @@ class MoreWords(Family):
             *((f'rule.{key(a)}.{key(b)}', strength) for a, b, strength, _ in fired),
         ]
         return sentence, pairs
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return all rules that make a force, with their shares; None if it is not of this one."""
+        first, second = (published.get(k, 0.0) for k in ('distance_m', 'closing_speed_m_s'))
+        fired = fired_rules(first, second, self.law, DISTANCES, SPEEDS)
+        return blended(published.get('force_n'), fired, self.max_force_n, 'closing speed')
 
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:

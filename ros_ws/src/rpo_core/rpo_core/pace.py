@@ -16,6 +16,7 @@ from functools import cached_property, partial
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar
 
+from rpo_core import blend
 from rpo_core.baseline_kernels import (
     BaselineLaw,
     baseline_force,
@@ -23,6 +24,7 @@ from rpo_core.baseline_kernels import (
     law_of,
     pace_inputs,
 )
+from rpo_core.blend import Reasons
 from rpo_core.controller_file import Reason, register
 from rpo_core.family import Claim, Family, Gene, Mission, Table
 from rpo_core.kernels import State
@@ -191,6 +193,13 @@ class Pace(Family):
         ]
         return sentence, pairs
 
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return all rules that make a force, with their shares; None if it is not of this one."""
+        fired = fired_rules(
+            published.get('distance_m', 0.0), published.get('pace', 0.0), self.law, DISTANCES, PACES
+        )
+        return blended(published.get('force_n'), fired, self.max_force_n, 'pace')
+
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:
         """Return what a search varies; it begins at `_FORCES_N`."""
@@ -295,6 +304,37 @@ def fired_rules(
         if grade * other > 0.0
     ]
     return sorted(fired, key=lambda rule: -rule[2])
+
+
+def blended(
+    force_n: float | None,
+    fired: Sequence[tuple[str, str, float, float]],
+    limit_n: float,
+    second: str,
+) -> Reasons | None:
+    """Return a force and the rules that make it, in words; None if they do not make it.
+
+    force_n : on the axis; fired : see `fired_rules`; second : what the second input is
+    """
+    pull = sum(strength * each for *_, strength, each in fired)
+    limited = min(max(pull, -limit_n), limit_n)
+    if force_n is None or not blend.is_same(abs(limited), abs(force_n)):
+        return None
+    causes = [
+        blend.Cause(
+            strength, _towards(each), f'{a}, {b}', f'the target is {a} and the {second} is {b}'
+        )
+        for a, b, strength, each in fired
+    ]
+    whole = f', limited from {_towards(pull)}' if limited != pull else ''
+    share = f'{100.0 * abs(limited) / limit_n:.0f} % of {limit_n:g} N'
+    return Reasons(f'{blend.newtons(force_n)}, {_towards(limited)} ({share}{whole})', causes)
+
+
+def _towards(pull_n: float) -> str:
+    """Return a force towards the target in words."""
+    way = ' towards the target' if pull_n > 0.0 else ' away from the target' if pull_n else ''
+    return f'{abs(pull_n):.3g} N{way}'
 
 
 def key(word: str) -> str:

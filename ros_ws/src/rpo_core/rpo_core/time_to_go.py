@@ -21,6 +21,7 @@ import numpy as np
 from rpo_core import limits
 from rpo_core.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
 from rpo_core.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
+from rpo_core.blend import Reasons, is_same, newtons
 from rpo_core.controller_file import Reason, register
 from rpo_core.cw import TickLength
 from rpo_core.family import Claim, Family, Gene, Mission, Table
@@ -250,6 +251,22 @@ class TimeToGo(Family):
         steps = np.abs(np.diff(found, axis=0)).max() / self.tick_s
         largest = (np.abs(found).max(), steps, np.max(distance), np.max(speed))
         return _Worst(*map(float, largest))
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return a limited force in words; the sentence of any other reason says it all."""
+        names = 'force_n', 'position_gain_n_m', 'position_m', 'velocity_gain_n_s_m', 'velocity_m_s'
+        force, k, r, d, v = (published.get(name, 0.0) for name in names)
+        wanted = -(k * r + d * v)
+        limited = min(max(wanted, -self.max_force_n), self.max_force_n)
+        if limited == wanted or not is_same(limited, force):
+            return None
+        words = ', '.join(
+            f'{name.partition(".")[2].replace("_", " ")} {grade:.2f}'
+            for name, grade in published.items()
+            if name.startswith('time_to_go.')
+        )
+        law = f'−{k:.3g} r − {d:.3g} v = {newtons(wanted)}'
+        return Reasons(f'{newtons(force)}, limited from {law}, because time to go is {words}')
 
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z."""

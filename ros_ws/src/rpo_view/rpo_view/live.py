@@ -8,11 +8,15 @@ import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from rpo_core import files
+from rpo_core import controller as controllers
+from rpo_core import explain, files
 from rpo_core import scenario as scenarios
+from rpo_core.blend import Reasons
+from rpo_core.controller import AnyController
 from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.scenario import Scenario
 from rpo_core.statuses import ENDED, Manifest, RunStatus
@@ -37,24 +41,31 @@ SILENCE_S = 3.0
 class AxisDecision:
     """The reason of the commanded force on one axis.
 
+    reasons : the force, and all rules that make it; of an unknown controller, what it published
     rules : (position word, velocity word, force word, strength), the strongest first
     """
 
-    sentence: str
+    reasons: Reasons
     rules: tuple[tuple[str, str, str, float], ...] = ()
 
     @classmethod
-    def of(cls, sentence: str, values: Mapping[str, str]) -> AxisDecision:
+    def of(
+        cls, sentence: str, values: Mapping[str, str], controller: AnyController | None
+    ) -> AxisDecision:
         """Return the decision in a status of topic `decision`; skip values that are no rules."""
-        rules = []
+        rules, published = [], {}
         for key, value in values.items():
             kind, *words = key.split('.')
-            strength = number(value)
-            if kind == 'rule' and len(words) == 3 and strength is not None:
+            found = number(value)
+            if found is None:
+                continue
+            published[key] = found
+            if kind == 'rule' and len(words) == 3:
                 p, v, force = (printable(word, MOST_NAME) for word in words)
-                rules.append((p, v, force, strength))
+                rules.append((p, v, force, found))
         rules.sort(key=lambda rule: -rule[3])
-        return cls(printable(sentence), tuple(rules[:_MOST_RULES]))
+        said = explain.in_words(controller, printable(sentence), published)
+        return cls(said, tuple(rules[:_MOST_RULES]))
 
 
 @dataclass
@@ -116,6 +127,8 @@ class LiveRun:
     zones: list[Zones] = field(default_factory=list)
     flights: int = 0
     _text: str = ''
+    _law: AnyController | None = None
+    _law_text: str = ''
     _stamp_ns: int = 0
     _first_ns: int = 0
     _heard_s: float | None = None
@@ -149,6 +162,7 @@ class LiveRun:
         if manifest.role == 'controller':
             name = manifest.values.get('parameter.controller', '')
             self.controller = printable(name, MOST_NAME)
+            self._take_law(manifest.values.get('file.controller.yaml', ''))
         if manifest.role != 'plant':
             return
         text = manifest.values.get('file.scenario.yaml', '')
@@ -162,10 +176,17 @@ class LiveRun:
         if isinstance(found, Scenario):
             self.scenario, self.zones = found, zones_of(found)
 
+    def _take_law(self, text: str) -> None:
+        """Take the file of the controller; of another kind it stays unknown."""
+        if text != self._law_text:  # said again each second
+            self._law_text, self._law = text, None
+            with suppress(InputError):
+                self._law = files.loads(text, controllers.parse, 'controller')
+
     def on_decision(self, axis: str, sentence: str, values: Mapping[str, str]) -> None:
         """Take the decision of the controller on an axis."""
         if axis in _AXES:
-            self.decisions[axis] = AxisDecision.of(sentence, values)
+            self.decisions[axis] = AxisDecision.of(sentence, values, self._law)
 
     @property
     def stamp_ns(self) -> int:
@@ -276,7 +297,7 @@ class LiveRun:
             'disturbance_n': self.disturbance_n,
             'exerted_n': self.exerted_n,
             'decisions': {
-                axis: {'sentence': decision.sentence, 'rules': decision.rules}
+                axis: {'sentence': decision.reasons.sentence, 'rules': decision.rules}
                 for axis, decision in sorted(self.decisions.items())
             },
             'zones': [_drawn(zones) for zones in self.zones],

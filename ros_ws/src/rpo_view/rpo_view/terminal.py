@@ -20,7 +20,6 @@ BAR_WIDTH = 21
 """So that a terminal of 80 columns shows all of it."""
 
 _HALF = BAR_WIDTH // 2
-_RULES = 3
 
 
 def bar(share: float, colour: str) -> Text:
@@ -67,7 +66,7 @@ def view(run: LiveRun, topic: str) -> Panel:
     if run.position_m is not None:
         parts += [_progress(run), *onboard, Text(), _axes(run)]
     if run.decisions:
-        parts += [Text(), _decisions(run, 0 if onboard else _RULES)]
+        parts += [Text(), _decisions(run)]
     named = [name for name in (run.scenario.name if run.scenario else '', run.controller) if name]
     title = Text(' · '.join(['final approach', *named]))  # not markup: names may hold brackets
     return Panel(Group(*parts), title=title, title_align='left')
@@ -167,16 +166,11 @@ def _axes(run: LiveRun) -> Table:
     return table
 
 
-def _decisions(run: LiveRun, most: int) -> Table:
-    """Return the sentence of each axis, and at most so many of the next strongest rules."""
+def _decisions(run: LiveRun) -> Table:
+    """Return why each axis has its force."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     for axis, _, colour in AXES:
         decision = run.decisions.get(axis)
-        if decision is None:
-            continue
-        table.add_row(Text(axis, style=colour), Text(decision.sentence))
-        others = decision.rules[1 : 1 + most]
-        texts = [f'{p}, {v} → {force} {strength:.2f}' for p, v, force, strength in others]
-        if texts:
-            table.add_row('', Text('also ' + '; '.join(texts), style='dim'))
+        if decision is not None:
+            table.add_row(Text(axis, style=colour), Text(decision.reasons.brief))
     return table
