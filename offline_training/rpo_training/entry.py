@@ -7,6 +7,7 @@ from __future__ import annotations
 import sys
 
 from rpo_core import missing
+from rpo_training import processor
 
 # Module that is missing -> layer of `make setup` that brings it.
 _LAYERS = {
@@ -29,6 +30,9 @@ _LAYERS = {
 def main() -> None:
     """Entry point of `rpo`."""
     try:
+        asked = set(sys.argv[1:])
+        if sys.argv[1:2] and sys.argv[1] in processor.SEARCHES and not asked & {'-h', '--help'}:
+            processor.restart_pinned()
         from rpo_training.cli import app
 
         app()

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from campaign_documents import SHORT, write_campaign
+from processes import repeated
 from typer.testing import CliRunner
 
 from rpo_core import metrics
@@ -182,6 +183,18 @@ def test_an_interrupted_tuning_goes_on_to_the_same_baseline(tmp_path):
     )
     with pytest.raises(InputError, match='holds a tuning already'):
         Tuning.create(settings, tmp_path / 'cut')
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize('name', ['pd', 'pd_disturbed', 'lqr', 'mpc', 'apf_smc'])
+def test_the_whole_tuning_gives_the_shipped_parameters(name, tmp_path):
+    """Not the weights of an LQR alone: its gains as well, which follow by LAPACK."""
+    shipped = load_controller(name)
+    found = repeated(shipped.provenance['command'], tmp_path / name, limit_s=1700)
+    assert found.provenance['arithmetic']['pinned'] is True
+    assert found.provenance['evaluations'] == shipped.provenance['evaluations']
+    assert found == shipped
 
 
 @pytest.mark.parametrize(

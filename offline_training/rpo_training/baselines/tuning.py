@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_core.baselines import Baseline, Model
 from rpo_core.validation import MOST_PATH, choice, mapping, real, text, whole
+from rpo_training import processor
 from rpo_training.baselines.tuning_spaces import TUNING_SPACES, TuningSpace
 from rpo_training.evaluation.assessment import PAPER
 from rpo_training.search.algorithms import CmaSearch, CmaSettings, Search
@@ -171,5 +172,6 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
             'mean_energy_n2s': float(scores.energy[0]),
             'starts_that_miss': self.misses(scores),
             'versions': versions(),
+            'arithmetic': processor.in_use(),
         }
         return replace(found, description=self.space.description, provenance=provenance)

@@ -23,6 +23,7 @@ from rpo_core.controller import load_controller
 from rpo_core.family import Family, Gene, Mission, family_of
 from rpo_core.metrics import PENALTY
 from rpo_core.validation import MOST_PATH, InputError, mapping, shown, text, whole
+from rpo_training import processor
 from rpo_training.evaluation.assessment import PAPER
 from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings, Search
@@ -204,6 +205,7 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
             'starts_that_miss': self.misses(scores),
             'held_out_that_miss': self.missed_draws(scores),
             'versions': versions(),
+            'arithmetic': processor.in_use(),
         }
         return replace(found, provenance=provenance)
 

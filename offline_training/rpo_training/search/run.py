@@ -23,6 +23,7 @@ from rpo_core.baselines import Baseline
 from rpo_core.controller import FuzzyController
 from rpo_core.family import Family
 from rpo_core.validation import InputError
+from rpo_training import processor
 from rpo_training.outputs import alone, make_folder, write_text
 from rpo_training.search.algorithms import Search, Stage
 from rpo_training.search.checkpoint import Checkpoint, digest
@@ -179,8 +180,9 @@ class SearchRun(Generic[Config, Found]):
             genes = again.search.ask()
             if digest(genes) != before:
                 raise InputError(
-                    f'{folder / CHECKPOINT}: generation {number} does not repeat on '
-                    'this machine; resume it on the machine where it began'
+                    f'{folder / CHECKPOINT}: generation {number} does not repeat: the run began '
+                    f'with other arithmetic than this process, {processor.named()}; resume it in '
+                    'a process like that one'
                 )
             failures = rows[:, 2:-1].astype(np.int64)
             again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, -1]))
@@ -200,11 +202,14 @@ class SearchRun(Generic[Config, Found]):
     def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
         """Run the search to its end; save after each generation; return the best.
 
+        Warns if the arithmetic of this process is not pinned (`rpo_training.processor`).
+
         Raises
         ------
         InputError
             If another process runs it, or a file cannot be written.
         """
+        processor.warn_unless_pinned()
         self._began = None
         doing = f'goes on with this {self.kind}'
         with alone(self.folder / self.config_file, doing), self.fitness.simulator:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.controller import FuzzyController, load_fuzzy
+from rpo_training import processor
 from rpo_training.cluster.simulator import ClusterSimulator
 from rpo_training.engine.population import Population
 from rpo_training.engine.simulator import Simulator
@@ -199,6 +200,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'mean_arrival_s': float(scores.arrival[0]),
             'starts_that_miss': self.misses(scores),
             'versions': versions(),
+            'arithmetic': processor.in_use(),
         }
         if config.scenario == PAPER:
             targets = assess(found).targets()

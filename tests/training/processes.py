@@ -1,0 +1,51 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `rpo` as a process of its own, as on another processor where a test wants one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rpo_core.controller import load_controller
+
+CONFIGURATIONS = ('config.yaml', 'family.yaml', 'tuning.yaml')
+ENTRY = 'from rpo_training.entry import main; main()'
+
+ANOTHER = {'OPENBLAS_CORETYPE': 'Haswell', 'NPY_DISABLE_CPU_FEATURES': 'AVX512_ICL'}
+"""What a processor without AVX-512 would choose; any with AVX2 can compute so."""
+
+
+def python(
+    code: str, *arguments: object, environment: Mapping[str, str] | None = None, limit_s: float = 55
+) -> subprocess.CompletedProcess[str]:
+    """Run Python with strict warnings; arithmetic is what the environment asks for."""
+    command = [sys.executable, '-W', 'error::ImportWarning', '-c', code, *map(str, arguments)]
+    return subprocess.run(
+        command,
+        env={**os.environ, **(environment or {})},
+        capture_output=True,
+        text=True,
+        timeout=limit_s,
+        check=False,
+    )
+
+
+def rpo(
+    *arguments: object, environment: Mapping[str, str] | None = None, limit_s: float = 55
+) -> subprocess.CompletedProcess[str]:
+    """Run the command `rpo`."""
+    return python(ENTRY, *arguments, environment=environment, limit_s=limit_s)
+
+
+def repeated(command: str, folder: Path, *words: str, limit_s: float = 850) -> Any:
+    """Return the controller that a command `rpo train` or `rpo tune` makes, in its own process."""
+    plots = ['--no-plots'] if '--preset' in command else []
+    done = rpo(*command.split()[1:], *words, *plots, '-o', folder, limit_s=limit_s)
+    assert done.returncode in (0, 1), done.stderr
+    (made,) = (path for path in folder.glob('*.yaml') if path.name not in CONFIGURATIONS)
+    return load_controller(made)
