@@ -15,6 +15,7 @@ import yaml
 from typer.testing import CliRunner
 
 from rpo_core.controller import dumps, load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 from rpo_training.cli import app
@@ -24,6 +25,7 @@ from rpo_training.proof import kept, probing, proving, reading
 from rpo_training.proof.cells import VALUES
 from rpo_training.proof.check import check
 from rpo_training.proof.check_claims import strayed
+from rpo_training.proof.claims import values_of
 from rpo_training.proof.folder import TEXTS, Folder
 from rpo_training.proof.problem import Problem, Settings
 from rpo_training.report.proof import report_of
@@ -262,6 +264,23 @@ def test_a_flight_of_a_claim_is_under_what_is_asked_for(proofs):
         (replace(found, initial_velocity_m_s=(0.0, 0.0, 0.1)), 'outside the box'),
     ):
         assert sentence in strayed(problem, wrong)
+
+
+@pytest.mark.parametrize(
+    ('name', 'key', 'least'),
+    [('speed', 'hold_speed_per_axis_m_s', 0.009025), ('slew', 'slew_per_axis_n_s', 0.0961)],
+)
+def test_the_worst_flights_of_the_page(name, key, least):
+    """They are flights of the box that the page is about, and reach what it says."""
+    base, controller = load_scenario('paper_test'), load_controller('allround')
+    half = (5.0, 5.0, 5.0, 0.06, 0.06, 0.06)
+    settings = Settings(
+        centre=base.start, half=half, mass_share=0.09, disturbance_share=1.0, axes_apart=True
+    )
+    problem = Problem.of(controller, base, settings)
+    found = load_scenario(f'offline_training/proofs/paper_box_{name}.yaml')
+    assert strayed(problem, replace(found, name=base.name, description=base.description)) == ''
+    assert least <= values_of(problem, fly(found, controller))[key] < problem.limits[key]
 
 
 def test_what_was_flown_is_flown_again(copy_of):
