@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rpo_core.validation import InputError, printable
-from rpo_training.commands.shared import Cluster, Workers, echo, interruptible
+from rpo_training.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
 
 if TYPE_CHECKING:
     from rpo_training.proof.check import Checked, Sample
@@ -95,6 +95,7 @@ def prove(
     ] = 0,
     workers: Workers = 0,
     cluster: Cluster = '',
+    no_fail: NoFail = False,
 ) -> None:
     """Prove what the closed loop does from every start of a box, or show a counterexample.
 
@@ -105,14 +106,14 @@ def prove(
     if check is not None:
         if controller or resume is not None:
             raise InputError('`--check` takes everything from the folder: give nothing else')
-        _check(Folder.open(check), cells, flights, seed)
+        end(_check(Folder.open(check), cells, flights, seed), no_fail)
         return
     if resume is not None:
         if controller:
             raise InputError('`--resume` takes everything from the folder: give nothing else')
         found = Folder.open(resume)
         found.refuse_other_code()
-        _prove(found, workers, cluster)
+        end(_prove(found, workers, cluster), no_fail)
         return
     if not controller:
         raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
@@ -131,7 +132,7 @@ def prove(
         _estimate(problem, estimate)
         return
     folder = output or Path('runs') / f'proof_{problem.controller.name}'
-    _prove(Folder.create(folder, problem), workers, cluster)
+    end(_prove(Folder.create(folder, problem), workers, cluster), no_fail)
 
 
 def _problem(
@@ -165,7 +166,8 @@ def _problem(
     return problem
 
 
-def _prove(folder: Folder, workers: int, cluster: str) -> None:
+def _prove(folder: Folder, workers: int, cluster: str) -> bool:
+    """Make a proof; return whether a claim is refuted or open."""
     from rpo_training.analysis.certificate import PROVEN
     from rpo_training.proof.claims import worst
     from rpo_training.proof.progress import ProofDisplay
@@ -193,8 +195,7 @@ def _prove(folder: Folder, workers: int, cluster: str) -> None:
             )
     echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     echo(folder.path)
-    if worst(outcome.claims) != PROVEN:
-        raise typer.Exit(1)
+    return worst(outcome.claims) != PROVEN
 
 
 def _estimate(problem: Problem, count: int) -> None:
@@ -217,11 +218,14 @@ def _estimate(problem: Problem, count: int) -> None:
     )
 
 
-def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> None:
+def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
+    """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
     import secrets
 
+    from rpo_training.analysis.certificate import PROVEN
     from rpo_training.display import progress
     from rpo_training.proof.check import Sample, check
+    from rpo_training.proof.claims import worst
     from rpo_training.proof.kept import code_digest
 
     if folder.stamped['code_sha256'] != code_digest():
@@ -241,6 +245,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> None:
     _print(folder.problem, found.claims, found.ranges, found)
     _say_what_was_checked(folder, found, sample)
     echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
+    return worst(found.claims) != PROVEN
 
 
 def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
