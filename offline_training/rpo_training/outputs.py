@@ -57,6 +57,8 @@ def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
 
     try:
         with files.open_regular(path) as file, np.load(file, allow_pickle=False) as saved:
+            if len(set(saved.files)) < len(saved.files):
+                raise ValueError('it holds an array twice')
             return {name: saved[name] for name in names or saved.files}
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from None

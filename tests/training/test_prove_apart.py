@@ -137,7 +137,7 @@ def test_it_is_proven_and_checked(folder, groups):
     sections = {section.title: section for section in report_of(folder.path).sections}
     assert list(sections) == ['Claims', 'Margins', 'Files']
     assert [block.name for block in sections['Margins'].blocks] == ['reach', 'constants']
-    assert not check.check(folder, check.Sample(starts=2, ticks=3, surface=1, flights=30))
+    assert check.check(folder, check.Sample(starts=2, ticks=3, surface=1, flights=30)).faults == []
 
 
 @pytest.mark.parametrize('mass_share', [0.0, 0.05])
@@ -149,7 +149,7 @@ def test_a_known_disturbance_is_proven_and_checked(tmp_path, mass_share):
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['proven']
     assert len(made.cells('y').values) == (1 if mass_share == 0.0 else cells.PARTS)
     assert [b.name for b in report_of(made.path).pictures] == ['reach']
-    assert not check.check(made, check.Sample(starts=1, ticks=2, surface=1, flights=10))
+    assert check.check(made, check.Sample(starts=1, ticks=2, surface=1, flights=10)).faults == []
 
 
 def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, groups):
@@ -233,7 +233,7 @@ def test_what_is_refuted_at_once_is_not_searched(tmp_path):
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
     for group in APART:
         assert len(made.cells(group).values) == len(cells.roots(problem, group))
-    assert not check.check(made, check.Sample(starts=1, ticks=1, surface=1, flights=5))
+    assert check.check(made, check.Sample(starts=1, ticks=1, surface=1, flights=5)).faults == []
     found = made.cells('z')
     found.values[0, cells.VALUES.index('hold_error_m')] = 0.1
     assert list(check_apart.empty_faults(problem, 'z', found))

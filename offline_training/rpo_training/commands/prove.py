@@ -7,16 +7,18 @@ from __future__ import annotations
 import math
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rpo_core.validation import InputError
-from rpo_training.commands.shared import Cluster, Workers, echo, interruptible
+from rpo_core.validation import InputError, printable
+from rpo_training.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
 
 if TYPE_CHECKING:
+    from rpo_training.proof.check import Checked, Sample
+    from rpo_training.proof.claims import Claim, Range
     from rpo_training.proof.folder import Folder
     from rpo_training.proof.problem import Problem
 
@@ -82,6 +84,9 @@ def prove(
     flights: Annotated[
         int, typer.Option(min=0, help='with --check: random flights held against their tubes')
     ] = 1000,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help='with --check: of what is drawn  [another each time]')
+    ] = None,
     estimate: Annotated[
         int,
         typer.Option(
@@ -90,6 +95,7 @@ def prove(
     ] = 0,
     workers: Workers = 0,
     cluster: Cluster = '',
+    no_fail: NoFail = False,
 ) -> None:
     """Prove what the closed loop does from every start of a box, or show a counterexample.
 
@@ -100,14 +106,14 @@ def prove(
     if check is not None:
         if controller or resume is not None:
             raise InputError('`--check` takes everything from the folder: give nothing else')
-        _check(Folder.open(check), cells, flights)
+        end(_check(Folder.open(check), cells, flights, seed), no_fail)
         return
     if resume is not None:
         if controller:
             raise InputError('`--resume` takes everything from the folder: give nothing else')
         found = Folder.open(resume)
         found.refuse_other_code()
-        _prove(found, workers, cluster)
+        end(_prove(found, workers, cluster), no_fail)
         return
     if not controller:
         raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
@@ -126,7 +132,7 @@ def prove(
         _estimate(problem, estimate)
         return
     folder = output or Path('runs') / f'proof_{problem.controller.name}'
-    _prove(Folder.create(folder, problem), workers, cluster)
+    end(_prove(Folder.create(folder, problem), workers, cluster), no_fail)
 
 
 def _problem(
@@ -138,6 +144,7 @@ def _problem(
 ) -> Problem:
     from rpo_core.controller import load_controller
     from rpo_core.scenario import ScenarioSet, load
+    from rpo_training.proof.claims import asked_of
     from rpo_training.proof.problem import Problem, Settings
 
     found = load(scenario)
@@ -154,12 +161,15 @@ def _problem(
     settings = Settings(
         centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
     )
-    return Problem.of(load_controller(controller), base, settings)
+    problem = Problem.of(load_controller(controller), base, settings)
+    asked_of(problem)
+    return problem
 
 
-def _prove(folder: Folder, workers: int, cluster: str) -> None:
+def _prove(folder: Folder, workers: int, cluster: str) -> bool:
+    """Make a proof; return whether a claim is refuted or open."""
     from rpo_training.analysis.certificate import PROVEN
-    from rpo_training.proof.claims import unknown, worst
+    from rpo_training.proof.claims import worst
     from rpo_training.proof.progress import ProofDisplay
     from rpo_training.proof.proving import prove as make
 
@@ -172,22 +182,26 @@ def _prove(folder: Folder, workers: int, cluster: str) -> None:
     with interruptible(lambda: sentence), ProofDisplay(folder.path) as display:
         outcome = make(folder, workers, cluster, display.advance)
     began, cpu = time.perf_counter() - began, time.process_time() - cpu
-    _print(folder)
-    for key in unknown(problem):
-        echo(f'{key}: the proof says nothing about it')
+    _print(problem, outcome.claims, outcome.ranges)
     for key in outcome.counterexamples:
-        flight = folder.path / f'counterexample_{key}.yaml'
+        flight, _ = folder.flights(key)
         controller = str(folder.path / 'controller.yaml')
         echo(shlex.join(['rpo', 'simulate', str(flight), '--controller', controller]))
+    for group, (taken, every) in outcome.taken.items():
+        if taken:
+            echo(
+                f'Not checked: {taken} of {every} units of {group} cells are of an earlier call, '
+                'as the folder says; --check looks at them'
+            )
     echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     echo(folder.path)
-    if worst(outcome.claims) != PROVEN:
-        raise typer.Exit(1)
+    return worst(outcome.claims) != PROVEN
 
 
 def _estimate(problem: Problem, count: int) -> None:
     from rpo_training.display import print_table, progress
     from rpo_training.proof.estimating import estimate
+    from rpo_training.proof.premises import title_of
 
     with progress() as show:
         found = estimate(problem, count, show)
@@ -196,8 +210,7 @@ def _estimate(problem: Problem, count: int) -> None:
         (key, f'{limits[key]:g}', f'{bound:.4g}', f'{found.flown[key]:.4g}', f'{n} of {sampled}')
         for (key, bound), n in zip(found.bounds.items(), found.open_cells.values(), strict=True)
     ]
-    title = f'{problem.controller.name}, {problem.scenario.name}, {_box(problem)}'
-    print_table(('claim', 'limit', 'bound', 'flown', 'open first cells'), rows, title)
+    print_table(('claim', 'limit', 'bound', 'flown', 'open first cells'), rows, title_of(problem))
     echo(
         f'{found.restless} of {sampled} first cells do not come to rest. '
         f'{found.tubes / sampled:.1f} tubes and {found.seconds / sampled:.2f} s of CPU time each; '
@@ -205,57 +218,99 @@ def _estimate(problem: Problem, count: int) -> None:
     )
 
 
-def _box(problem: Problem) -> str:
-    settings = problem.settings
-    box = ', '.join(f'{c:g} ± {h:g}' for c, h in zip(settings.centre, settings.half, strict=True))
-    return f'from ({box})'
+def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
+    """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
+    import secrets
 
-
-def _check(folder: Folder, cells: int, flights: int) -> None:
+    from rpo_training.analysis.certificate import PROVEN
     from rpo_training.display import progress
     from rpo_training.proof.check import Sample, check
+    from rpo_training.proof.claims import worst
     from rpo_training.proof.kept import code_digest
 
     if folder.stamped['code_sha256'] != code_digest():
         echo(
-            'The proof was made with other code: its bounds may differ in the last bits.', err=True
+            'The folder says that it was made with other code: '
+            'its bounds may differ in the last bits.',
+            err=True,
         )
-    began = time.perf_counter()
+    began, seed = time.perf_counter(), secrets.randbits(32) if seed is None else seed
+    sample = Sample(starts=cells, flights=flights, seed=seed)
     with progress() as show:
-        faults = check(folder, Sample(starts=cells, flights=flights), show)
-    _print(folder)
-    for fault in faults:
-        echo(f'WRONG: {fault}')
-    took = time.perf_counter() - began
-    if faults:
+        found = check(folder, sample, show)
+    if found.faults:
+        for fault in found.faults:
+            echo(printable(f'WRONG: {fault}'))
         raise typer.Exit(1)
+    _print(folder.problem, found.claims, found.ranges, found)
+    _say_what_was_checked(folder, found, sample)
+    echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
+    return worst(found.claims) != PROVEN
+
+
+def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
+    from rpo_training.proof.kept import code_digest
+    from rpo_training.proof.premises import origins
+
+    for line in origins(folder):
+        echo(line)
+    echo(f'checked by code of SHA-256 {code_digest()}')
+    drawn = ', '.join(f'{some} of {every} {g}' for g, (some, every) in found.drawn.items())
     echo(
-        f'Nothing wrong was found in {took:.0f} s: every cell, bound and claim; of each group '
-        f'{cells or "all"} tubes made anew, 10 ticks of each in rational numbers, and {flights} '
-        'flights at every tick'
+        'Checked: that the cells cover the starts, and what follows from all of them; flights of '
+        f'claims, flown again; the table of the surface; tubes of {drawn} cells, '
+        f'{sample.ticks} ticks of each in rational numbers; {sample.flights} flights from cells of '
+        f'each kind at every tick; drawn by --seed {sample.seed}'
     )
+    for left in _not_checked(folder, found):
+        echo(printable(f'Not checked: {left}'))
 
 
-def _print(folder: Folder) -> None:
+def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:
+    """Yield what of a folder the checker did not look at."""
+    for group, (some, every) in found.drawn.items():
+        if some < every:
+            yield f'the tubes of {every - some} {group} cells, whose bounds are as the folder says'
+    for claim in found.claims:
+        if not claim.start:
+            yield f'what was flown for {claim.key}: its flight is not in the folder'
+    yield f'what versions.yaml says: {", ".join(map(" ".join, sorted(folder.stamped.items())))}'
+    yield from folder.others()
+
+
+def _print(
+    problem: Problem,
+    claims: Iterable[Claim],
+    ranges: dict[str, Range],
+    checked: Checked | None = None,
+) -> None:
+    """Print what was computed in this call."""
     from rpo_training.display import print_table
+    from rpo_training.proof.claims import unknown
+    from rpo_training.proof.premises import lower, number, range_of, title_of, upper
 
-    summary = folder.summary()
     rows = [
         (
-            claim['statement'],
-            f'{claim["limit"]:g} {claim["unit"]}',
-            f'{claim["bound"]:.4g}',
-            f'{claim["found"]:.4g}',
-            str(claim['open_cells']),
-            claim['verdict'],
+            claim.statement,
+            f'{number(claim.limit)} {claim.unit}',
+            upper(claim.bound),
+            lower(claim.found) if claim.start else '',
+            str(claim.open_cells),
+            claim.verdict,
         )
-        for claim in summary['claims'].values()
+        for claim in claims
     ]
-    title = f'{folder.problem.controller.name}, {folder.problem.scenario.name}, '
-    title += _box(folder.problem)
-    print_table(('claim', 'limit', 'proven', 'flown', 'open cells', ''), rows, title)
-    for found in summary['ranges'].values():
-        if math.isinf(found['high']):
+    whole = checked is None or checked.whole
+    verdict = '' if whole else 'if the cells that were not drawn are right'
+    columns = 'claim', 'limit', 'proven', 'flown', 'open cells', verdict
+    print_table(columns, rows, title_of(problem))
+    echo(range_of(problem))
+    for found in ranges.values():
+        if math.isinf(found.high):
             continue
-        least = f'{found["low"]:.4g} to ' if found['low'] else 'at most '
-        echo(f'{found["statement"]}: {least}{found["high"]:.4g} {found["unit"]}')
+        least = f'{lower(found.low)} to ' if found.low else 'at most '
+        echo(f'{found.statement}: {least}{upper(found.high)} {found.unit}')
+    for key in unknown(problem):
+        echo(f'{key}: the proof says nothing about it')
+    for key in problem.all_limits.keys() - problem.limits.keys():
+        echo(f'{key}: not asked for, and not judged')

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.metrics import windows_of
 from rpo_training.proof import apart
 from rpo_training.proof.problem import Problem
 from rpo_training.proof.sets import WORTH_S
@@ -51,6 +52,10 @@ hold : from the time of hold until rest; mean : of the norm, over the scenario's
 the vertical start of a planar cell
 slew : of the scenario's time; arrival : after it every axis is within 0.5 m, infinite if never
 """
+
+
+CHECKPOINT_S = 10.0
+"""The boxes of a tube are kept so often."""
 
 
 class Cell(NamedTuple):
@@ -103,6 +108,34 @@ class Found:
     def column(self, name: str) -> Floats:
         """Return a column of values (k,)."""
         return self.values[:, VALUES.index(name)]
+
+
+def checkpoint_ticks(problem: Problem) -> int:
+    """Return how many ticks are between two boxes that are kept."""
+    return max(1, round(CHECKPOINT_S / problem.scenario.dt_s))
+
+
+class Layout(NamedTuple):
+    """Lengths of the arrays of `Found`.
+
+    sides, states : numbers of a cell, and of them those of a state
+    checkpoints, tail, reach : ticks
+    """
+
+    sides: int
+    states: int
+    checkpoints: int
+    tail: int
+    reach: int
+
+    @classmethod
+    def of(cls, problem: Problem, group: str) -> Layout:
+        """Return the lengths for a group."""
+        states, windows = len(problem.groups[group]), windows_of(problem.scenario)
+        unknown = len(apart.ranges(problem, group)) if problem.settings.axes_apart else 0
+        checkpoints = windows.ticks // checkpoint_ticks(problem) + 1
+        reach = problem.scenario.ticks + 1 if problem.settings.axes_apart else 0
+        return cls(states + unknown, states, checkpoints, windows.tail, reach)
 
 
 def roots(problem: Problem, group: str) -> list[Cell]:

@@ -2,36 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 """The independent checker of a proof: `rpo prove --check`.
 
-All cells: they cover the box, their bounds give the claims, refuting flights break their limits.
-The table: made anew, the same bits; at random cells compared with the inference in rational
-numbers. Random cells of starts: their tubes are made anew, with the same bounds; at random ticks
-the law is valid, and the next set holds the image of the set, in rational numbers.
+All cells: they cover the box, their bounds give the claims; the flights of the claims are flown
+again. The table: made by the checker itself, and at random cells compared with the inference in
+rational numbers. Random cells of starts: their tubes are made anew, with the same bounds; at random
+ticks the law is valid, and the next set holds the image of the set, in rational numbers.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import files, scenario
-from rpo_core.flight import Flight, fly
-from rpo_core.validation import InputError
-from rpo_training.analysis.certificate import REFUTED
+from rpo_core.flight import Flight
 from rpo_training.proof import apart, cells, probing, rest
 from rpo_training.proof.cells import Cell, Found
 from rpo_training.proof.check_apart import empty_faults, merging_faults
+from rpo_training.proof.check_claims import Follows, Written, flights_again, what_follows
 from rpo_training.proof.check_ticks import (
     law_faults,
     set_faults,
     step_faults,
     stepped,
     surface_faults,
+    table_faults,
 )
-from rpo_training.proof.claims import claims_of, nowhere, ranges_of, values_of
+from rpo_training.proof.claims import Claim, Range, nowhere
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.exact import exact
 from rpo_training.proof.folder import Folder
@@ -42,6 +42,12 @@ from rpo_training.proof.tube import Trace
 
 FLIGHTS_EACH = 50
 """Flights from each cell that is drawn."""
+
+MOST_FAULTS = 20
+"""Faults of each step of the check that are listed; the first step with a fault is the last one."""
+
+OVERLAPPING = 1e-10
+"""Cells may overlap by so much of the box, a tenth of what a mean is widened for it."""
 
 Floats = NDArray[np.float64]
 Say = Callable[[str, int, int], None]
@@ -62,78 +68,81 @@ class Sample:
     seed: int = 1
 
 
-def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: None) -> list[str]:
-    """Return what is wrong with a finished proof, a sentence each; empty: nothing was found."""
-    problem, summary = folder.problem, folder.summary()
-    table = folder.table()
-    problem.__dict__['table'] = table
+@dataclass(frozen=True)
+class Checked:
+    """What the checker found.
+
+    faults : what is wrong, a sentence each; then nothing else counts
+    claims, ranges : what it computed itself, from the cells and from flights
+    drawn : group -> cells whose tubes it made anew, and all cells that have one
+    """
+
+    faults: list[str]
+    claims: list[Claim]
+    ranges: dict[str, Range]
+    drawn: dict[str, tuple[int, int]]
+
+    @property
+    def whole(self) -> bool:
+        """Whether all tubes were made anew."""
+        return all(some == every for some, every in self.drawn.values())
+
+
+def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: None) -> Checked:
+    """Check a finished proof; raises InputError if it cannot be read."""
+    problem = replace(folder.problem)  # without what a prover has computed in it
+    written = Written.of(folder)
     groups = {group: folder.cells(group) for group in problem.groups}
-    found = [*claim_faults(problem, groups, summary), *_counterexamples(folder, summary)]
-    for group, some in groups.items():
-        say(f'{group} cells cover the box', 0, 1)
-        found += [*cover_faults(problem, group, some), *empty_faults(problem, group, some)]
+    arrays = folder.table()
+    follows = Follows([], {}, [])
+    faults = _first(
+        fault
+        for group, found in groups.items()
+        for fault in (*cover_faults(problem, group, found), *empty_faults(problem, group, found))
+    )
+    if not faults:
+        flown, faults = flights_again(folder, written)
+        follows = what_follows(problem, groups, written, flown)
+        faults = [*faults, *follows.faults][:MOST_FAULTS]
+    for step in _steps(problem, groups, written.rest, arrays, sample, say):
+        faults = faults or _first(step)
+    drawn = {
+        group: (min(sample.starts or count, count), count)
+        for group, count in ((g, len(_flown(found))) for g, found in groups.items())
+    }
+    return Checked(faults, follows.claims, follows.ranges, drawn)
+
+
+def _first(faults: Iterable[str]) -> list[str]:
+    return list(islice(faults, MOST_FAULTS))
+
+
+def _steps(
+    problem: Problem,
+    groups: Mapping[str, Found],
+    at_rest: Rest | None,
+    arrays: Mapping[str, NDArray[Any]],
+    sample: Sample,
+    say: Say,
+) -> Iterator[Iterable[str]]:
+    """Yield the steps of a check that take long, each an iterator of faults."""
     rng = np.random.default_rng(sample.seed)
     say('the surface', 0, 1)
-    found += surface_faults(problem, table, rng, sample.surface)
-    at_rest = rest_of_summary(summary)
+    yield table_faults(problem, arrays)
+    yield surface_faults(problem, rng, sample.surface)
     if at_rest is not None:
-        found += rest_faults(problem, at_rest)
+        yield rest_faults(problem, at_rest)
     before: dict[str, Found] = {}
-    for group in problem.groups:
+    for group, found in groups.items():
         around = around_of(problem, group, before)
-        before[group] = groups[group]
+        before[group] = found
         prover = Prover(problem, group, at_rest or nowhere(problem), *around)
-        found += tube_faults(prover, groups[group], rng, sample, say)
-        found += flight_faults(prover, groups[group], rng, sample.flights, say)
-    return found
-
-
-def rest_of_summary(summary: Mapping[str, Any]) -> Rest | None:
-    """Return the set of rest that a summary names, None if it names none."""
-    return None if summary['rest'] is None else Rest(**summary['rest'])
-
-
-def claim_faults(
-    problem: Problem, groups: Mapping[str, Found], summary: Mapping[str, Any]
-) -> Iterator[str]:
-    """Yield claims that do not follow from the bounds of the cells."""
-    written = summary['claims']
-    flown = {key: (claim['found'], tuple(claim['start'])) for key, claim in written.items()}
-    for claim in claims_of(problem, groups, rest_of_summary(summary), flown):
-        theirs = written.get(claim.key)
-        if theirs is None:
-            yield f'claim {claim.key}: is missing'
-        elif (theirs['bound'], theirs['verdict'], theirs['statement'], theirs['limit']) != (
-            claim.bound,
-            claim.verdict,
-            claim.statement,
-            claim.limit,
-        ):
-            yield (
-                f'claim {claim.key}: is {theirs["verdict"]} with {theirs["bound"]!r}; '
-                f'the cells say {claim.verdict} with {claim.bound!r}'
-            )
-    for key, found in ranges_of(groups).items():
-        if summary['ranges'].get(key) != vars(found):
-            yield f'range {key}: the cells say {found.low!r} to {found.high!r}'
-
-
-def _counterexamples(folder: Folder, summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield refuted claims whose flight does not break the limit."""
-    for key, claim in summary['claims'].items():
-        if claim['verdict'] != REFUTED:
-            continue
-        path = folder.path / f'counterexample_{key}.yaml'
-        breaking = files.load(path, scenario.parse)
-        if not isinstance(breaking, scenario.Scenario):
-            raise InputError(f'{path}: must be a single flight')
-        value = values_of(folder.problem, fly(breaking, folder.problem.controller))[key]
-        if value != claim['found'] or not value > claim['limit']:
-            yield f'claim {key}: its counterexample reaches {value!r}, not {claim["found"]!r}'
+        yield tube_faults(prover, found, rng, sample, say)
+        yield flight_faults(prover, found, rng, sample.flights, say)
 
 
 def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
-    """Yield a place of the box of starts that no cell holds.
+    """Yield a place of the box of starts that no cell holds, or that cells lie on each other.
 
     A box is held by one cell, or is cut where a cell ends, or holds a gap.
     """
@@ -147,6 +156,13 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
     low, high = np.where(half > 0.0, low, centre), np.where(half > 0.0, high, centre)
     if problem.odd:
         low[0] = centre[0]
+    wide = half > 0.0
+    with np.errstate(over='ignore'):
+        shares = (2.0 * found.half[:, wide] / (high - low)[wide]).prod(axis=1)
+        total = float(shares.sum())
+    if not total <= 1.0 + OVERLAPPING or found.half[:, ~wide].any():
+        yield f'{group} cells: they hold more than the box, or some of it twice'
+        return
     # The edges of a cell are rounded here; it reaches further than that into its neighbours.
     room = (np.abs(found.centre) + found.half) * 2.0**-50 * (found.half > 0.0)
     lows, highs = found.centre - found.half + room, found.centre + found.half - room
@@ -172,11 +188,17 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
 
 def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
     """Yield why the set of rest is not mapped into itself, in rational numbers."""
+    if problem.settings.axes_apart:
+        yield 'set of rest: axes apart have none, for it would have to hold x and y together'
+        return
     radius, rate, speed = (exact(number) for number in at_rest)
     for group in problem.groups:
         motion = rest.motion_at_rest(problem, group)
         c, g, d, m = rest.as_set(motion, at_rest)
-        before, after, _ = stepped(problem, motion, 0, c, g, d, m)
+        before, after, m = stepped(problem, motion, 0, c, g, d, m)
+        if m < 0:
+            yield f'{group} set of rest: it has no law'
+            continue
         yield from law_faults(problem, before, f'{group} set of rest')
         yield from step_faults(motion, before, after, f'{group} set of rest')
         p = len(c) // 2
@@ -185,8 +207,13 @@ def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
             far = abs(c_[i]) + d_[i] + sum(map(abs, g_[i]))
             fast = abs(c_[p + i] + rate * c_[i]) + d_[p + i] + rate * d_[i]
             fast += sum(abs(y + rate * x) for x, y in zip(g_[i], g_[p + i], strict=True))
-            if far > radius or fast > speed:
+            if not (far <= radius and fast <= speed):
                 yield f'{group} set of rest: a tick leaves it'
+
+
+def _flown(found: Found) -> NDArray[np.intp]:
+    """Return the numbers of the cells that have a tube; `empty_faults` looks at the others."""
+    return np.flatnonzero(found.column('last_s') > 0.0)
 
 
 def tube_faults(
@@ -194,7 +221,7 @@ def tube_faults(
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
     problem, group = prover.problem, prover.group
-    flown = np.flatnonzero(found.column('last_s') > 0.0)
+    flown = _flown(found)
     chosen = rng.permutation(flown)[: sample.starts or len(flown)]
     for number, k in enumerate(chosen.tolist()):
         say(f'{group} tubes', number, len(chosen))
@@ -202,7 +229,7 @@ def tube_faults(
         cell = Cell(tuple(found.centre[k].tolist()), tuple(found.half[k].tolist()), depth)
         name = f'{group} cell {k}'
         values, boxes, tail, reach = prover.values(cell)
-        if (reach[0] < found.reach[0]).any() or (reach[1] > found.reach[1]).any():
+        if not ((found.reach[0] <= reach[0]) & (reach[1] <= found.reach[1])).all():
             yield f'{name}: leaves what its group reaches'
         if not (tail <= found.tail).all(axis=(1, 2)).any():
             yield f'{name}: its norms exceed those of the group'
@@ -228,7 +255,7 @@ def flight_faults(
     """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
     problem, chosen, done = prover.problem, list(prover.problem.groups[prover.group]), 0
     half = np.array(problem.settings.half) * problem.settings.axes_apart
-    flown = np.flatnonzero(found.column('last_s') > 0.0)
+    flown = _flown(found)
     while done < count and len(flown):
         say(f'{prover.group} flights', done, count)
         k = int(rng.choice(flown))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rpo_core import cw
 from rpo_training.proof import apart
-from rpo_training.proof.cells import Cell, Found
+from rpo_training.proof.cells import VALUES, Cell, Found
 from rpo_training.proof.check_ticks import set_faults
 from rpo_training.proof.exact import UNIT, exact
 from rpo_training.proof.merging import set_of
@@ -33,13 +33,20 @@ COEFFICIENT = 32 * UNIT
 
 def empty_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
     """Yield cells without a tube that say something, or are said to hold nothing, and do."""
-    for k in np.flatnonzero(found.column('last_s') <= 0.0).tolist():
+    nothing = np.array([np.inf, *np.zeros(len(VALUES) - 3)])
+    for k in np.flatnonzero(~(found.column('last_s') > 0.0)).tolist():
         centre, half = found.centre[k], found.half[k]
         if found.column('last_s')[k] == 0.0:
-            if np.isfinite(found.values[k, 2:]).any():
+            if not (found.values[k, 2:] == np.inf).all():
                 yield f'{group} cell {k}: is bounded without a tube'
+            if not (found.tail == np.inf).all(axis=(1, 2)).any():
+                yield f'{group} cell {k}: its norms are bounded without a tube'
+            if not np.isinf(found.reach[:, 1:]).all():
+                yield f'{group} cell {k}: is said to reach something, without a tube'
         elif not (problem.settings.axes_apart and apart.is_outside(problem, group, centre, half)):
             yield f'{group} cell {k}: is not empty'
+        elif not np.array_equal(found.values[k, 2:], nothing):
+            yield f'{group} cell {k}: says something of what is empty'
 
 
 def motion_faults(
@@ -72,7 +79,7 @@ def _force_faults(
         b = cw.matrices(drawn.step)[1][np.ix_(APART[prover.group], [axis])][:, 0]
         light = 1 + exact(motion.mass) * (shares[-1] if motion.mass else 0)
         for theirs, mine in zip(exact(b.tolist()), exact(motion.b[:, 0].tolist()), strict=True):
-            if abs(theirs - mine * light) > COEFFICIENT * abs(theirs):
+            if not abs(theirs - mine * light) <= COEFFICIENT * abs(theirs):
                 yield f'{where}: the mass of a flight is not the one that is carried'
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rpo_core import metrics, verdicts
 from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
+from rpo_core.validation import InputError
 from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
 from rpo_training.proof.cells import Found
 from rpo_training.proof.problem import HOLD, Problem
@@ -23,6 +24,10 @@ from rpo_training.proof.sets import Rest
 Floats = NDArray[np.float64]
 Groups = Mapping[str, Found]
 """Cells of each group, in the order in which they are proven."""
+
+
+ROOM = 1e-9
+"""Share by which a mean is widened, for cells that overlap."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +117,15 @@ def unknown(problem: Problem) -> list[str]:
     return [key for key in problem.limits if key not in BOUNDS]
 
 
+def asked_of(problem: Problem) -> list[str]:
+    """Return the requirements that the proof is about; raises InputError if there are none."""
+    found = [key for key in problem.limits if key in BOUNDS]
+    if not found:
+        asked = ', '.join(problem.limits)
+        raise InputError(f'`claim` must be one of {", ".join(BOUNDS)}; got {asked}')
+    return found
+
+
 def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
     """Return requirement -> value of a flight, of all that the proof is about."""
     found = {verdict.key: verdict.value for verdict in verdicts.verdicts(flight)}
@@ -132,10 +146,8 @@ def claims_of(
     assumed: dict[str, Any] = {HOLD: 0.0}
     required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
     found = []
-    for key, limit in problem.limits.items():
-        if key not in BOUNDS:
-            continue
-        bounds = BOUNDS[key](groups)
+    for key in asked_of(problem):
+        limit = problem.limits[key]
         statement = verdicts.statement(key, required, problem.scenario.duration_s)
         if key == HOLD:
             hold_s = problem.hold_tick * problem.scenario.dt_s
@@ -143,10 +155,18 @@ def claims_of(
             statement = f'position error per axis, from {hold_s:g} s on{ever}'
         value, start = flown.get(key, (0.0, ()))
         unit = metrics.UNITS[key]
-        bound = float(bounds.max())
+        bound = bound_of(problem, groups, rest, key)
         found.append(
             Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
         )
+    return found
+
+
+def bound_of(problem: Problem, groups: Groups, rest: Rest | None, key: str) -> float:
+    """Return what no start exceeds; what is held for ever, in the set of rest too."""
+    found = float(BOUNDS[key](groups).max())
+    if key == HOLD and rest is not None and rest_follows(problem, groups, rest):
+        return max(found, rest.radius_m)
     return found
 
 
@@ -176,11 +196,11 @@ class Range:
     high: float
 
 
-def ranges_of(groups: Groups) -> dict[str, Range]:
+def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
     """Return what the tubes say of every flight: energy, its mean, force, speed, arrival.
 
     The mean is over starts that are equally likely everywhere in the box; cells overlap by less
-    than is added here.
+    than is added here. Axes apart have no mean: their cells are not of starts.
     """
     low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
     for every in groups.values():
@@ -189,7 +209,7 @@ def ranges_of(groups: Groups) -> dict[str, Range]:
         least = np.where(np.isfinite(least), least, 0.0)
         low, high = low + float(least.min()), high + float(most.max())
         sides = np.where(found.half > 0.0, found.half, 1.0)
-        share = sides.prod(axis=1)
+        share = np.ldexp(sides, -np.frexp(sides.max(axis=0))[1]).prod(axis=1)  # not rounded by this
         share = share / math.fsum(share)
         # Exact sums: those of NumPy differ in the last digit where the memory is another.
         mean_low += math.fsum(share * least)
@@ -198,14 +218,39 @@ def ranges_of(groups: Groups) -> dict[str, Range]:
     def greatest(name: str) -> float:
         return max(float(found.column(name).max()) for found in groups.values())
 
+    mean = Range(
+        'energy, mean over the box', 'N^2 s', mean_low * (1.0 - ROOM), mean_high * (1.0 + ROOM)
+    )
     return {
         'energy_n2s': Range('energy of each flight', 'N^2 s', low, high),
-        'mean_energy_n2s': Range(
-            'energy, mean over the box', 'N^2 s', mean_low * (1.0 - 1e-9), mean_high * (1.0 + 1e-9)
-        ),
+        **({} if problem.settings.axes_apart else {'mean_energy_n2s': mean}),
         'force_n': Range('force per axis', 'N', 0.0, greatest('force_n')),
         'speed_m_s': Range('speed per axis, on the way', 'm/s', 0.0, greatest('speed_m_s')),
         'arrival_s': Range('within 0.5 m per axis from', 's', 0.0, greatest('arrival_s')),
+    }
+
+
+def summary_of(
+    claims: Sequence[Claim], rest: Rest | None, ranges: Mapping[str, Range], groups: Groups
+) -> dict[str, Any]:
+    """Return the summary of a proof, as it is written."""
+    return {
+        'rest': None if rest is None else {k: float(v) for k, v in rest._asdict().items()},
+        'cells': {group: len(found.values) for group, found in groups.items()},
+        'claims': {
+            claim.key: {
+                'statement': claim.statement,
+                'verdict': claim.verdict,
+                'unit': claim.unit,
+                'limit': float(claim.limit),
+                'bound': float(claim.bound),
+                'found': float(claim.found),
+                'start': [float(x) for x in claim.start],
+                'open_cells': claim.open_cells,
+            }
+            for claim in claims
+        },
+        'ranges': {key: vars(found) for key, found in ranges.items()},
     }
 
 

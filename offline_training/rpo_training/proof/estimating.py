@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_training.proof import kept, probing
+from rpo_training.proof import probing
 from rpo_training.proof.cells import Found, roots
-from rpo_training.proof.claims import BOUNDS, nowhere, of_planar
+from rpo_training.proof.claims import BOUNDS, bound_of, nowhere, of_planar
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import joined
 from rpo_training.proof.problem import Problem
@@ -50,7 +50,6 @@ class Estimate(NamedTuple):
 
 def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
     """Prove some first cells of each group, drawn at random; return what they say of all."""
-    problem.__dict__['table'] = kept.table_of(problem)
     limits = {key: limit for key, limit in problem.limits.items() if key in BOUNDS}
     rest = rest_of(problem, problem.hold_error_m, limits.get('hold_speed_per_axis_m_s'))
     flown = probing.probe(problem, probing.anywhere(problem, PROBES, SEED), SEED)
@@ -79,7 +78,7 @@ def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
         sum(2 * len(part.values) - 1 for part in parts),
         seconds,
         {key: sum(bool((of_planar(g, key) > limits[key]).any()) for g in each) for key in limits},
-        {key: float(BOUNDS[key](groups).max()) for key in limits},
+        {key: bound_of(problem, groups, rest, key) for key in limits},
         values,
         sum(not bool(np.isfinite(part.column('rest_s')).all()) for part in parts),
         hours,

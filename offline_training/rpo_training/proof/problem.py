@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,12 +15,21 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import controller as controllers
-from rpo_core import cw, scenario
+from rpo_core import cw, files, scenario
 from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.disturbance import Harmonic
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.stage import section_of
-from rpo_core.validation import InputError, check_fields, flag, mapping, real, schema
+from rpo_core.validation import (
+    InputError,
+    check_fields,
+    flag,
+    mapping,
+    real,
+    schema,
+    shown,
+    text,
+)
 from rpo_training.proof import steep, tables
 from rpo_training.proof.tube import Motion
 
@@ -41,15 +51,24 @@ APART: dict[str, tuple[int, ...]] = {'z': (2, 5), 'y': (1, 4), 'x': (0, 3)}
 EVER_N = 4e-12
 """Share of the disturbance by which its sinusoids may be rounded, and are widened (`_forces`)."""
 
+MOST_CELLS = 10_000_000
+"""First cells of a group, or strips of an axis."""
+
 _share = partial(real, least=0.0, below=0.5)
 _Six = tuple[float, float, float, float, float, float]
 
 
-def _six(name: str, value: Any) -> _Six:
+def _six(name: str, value: Any, least: float = -1e6) -> _Six:
     if not isinstance(value, (list, tuple)) or len(value) != 6:
-        raise InputError(f'`{name}` must be 6 numbers; got {value!r}')
-    x, y, z, vx, vy, vz = (real(name, number, most=1e6, least=-1e6) for number in value)
+        raise InputError(f'`{name}` must be 6 numbers; got {shown(value)}')
+    x, y, z, vx, vy, vz = (real(name, number, most=1e6, least=least) for number in value)
     return x, y, z, vx, vy, vz
+
+
+def _names(name: str, value: Any) -> tuple[str, ...]:
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f'`{name}` must be a list of requirements; got {shown(value)}')
+    return tuple(text(name, one) for one in value)
 
 
 @dataclass(frozen=True)
@@ -68,7 +87,7 @@ class Settings:
     """
 
     centre: Annotated[_Six, _six]
-    half: Annotated[_Six, _six]
+    half: Annotated[_Six, partial(_six, least=0.0)]
     mass_share: Annotated[float, _share] = 0.0
     disturbance_share: Annotated[float, partial(real, least=0.0, most=10.0)] = 0.0
     any_n: Annotated[float, partial(real, unit='N', least=0.0, most=1.0)] = 0.0
@@ -76,10 +95,19 @@ class Settings:
     axes_apart: Annotated[bool, flag] = False
     cell_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 1.0
     cell_m_s: Annotated[float, partial(real, unit='m/s', above=0.0, most=10.0)] = 0.0125
-    claims: tuple[str, ...] = ()
+    claims: Annotated[tuple[str, ...], _names] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
+        sizes = 3 * [self.cell_m] + 3 * [self.cell_m_s]
+        counts = [max(1.0, half / size) for half, size in zip(self.half, sizes, strict=True)]
+        groups = (APART if self.axes_apart else GROUPS).values()
+        most = max(math.prod(counts[i] for i in chosen) for chosen in groups)
+        if not most <= MOST_CELLS:
+            raise InputError(
+                f'`half` must be of at most {MOST_CELLS} cells of `cell_m` and `cell_m_s`; '
+                f'it is of {most:.3g}'
+            )
 
 
 @dataclass(frozen=True)
@@ -136,10 +164,14 @@ class Problem:
 
     @property
     def odd(self) -> bool:
-        """Whether the closed loop from -s is the negative of that from s, and so is the box."""
+        """Whether half of the box is enough: what starts at -s is the negative of what starts at s.
+
+        Not where axes are apart: x and y would have to change their signs together.
+        """
         still = self.scenario.disturbance.is_zero or self.settings.disturbance_share > 0.0
         centred = not any(self.settings.centre)
-        return self.controller.system.rules.is_odd and still and centred
+        alone = not self.settings.axes_apart
+        return alone and self.controller.system.rules.is_odd and still and centred
 
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
@@ -166,18 +198,11 @@ class Problem:
 
     @cached_property
     def table(self) -> tables.Table:
-        """The enclosure of the control surface."""
-        return self.table_anew()
-
-    def table_anew(self) -> tables.Table:
-        """Return the enclosure of the control surface, computed again."""
-        limit_n = self.scenario.max_force_n
-        table = tables.table_of(self.controller, limit_n, self.settings.coarseness)
-        required = self.scenario.requirements
-        if required is None or required.slew_per_axis_n_s is None:
-            return table
-        slew_n_s, mass_kg = required.slew_per_axis_n_s, self.scenario.mass_kg
-        return steep.divided(self.controller, table, slew_n_s, mass_kg)
+        """The enclosure of the control surface, made by this process."""
+        found, required = self.scenario, self.scenario.requirements
+        slew_n_s = None if required is None else required.slew_per_axis_n_s
+        coarseness = self.settings.coarseness
+        return _table(self.controller, found.max_force_n, coarseness, slew_n_s, found.mass_kg)
 
     @property
     def strongest_n(self) -> float:
@@ -247,7 +272,7 @@ class Problem:
                 found.append(column)
         return np.zeros((ticks, len(axes))), _stacked([*found, *extra], ticks, len(axes))
 
-    @property
+    @cached_property
     def texts(self) -> tuple[str, str, str]:
         """Controller, scenario and settings as files."""
         half = {
@@ -263,15 +288,31 @@ class Problem:
     @classmethod
     def of_texts(cls, texts: Sequence[str]) -> Problem:
         """Return the problem of the texts of its files; raises InputError."""
-        controller, found, settings = (yaml.safe_load(text) for text in texts)
-        parsed = scenario.parse(found)
+        controller, found, settings = texts
+        parsed = files.loads(found, scenario.parse, 'scenario')
         if isinstance(parsed, ScenarioSet):
             raise InputError('`scenario` of a proof must be a single flight; it is a set')
-        schema(settings, SCHEMA)
-        known = list(Settings.__dataclass_fields__)
-        chosen = mapping('', settings, ['schema', *known])
-        made = Settings(**{**{k: chosen[k] for k in known}, 'claims': tuple(chosen['claims'])})
-        return cls.of(controllers.parse(controller), parsed, made)
+        made = files.loads(settings, _parse_settings, 'proof')
+        return cls.of(files.loads(controller, controllers.parse, 'controller'), parsed, made)
+
+
+def _parse_settings(document: Any) -> Settings:
+    schema(document, SCHEMA)
+    known = list(Settings.__dataclass_fields__)
+    chosen = mapping('', document, ['schema', *known])
+    return Settings(**{name: chosen[name] for name in known})
+
+
+@lru_cache(maxsize=4)
+def _table(
+    controller: FuzzyController,
+    limit_n: float,
+    coarseness: float,
+    slew_n_s: float | None,
+    mass_kg: float,
+) -> tables.Table:
+    table = tables.table_of(controller, limit_n, coarseness)
+    return table if slew_n_s is None else steep.divided(controller, table, slew_n_s, mass_kg)
 
 
 def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from rpo_core.metrics import Windows, windows_of
 from rpo_training.proof import apart, merging
 from rpo_training.proof.apart import ALONE, Beside
-from rpo_training.proof.cells import VALUES, Cell, Found, Targets, halves, joint, widths
+from rpo_training.proof.cells import (
+    VALUES,
+    Cell,
+    Found,
+    Layout,
+    Targets,
+    checkpoint_ticks,
+    halves,
+    joint,
+    widths,
+)
 from rpo_training.proof.merging import Limits, Stage
 from rpo_training.proof.problem import Problem
 from rpo_training.proof.sets import MOST, Rest
@@ -31,9 +41,6 @@ DEEPEST, DEEPEST_APART = 16, 24
 
 MOST_TUBES, MOST_TUBES_APART = 240, 2000
 """Tubes for each first cell of a unit, after which no more cells are halved."""
-
-CHECKPOINT_S = 10.0
-"""The boxes of a tube are kept so often."""
 
 WIDEST = (8.0, 1.0)
 """Half-widths [m], [m/s] at which a tube is given up."""
@@ -58,6 +65,7 @@ class Prover(threading.local):
         self.problem, self.group, self.rest = problem, group, rest
         self.apart, self.beside = problem.settings.axes_apart, beside
         self.windows: Windows = windows_of(problem.scenario)
+        self.layout = Layout.of(problem, group)
         self.above = np.zeros((1, 2, self.windows.tail)) if above is None else above
         self.ticks = LONGER * max(problem.hold_tick, problem.scenario.ticks)
         if not problem.rests:
@@ -194,7 +202,7 @@ class Prover(threading.local):
                 late[:, :p].max(),
                 late[:, p:].max(),
                 *means,
-                t.slew[: judged - 1].max(),
+                t.slew[: judged - 1].max(initial=0.0),
                 commands.max(),
                 size[: judged + 1, p:].max(),
                 (least**2).sum() * dt,
@@ -203,8 +211,8 @@ class Prover(threading.local):
             )
             row[3:] *= 1.0 + 1e-12
             row[VALUES.index('energy_low_n2s')] *= 1.0 - 4e-12
-        every = round(CHECKPOINT_S / dt)
-        boxes = np.full((self._checkpoints, 2, 2 * p), np.nan)
+        every = checkpoint_ticks(self.problem)
+        boxes = np.full((self.layout.checkpoints, 2, 2 * p), np.nan)
         shown = min(len(boxes), last // every + 1)
         for side, values in enumerate((t.low, t.high)):
             boxes[:shown, side] = values[: last + 1 : every][:shown]
@@ -213,7 +221,7 @@ class Prover(threading.local):
     def _reach(self, last: int, empty: bool) -> Floats:
         """Return the least and greatest states of a tube that lasts until a tick."""
         if not self.apart:
-            return np.zeros((2, 0, len(self.motion.a)))
+            return np.zeros((2, self.layout.reach, len(self.motion.a)))
         found = np.array([self.trace.low, self.trace.high])
         if empty:
             found[0], found[1] = np.inf, -np.inf
@@ -271,24 +279,15 @@ class Prover(threading.local):
         n, k = len(self.motion.a), len(cells)
         values = np.full((k, len(VALUES)), np.inf)
         values[:, :2] = 0.0
-        reach = np.array([-np.inf, np.inf])[:, None, None] * np.ones((self._reached, n))
+        reach = np.array([-np.inf, np.inf])[:, None, None] * np.ones((self.layout.reach, n))
         return Found(
             np.array([cell.centre for cell in cells]),
             np.array([cell.half for cell in cells]),
             values,
-            np.full((k, self._checkpoints, 2, n), np.nan),
+            np.full((k, self.layout.checkpoints, 2, n), np.nan),
             np.full((1, *self.above.shape[1:]), np.inf),
             reach,
         )
-
-    @property
-    def _checkpoints(self) -> int:
-        return self.windows.ticks // round(CHECKPOINT_S / self.problem.scenario.dt_s) + 1
-
-    @property
-    def _reached(self) -> int:
-        """Ticks of which the greatest and least states are kept."""
-        return self.ticks + 1 if self.apart else 0
 
     def arrived(self, row: Floats) -> bool:
         """Whether a tube comes to rest or, where that is not asked for, lasts to the end."""

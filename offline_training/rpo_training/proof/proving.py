@@ -11,20 +11,25 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import scenario as scenarios
-from rpo_core.scenario import Scenario
 from rpo_training.analysis.certificate import REFUTED
 from rpo_training.cluster import pool
-from rpo_training.outputs import write_text
-from rpo_training.proof import kept, probing
+from rpo_training.proof import probing
 from rpo_training.proof.apart import Beside
 from rpo_training.proof.cells import Cell, Found, Targets, roots
-from rpo_training.proof.claims import BOUNDS, Claim, claims_of, nowhere, ranges_of
+from rpo_training.proof.claims import (
+    Claim,
+    Range,
+    asked_of,
+    claims_of,
+    nowhere,
+    ranges_of,
+    summary_of,
+)
 from rpo_training.proof.corridor import around_of
 from rpo_training.proof.folder import Folder, joined
 from rpo_training.proof.problem import HOLD, Problem
@@ -58,13 +63,15 @@ class Work(NamedTuple):
 class Outcome:
     """A finished proof.
 
-    counterexamples : requirement -> scenario that breaks it
+    ranges : what the tubes say beside the claims
+    counterexamples : requirements that a flight breaks
+    taken : group -> units of an earlier call, and all
     """
 
     claims: list[Claim]
-    rest: Rest | None
-    groups: dict[str, Found]
-    counterexamples: dict[str, Scenario]
+    ranges: dict[str, Range]
+    counterexamples: list[str]
+    taken: dict[str, tuple[int, int]]
 
 
 def prove(
@@ -77,7 +84,7 @@ def prove(
     probes : flights from anywhere, before
     """
     problem = folder.problem
-    problem.__dict__['table'] = folder.table()
+    folder.put_table()
     limits = problem.limits
     speed = limits.get('hold_speed_per_axis_m_s')
     rest = rest_of(problem, problem.hold_error_m, speed)
@@ -85,20 +92,21 @@ def prove(
     flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
     groups: dict[str, Found] = {}
-    targets = targets_of(problem, refuted) if set(limits) & set(BOUNDS) - refuted else None
+    taken: dict[str, tuple[int, int]] = {}
+    targets = targets_of(problem, refuted) if set(asked_of(problem)) - refuted else None
     for group in problem.groups:
         around = around_of(problem, group, groups)
         work = Work(problem, group, asked, targets, *around)
-        groups[group] = _cells(folder, work, workers, address, progress)
+        groups[group], taken[group] = _cells(folder, work, workers, address, progress)
     flown = _suspected(problem, groups, rest, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
     claims = claims_of(problem, groups, rest, values)
-    against = {c.key: flown[c.key][2] for c in claims if c.verdict == REFUTED}
-    for key, breaking in against.items():
-        write_text(folder.path / f'counterexample_{key}.yaml', scenarios.dumps(breaking))
-    outcome = Outcome(claims, rest, groups, against)
-    folder.finish(groups, summary_of(outcome))
-    return outcome
+    ranges = ranges_of(problem, groups)
+    for claim in claims:
+        if claim.key in flown:
+            folder.put_flight(claim.key, claim.verdict == REFUTED, flown[claim.key][2])
+    folder.finish(groups, summary_of(claims, rest, ranges, groups))
+    return Outcome(claims, ranges, [c.key for c in claims if c.verdict == REFUTED], taken)
 
 
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
@@ -131,14 +139,16 @@ def _suspected(
     return flown
 
 
-def _cells(folder: Folder, work: Work, workers: int, address: str, progress: Progress) -> Found:
-    """Return all cells of a group; those of finished units are read."""
+def _cells(
+    folder: Folder, work: Work, workers: int, address: str, progress: Progress
+) -> tuple[Found, tuple[int, int]]:
+    """Return all cells of a group, and how many units of all are of an earlier call."""
     group, cells = work.group, roots(work.problem, work.group)
     size = UNIT_APART if work.problem.settings.axes_apart else UNIT
     units = [cells[first : first + size] for first in range(0, len(cells), size)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
     pending = [unit for unit, found in parts.items() if found is None]
-    finished = len(units) - len(pending)
+    taken = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
     make = _on_cluster if address else _on_threads
     for unit, found in make(work, units, pending, workers, address):
@@ -146,7 +156,8 @@ def _cells(folder: Folder, work: Work, workers: int, address: str, progress: Pro
         parts[unit] = found
         finished += 1
         progress(f'{group} cells', min(finished * size, len(cells)), len(cells))
-    return joined(part for part in parts.values() if part is not None)
+    every = joined(part for part in parts.values() if part is not None)
+    return every, (taken, len(units))
 
 
 Source = Iterator[tuple[int, Found]]
@@ -175,9 +186,7 @@ def _on_threads(
 
 @lru_cache(maxsize=2)
 def _prover(texts: tuple[str, str, str], group: str, rest: Rest, around: bytes) -> Prover:
-    problem = Problem.of_texts(texts)
-    problem.__dict__['table'] = kept.table_of(problem)
-    return Prover(problem, group, rest, *pickle.loads(around))
+    return Prover(Problem.of_texts(texts), group, rest, *pickle.loads(around))
 
 
 def prove_remote(
@@ -201,26 +210,3 @@ def _on_cluster(
     calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
     with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
         yield from pool.results(client, prove_remote, calls)
-
-
-def summary_of(outcome: Outcome) -> dict[str, Any]:
-    """Return the summary of a proof, as it is written."""
-    rest = outcome.rest
-    return {
-        'rest': None if rest is None else {k: float(v) for k, v in rest._asdict().items()},
-        'cells': {group: len(found.values) for group, found in outcome.groups.items()},
-        'claims': {
-            claim.key: {
-                'statement': claim.statement,
-                'verdict': claim.verdict,
-                'unit': claim.unit,
-                'limit': float(claim.limit),
-                'bound': float(claim.bound),
-                'found': float(claim.found),
-                'start': [float(x) for x in claim.start],
-                'open_cells': claim.open_cells,
-            }
-            for claim in outcome.claims
-        },
-        'ranges': {key: vars(found) for key, found in ranges_of(outcome.groups).items()},
-    }

@@ -1,0 +1,403 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of a proof's folder, by someone who wants more than is proven. All are drawn at random.
+
+Such a forger changes arrays, figures, texts and whole files. Then he makes the rest fit, as far as
+he can without new tubes: digests of the premises, and a summary that follows from his cells.
+"""
+
+from __future__ import annotations
+
+import copy
+import io
+import os
+import pickle
+import random
+import shutil
+import warnings
+import zipfile
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rpo_core.controller import dumps, load_controller
+from rpo_core.validation import InputError
+from rpo_training.outputs import digest_of
+from rpo_training.proof.cells import VALUES
+from rpo_training.proof.check_claims import Written, what_follows
+from rpo_training.proof.claims import summary_of
+from rpo_training.proof.folder import SUMMARY, TEXTS, Folder
+from rpo_training.proof.problem import Problem
+
+Arrays = dict[str, NDArray[Any]]
+
+NUMBERS = (0.0, -0.0, 1e-300, 1e300, float('inf'), -float('inf'), float('nan'), 1.0, -1.0, 1e9)
+SHARES = (-1.0, 0.0, 0.5, 0.9, 1.0 - 1e-9, 1.0 + 1e-9, 1.1, 2.0, 1e3, 20.0)
+WORDS = (
+    'proven',
+    'refuted',
+    'undecided',
+    'allround',
+    'robust',
+    'paper_test',
+    'mm',
+    'km',
+    'for ever',
+)
+VERSIONS = 'versions.yaml'
+LARGE = 1 << 22
+"""A file that is larger is not taken apart."""
+
+
+def mutate(rng: random.Random, folder: Path) -> str:
+    """Change a proof's folder; return what kind of change it was."""
+    ways = rng.choices(
+        (_arrays, _summary, _premise, _flight, _versions, _bytes, _file),
+        (40, 20, 14, 6, 2, 8, 10),
+        k=rng.choice((1, 1, 1, 2)),
+    )
+    with np.errstate(all='ignore'), warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        found = [way(rng, folder) for way in ways]
+    if rng.random() < 0.7 and set(ways) & {_premise, _versions, _bytes, _file}:
+        found.append(_stamp(folder))
+    if rng.random() < 0.5:
+        found.append(_summarise(folder))
+    return '; '.join(filter(None, found))
+
+
+def _text(path: Path) -> str:
+    """Return a text; raises OSError where there is none, or none of ours."""
+    if not path.is_file() or path.stat().st_size > LARGE:
+        raise OSError(f'{path}: must be a small file')
+    return path.read_text()
+
+
+def _stamp(folder: Path) -> str:
+    """Write the digest that fits controller, scenario and settings."""
+    try:
+        problem = Problem.of_texts([_text(folder / name) for name in TEXTS])
+        stamped = yaml.safe_load(_text(folder / VERSIONS))
+        stamped['files_sha256'] = digest_of(*problem.texts)
+    except (OSError, ValueError, TypeError, yaml.YAMLError):
+        return ''
+    (folder / VERSIONS).write_text(yaml.safe_dump(stamped))
+    return 'digest fits'
+
+
+def _summarise(folder: Path) -> str:
+    """Write the summary that follows from the cells, and from flights as they are said to be."""
+    try:
+        found = Folder.open(folder)
+        problem, written = found.problem, Written.of(found)
+        groups = {group: found.cells(group) for group in problem.groups}
+        follows = what_follows(problem, groups, written, written.flown)
+        document = summary_of(follows.claims, written.rest, follows.ranges, groups)
+    except (InputError, OverflowError):
+        return ''
+    (folder / SUMMARY).write_text(yaml.safe_dump(document, sort_keys=False))
+    return 'summary fits'
+
+
+def _arrays(rng: random.Random, folder: Path) -> str:
+    """Change an array of cells, or now and then of the table."""
+    paths = sorted(path for path in folder.glob('*.npz') if path.stat().st_size < LARGE)
+    if not paths:
+        return ''
+    path = rng.choices(paths, [1 if path.stem == 'table' else 8 for path in paths])[0]
+    try:
+        with np.load(path, allow_pickle=False) as saved:
+            arrays: Arrays = {name: saved[name] for name in saved.files}
+    except (ValueError, OSError, zipfile.BadZipFile, EOFError, KeyError):
+        return ''
+    if not arrays:
+        return ''
+    names = []
+    changes = CELLS if 'half' in arrays and rng.random() < 0.7 else ANY
+    for _ in range(rng.choice((1, 1, 2))):
+        change = rng.choice(changes)
+        with suppress(KeyError, IndexError, ValueError, TypeError):  # changed already, out of shape
+            change(rng, arrays)
+            names.append(change.__name__)
+    _write(rng, path, arrays)
+    return f'{path.name} {"+".join(names)}'
+
+
+def _write(rng: random.Random, path: Path, arrays: Arrays) -> None:
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=True, **arrays)  # type: ignore[arg-type]
+    if arrays and rng.random() < 0.02:  # an array twice: the true one, and another
+        name, twice = rng.choice(sorted(arrays)), io.BytesIO()
+        np.lib.format.write_array(twice, arrays[name] * 0)
+        with zipfile.ZipFile(content, 'a') as archived:
+            archived.writestr(f'{name}.npy', twice.getvalue())
+    path.write_bytes(content.getvalue())
+
+
+Change = Callable[[random.Random, Arrays], None]
+
+
+def _number(rng: random.Random, arrays: Arrays) -> None:
+    """Another number somewhere, in a column, or everywhere."""
+    name = rng.choice(sorted(arrays))
+    values = np.array(arrays[name], copy=True)
+    if values.dtype != object and values.size:
+        at: Any = np.unravel_index(rng.randrange(values.size), values.shape)
+        at = rng.choice((at, at, at[-1:] and (..., at[-1]), at[:1], ...))
+        number = rng.choice(NUMBERS)
+        values[at] = values[at] * rng.choice(SHARES) if rng.random() < 0.6 else number
+    arrays[name] = values
+
+
+def _kind(rng: random.Random, arrays: Arrays) -> None:
+    """Another type."""
+    name = rng.choice(sorted(arrays))
+    kind = rng.choice((np.float32, np.int64, complex, '>f8', object, bool, 'U8', np.float16))
+    arrays[name] = arrays[name].astype(kind)
+
+
+def _shape(rng: random.Random, arrays: Arrays) -> None:
+    """Another shape."""
+    name = rng.choice(sorted(arrays))
+    values = arrays[name]
+    ways = (
+        values.T,
+        values[None],
+        values.ravel(),
+        values[:0],
+        values[..., :-1],
+        values[:1],
+        values[()],
+    )
+    arrays[name] = rng.choice(ways) if values.ndim else values.reshape(1, 1)
+
+
+def _missing(rng: random.Random, arrays: Arrays) -> None:
+    """Less, more or others."""
+    name = rng.choice(sorted(arrays))
+    way = rng.randrange(3)
+    if way == 0 and len(arrays) > 1:
+        del arrays[name]
+    elif way == 1:
+        arrays['more'] = np.zeros(3)
+    else:
+        arrays['more' if rng.random() < 0.3 else rng.choice(sorted(arrays))] = arrays[name]
+
+
+def _pick(rng: random.Random, arrays: Arrays) -> int:
+    return rng.randrange(max(1, len(arrays['values'])))
+
+
+def _rows(arrays: Arrays, order: Any) -> None:
+    for name in ('centre', 'half', 'values', 'boxes'):
+        arrays[name] = arrays[name][order]
+
+
+def _swap(rng: random.Random, arrays: Arrays) -> None:
+    """Exchange what is known of two cells; or all of them, which is no lie."""
+    order = np.arange(len(arrays['values']))
+    a, b = _pick(rng, arrays), _pick(rng, arrays)
+    order[[a, b]] = order[[b, a]]
+    if rng.random() < 0.1:
+        _rows(arrays, order)
+    else:
+        name = rng.choice(('values', 'boxes', 'centre', 'half'))
+        arrays[name] = arrays[name][order]
+
+
+def _drop(rng: random.Random, arrays: Arrays) -> None:
+    _rows(arrays, np.delete(np.arange(len(arrays['values'])), _pick(rng, arrays)))
+
+
+def _repeat(rng: random.Random, arrays: Arrays) -> None:
+    _rows(arrays, [*range(len(arrays['values'])), _pick(rng, arrays)])
+
+
+def _wide(rng: random.Random, arrays: Arrays) -> None:
+    """Make a cell, or all, wider or narrower, or put it elsewhere."""
+    at: Any = rng.choice((_pick(rng, arrays), slice(None)))
+    if rng.random() < 0.7:
+        arrays['half'][at] *= rng.choice(SHARES)
+    else:
+        arrays['centre'][at] += rng.choice((1e-9, -1e-3, 0.1, 1.0))
+
+
+def _low(rng: random.Random, arrays: Arrays) -> None:
+    """Lower bounds, of a cell or of all."""
+    at: Any = rng.choice((_pick(rng, arrays), slice(None)))
+    column: Any = rng.choice((slice(3, None), rng.randrange(3, len(VALUES))))
+    arrays['values'][at, column] *= rng.choice((0.0, 0.5, 0.99, 1.0 - 1e-12))
+
+
+def _earlier(rng: random.Random, arrays: Arrays) -> None:
+    """Other times, or boxes of other times."""
+    if rng.random() < 0.3:
+        arrays['boxes'] = np.roll(arrays['boxes'], rng.choice((-1, 1)), axis=1)
+        return
+    column = VALUES.index(rng.choice(('last_s', 'rest_s', 'arrival_s')))
+    arrays['values'][_pick(rng, arrays), column] += rng.choice((-0.1, 0.1, -1e3, 10.0, 1e-9))
+
+
+def _unseen(rng: random.Random, arrays: Arrays) -> None:
+    """Let a cell not be looked at: no tube, empty, or not a number."""
+    at = _pick(rng, arrays)
+    arrays['values'][at, VALUES.index('last_s')] = rng.choice((float('nan'), 0.0, -0.1, -1.0, -0.0))
+    if rng.random() < 0.6:
+        arrays['values'][at, VALUES.index('rest_s')] = rng.choice((float('inf'), 0.0))
+        arrays['values'][at, 3:] = rng.choice((0.0, float('nan'), float('inf'), -1.0))
+
+
+def _closer(rng: random.Random, arrays: Arrays) -> None:
+    """Less that is reached, or norms that are smaller."""
+    name = rng.choice(('tail', 'reach'))
+    arrays[name] = arrays[name] * rng.choice((0.0, 0.5, 0.999, 1.0 - 1e-12, -1.0))
+
+
+CELLS: tuple[Change, ...] = (
+    _number, _number, _number, _swap, _drop, _repeat, _wide, _wide, _low, _low, _earlier, _unseen,
+    _unseen, _closer,
+)  # fmt: skip
+ANY: tuple[Change, ...] = (_number, _number, _kind, _shape, _missing)
+
+
+def _leaves(document: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the places of a document: of values, lists and mappings."""
+    found = [path] if path else []
+    pairs: Any = ()
+    if isinstance(document, dict):
+        pairs = document.items()
+    elif isinstance(document, list):
+        pairs = enumerate(document)
+    return [*found, *(leaf for key, value in pairs for leaf in _leaves(value, (*path, key)))]
+
+
+def _edit(rng: random.Random, path: Path) -> str:
+    """Change a value of a YAML file, or a line of it."""
+    try:
+        text = _text(path)
+        document = yaml.safe_load(text)
+    except (OSError, ValueError, yaml.YAMLError):
+        return ''
+    places = _leaves(document)
+    if not places or rng.random() < 0.1:
+        return f'{path.name} {_line(rng, path, text)}'
+    place = rng.choice(places)
+    holder = document
+    for key in place[:-1]:
+        holder = holder[key]
+    value = holder[place[-1]]
+    what = rng.randrange(10)
+    if what == 0 and isinstance(holder, dict):
+        del holder[place[-1]]
+    elif what == 1 and isinstance(holder, dict):
+        holder[f'{place[-1]}x'] = copy.deepcopy(value)
+    elif what == 2:
+        holder[place[-1]] = rng.choice(([value], {'x': value}, [], {}, None, str(value), True))
+    elif isinstance(value, bool):
+        holder[place[-1]] = not value
+    elif isinstance(value, (int, float)):
+        near = [value * share for share in SHARES]
+        holder[place[-1]] = rng.choice((*near, *near, *NUMBERS, int(abs(value)), 1 << 70))
+    else:
+        holder[place[-1]] = rng.choice((*WORDS, 'x', '', '\x1b[2J', '9' * 5000))
+    path.write_text(yaml.safe_dump(document, sort_keys=False))
+    return f'{path.name} {".".join(map(str, place))}'
+
+
+def _line(rng: random.Random, path: Path, text: str) -> str:
+    """Change a line: twice, not at all, or a comment behind it, which is no lie."""
+    lines = text.split('\n')
+    at = rng.randrange(len(lines))
+    way = rng.choice(('twice', 'dropped', 'comment', 'list', 'tag'))
+    lines[at : at + 1] = {
+        'twice': [lines[at]] * 2,
+        'dropped': [],
+        'comment': [f'{lines[at]} # {rng.choice(WORDS)}'],
+        'list': [f'- {line}' for line in lines],
+        'tag': [lines[at].replace(': ', ': !!python/object/apply:os.getcwd ', 1)],
+    }[way]
+    path.write_text('\n'.join(lines))
+    return f'line {way}'
+
+
+def _summary(rng: random.Random, folder: Path) -> str:
+    return _edit(rng, folder / SUMMARY)
+
+
+def _premise(rng: random.Random, folder: Path) -> str:
+    """Change controller, scenario or settings; or put another controller under the same name."""
+    if rng.random() < 0.1:
+        other = replace(load_controller(rng.choice(('trained', 'handmade'))), name='robust')
+        (folder / TEXTS[0]).write_text(dumps(other))
+        return 'another controller'
+    return _edit(rng, folder / rng.choice(TEXTS))
+
+
+def _versions(rng: random.Random, folder: Path) -> str:
+    return _edit(rng, folder / VERSIONS)
+
+
+def _flight(rng: random.Random, folder: Path) -> str:
+    """Change a flight of a claim, or let it be that of another claim."""
+    paths = sorted([*folder.glob('counterexample_*.yaml'), *folder.glob('flown_*.yaml')])
+    paths = [path for path in paths if path.is_file()]
+    if not paths:
+        return ''
+    path, other = rng.choice(paths), rng.choice(paths)
+    if rng.random() < 0.2:
+        content = path.read_bytes()
+        path.write_bytes(other.read_bytes())
+        other.write_bytes(content)
+        return f'{path.name} exchanged'
+    return _edit(rng, path)
+
+
+def _bytes(rng: random.Random, folder: Path) -> str:
+    """Change bytes of a file, or cut it short."""
+    paths = sorted(p for p in folder.iterdir() if p.is_file() and 0 < p.stat().st_size < LARGE)
+    path = rng.choice(paths)
+    data = path.read_bytes()
+    at = rng.randrange(len(data))
+    flipped = data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :]
+    path.write_bytes(rng.choice((flipped, flipped, data[:at], data[:at] + b'\0' + data[at:], b'')))
+    return f'{path.name} bytes'
+
+
+def _file(rng: random.Random, folder: Path) -> str:
+    """Remove, exchange, rename or add a file, or put in its place what is none."""
+    paths = sorted(p for p in folder.iterdir() if p.is_file() and not p.is_symlink())
+    path, other = rng.choice(paths), rng.choice(paths)
+    what = rng.choice(
+        ('remove', 'swap', 'rename', 'link', 'pipe', 'folder', 'more', 'pickle', 'sparse')
+    )
+    if what == 'more':
+        shutil.copy(
+            path, folder / rng.choice(('notes\n.txt', 'q.npz', f'counterexample_{path.name}'))
+        )
+    elif what == 'swap':
+        content = path.read_bytes()
+        path.write_bytes(other.read_bytes())
+        other.write_bytes(content)
+    elif what == 'pickle':
+        path.write_bytes(pickle.dumps({'values': [1.0]}))
+    elif what == 'sparse':
+        os.truncate(path, rng.choice((1 << 36, 1 << 30)))
+    elif what == 'rename':
+        path.rename(other)
+    else:
+        content = path.read_bytes()
+        path.unlink()
+        if what == 'link':
+            (folder.parent / 'aside').write_bytes(content)
+            path.symlink_to(folder.parent / 'aside')
+        elif what == 'pipe':
+            os.mkfifo(path)
+        elif what == 'folder':
+            path.mkdir()
+    return f'{path.name} {what}'
