@@ -42,8 +42,7 @@ _MOST_EARLY = 100_000
 NEVER = 1 << 62
 MANIFEST_PATIENCE_S = 5.0
 """A controller heard for so long without a manifest is not one of ours, and has none."""
-_LOOK_S = 0.02
-_SAY_S = 4.0
+_LOOK_S, _SAY_S = 0.02, 4.0
 _ANEW_S = 2.5
 """Silence of a plant after which another one is the new one; it publishes once a second."""
 
