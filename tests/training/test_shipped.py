@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controllers that ship: what their files claim, the targets, and how they were trained."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation import everywhere, targets
 from rpo_training.evaluation.assessment import assess
+from rpo_training.report.blocks import Table
+from rpo_training.report.controller import report_of
 from rpo_training.search import config as configs
 from rpo_training.search import corners, fitting
 from rpo_training.search.training import Training
@@ -162,3 +165,46 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     assert trained.system == shipped.system
     assert trained.scales == shipped.scales
     assert trained.provenance['fitness_n2s'] == shipped.provenance['fitness_n2s']
+
+
+@pytest.mark.timeout(180)
+def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
+    """At rest within 6 mm of the target it commands no force: the pull is refuted there."""
+    made, controller = report_of(DEFAULT_CONTROLLER), load_controller(DEFAULT_CONTROLLER)
+    assert '10 of 10 targets held: its own' in made.summary and 'MISSED' not in made.summary
+    refuted = re.search(
+        r'pull is refuted, at errors of ([\d.]+) m and 0 m/s the force is 0 N', made.summary
+    )
+    assert made.summary.count('refuted') == 1
+    edge = float(refuted[1]) / controller.position_scale_m
+    assert (
+        controller.system.output(edge * 0.9, 0.0) == 0.0 < controller.system.output(edge * 1.1, 0.0)
+    )
+    (claims,) = (
+        b for s in made.sections for b in s.blocks if isinstance(b, Table) and b.caption == 'Claims'
+    )
+    assert all(row[3] for row in claims.rows if row[0] != 'oddness')
+
+
+PAGE = (Path(__file__).parents[2] / 'docs' / 'training.md').read_text()
+TABLE = PAGE.partition('| file | command')[2].partition('\n\n')[0]
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_the_page_says_what_is_asked_of_each_and_what_it_reaches(name):
+    (row,) = re.findall(rf'^\| `{name}`[^|]*\|[^|]*\|(.*)\|$', TABLE, re.M)
+    energy, *cells = (cell.strip() for cell in row.split('|'))
+    found = assess(load_controller(name))
+    assert energy == f'{found.mean_energy_n2s:.3f}'
+    words = {}
+    for target in found.targets():
+        word = '–' if target.limit is None else 'held' if target.holds else 'missed'
+        words[target.name] = (
+            word if words.get(target.name, 'held') == 'held' else words[target.name]
+        )
+    limit = found.asked[1].energy_n2s
+    if limit is not None:
+        words['Q2'] += f', ≤ {limit:.1f}'
+    if found.asked[1].margin:
+        words['Q1'] += f', {100 * found.asked[1].margin:g} % free'
+    assert cells == [words[f'Q{i}'] for i in range(1, 6)]
