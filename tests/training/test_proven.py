@@ -57,8 +57,9 @@ def test_a_result_is_of_numbers_and_of_no_name():
 )
 def test_a_condition_that_the_proof_leaves_open_is_not_proven(monkeypatch, verdicts, said):
     keys = ('mean_error_norm_m', 'slew_per_axis_n_s', 'mean_speed_norm_m_s')
+    figures = {'proven': (0.4, 0.3), 'open': (0.6, 0.3), 'refuted': (0.4, 0.6)}
     claims = tuple(
-        proven.ProvenClaim(key, key, 'm', 0.5, 0.4, 0.3, verdict)
+        proven.ProvenClaim(key, key, 'm', 0.5, *figures[verdict])
         for key, verdict in zip(keys, verdicts, strict=False)
     )
     controller = load_controller('trained')

@@ -31,7 +31,7 @@ SCHEMA = 'rpo/proven/1'
 BEGIN, END = '<!-- proven: begin -->', '<!-- proven: end -->'
 """The lines of a document around the tables."""
 
-NO_PROOF = 'none made'
+NO_PROOF, OPEN = 'none made', 'open'
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,13 @@ class ProvenClaim:
     limit: float
     bound: float
     found: float
-    verdict: str
+
+    @property
+    def verdict(self) -> str:
+        """What the numbers say."""
+        if self.found > self.limit:
+            return REFUTED
+        return PROVEN if self.bound <= self.limit else OPEN
 
 
 @dataclass(frozen=True)
@@ -99,8 +105,8 @@ def proof_of(controller: FuzzyController) -> str:
     if not made:
         return NO_PROOF
     claims = {claim.key: claim.verdict for claim in made[0].claims}
-    for word in (REFUTED, 'open'):
-        names = [key for key in PAPER.limits if (claims.get(key, 'open')) == word]
+    for word in (REFUTED, OPEN):
+        names = [key for key in PAPER.limits if claims.get(key, OPEN) == word]
         if names:
             return f'{word}: {", ".join(map(label, names))}'
     return PROVEN
