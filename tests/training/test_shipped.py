@@ -15,6 +15,7 @@ from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_scenario
 from rpo_core.verdicts import verdicts
 from rpo_training.campaign import config as campaigns
+from rpo_training.campaign import judging
 from rpo_training.campaign.run_batch import fly_runs
 from rpo_training.campaign.statistics import successes
 from rpo_training.engine.population import population_of
@@ -69,7 +70,8 @@ def test_the_default_is_good_everywhere():
         campaign = campaigns.load(campaigns.find(name), runs=400, seed=99)
         assert campaign.controller == controller
         columns = fly_runs(campaign, 0, 400)
-        judged = demand.judged or campaign.config.success
+        success = campaign.config.success
+        judged = judging.motion(success) if demand.motion else success
         missed = 400 - int(successes(campaign.config, columns, judged).sum())
         assert missed <= (name == 'random_moving_starts'), 'of these, 4 in 100 000 miss'
 

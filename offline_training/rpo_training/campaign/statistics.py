@@ -30,6 +30,19 @@ class Rate(NamedTuple):
     low: float
     high: float
 
+    @property
+    def percent(self) -> str:
+        """The share [%]; of more runs than 10 000 a digit more, so that one run still shows."""
+        return self._shown(self.kept / self.runs)
+
+    @property
+    def interval(self) -> str:
+        """The ends of the interval [%]."""
+        return f'{self._shown(self.low)} to {self._shown(self.high)}'
+
+    def _shown(self, share: float) -> str:
+        return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
+
 
 def rate(name: str, kept: int, runs: int) -> Rate:
     """Return a rate with its interval.

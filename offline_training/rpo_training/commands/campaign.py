@@ -172,13 +172,7 @@ def _print(store: Store) -> None:
 
     config = store.campaign.config
     shares = [
-        (
-            r.name,
-            f'{r.kept} / {r.runs}',
-            f'{100 * r.kept / r.runs:.2f} %',
-            f'{100 * r.low:.2f} to {100 * r.high:.2f} %',
-        )
-        for r in rates(store)
+        (r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in rates(store)
     ]
     shares += [
         (judging.label(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')

@@ -208,20 +208,21 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
         outcomes = everywhere(controller, seed, workers, show)
     rows = [
         (
+            o.campaign,
             o.success.name,
             f'{o.success.kept} / {o.success.runs}',
-            f'{100 * o.success.kept / o.success.runs:.3f} %',
-            f'{100 * o.success.low:.3f} to {100 * o.success.high:.3f} %',
+            f'{o.success.percent} %',
+            f'{o.success.interval} %',
             '' if o.least is None else f'{100 * o.least:g} %',
             'not asked' if o.least is None else 'held' if o.holds else 'MISSED',
         )
         for o in outcomes
     ]
-    headings = ('campaign', 'runs that succeed', 'share', 'Wilson 95 %', 'least', '')
-    print_table(headings, rows, f'{controller.name}: draws of seed {seed}')
+    headings = ('campaign', 'judged', 'runs that keep it', 'share', 'Wilson 95 %', 'least', '')
+    print_table(headings, rows, f'{controller.name}: draws of seed {seed}', left=2)
     for o in outcomes:
-        typer.echo(f'{o.success.name}, success: {o.judged}')
-    for name in dict.fromkeys(o.success.name for o in outcomes):
+        typer.echo(f'{o.campaign}, {o.success.name}: {o.judged}')
+    for name in dict.fromkeys(o.campaign for o in outcomes):
         typer.echo(f'its training and {name}: {saw(controller, name)}')
     return not all(o.holds for o in outcomes)
 

@@ -66,7 +66,7 @@ def _share(found: Share | None, runs: int) -> str:
 def _missed(count: int, runs: int) -> str:
     """Return a share of the random starts with its interval."""
     found = rate('missed', count, runs)
-    return f'{100 * count / runs:.2f} ({100 * found.low:.2f} to {100 * found.high:.2f})'
+    return f'{found.percent} ({found.interval})'
 
 
 def overview(rows: Sequence[ComparedController]) -> Table:

@@ -91,10 +91,7 @@ def _unit(ascii_unit: str) -> str:
 
 
 def _percent(rate: Rate) -> str:
-    return (
-        f'{100 * rate.kept / rate.runs:.2f} % '
-        f'({100 * rate.low:.2f} to {100 * rate.high:.2f} %, Wilson 95 %)'
-    )
+    return f'{rate.percent} % ({rate.interval} %, Wilson 95 %)'
 
 
 def _moving(found: list[Rate]) -> str:
@@ -105,12 +102,7 @@ def _moving(found: list[Rate]) -> str:
 
 def _success(store: Store, found: list[Rate]) -> list[Block]:
     rows: list[tuple[str, ...]] = [
-        (
-            rate.name,
-            f'{rate.kept} / {rate.runs}',
-            f'{100 * rate.kept / rate.runs:.2f} %',
-            f'{100 * rate.low:.2f} to {100 * rate.high:.2f} %',
-        )
+        (rate.name, f'{rate.kept} / {rate.runs}', f'{rate.percent} %', f'{rate.interval} %')
         for rate in found
     ]
     rows += [
