@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,14 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
+from rpo_core.controller import load_controller
+from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
 from rpo_training.cli import app
-from rpo_training.evaluation.consistency import consistency, sigmas_at_goal, told
+from rpo_training.evaluation.consistency import consistency, in_its_world, sigmas_at_goal, told
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 
@@ -37,6 +40,23 @@ def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
     found = consistency(flown.equipped(wrong), 20)
     assert not found.holds
     assert found.nees.mean() > 8.0
+
+
+@pytest.mark.timeout(180)
+def test_in_its_world_errors_are_held_against_the_filters_own_covariance():
+    """NEES of a flight by hand; in `world_leo` the filter claims more than its errors."""
+    scenario, controller = load_scenario('world_leo'), load_controller('allround')
+    found = in_its_world(scenario, controller, 3)
+    sensors, tick = scenario.section(Sensors), 2000  # the fifth of ten moments
+    expected = []
+    for run in range(3):
+        flight = fly(scenario.equipped(replace(sensors, noise_key=(run, 2**31))), controller)
+        error = (flight.signals['navigation_state'] - flight.states)[tick, 3:]
+        spread = flight.signals['navigation_covariance'][tick, 9:].reshape(3, 3)
+        expected.append(error @ np.linalg.inv(spread) @ error)
+    assert found.velocity[4] == pytest.approx(np.mean(expected), rel=1e-9)
+    assert found.velocity.mean() < 2.0
+    assert found.position.mean() < 3.0
 
 
 def test_the_sigmas_at_the_goal_are_those_of_the_riccati_equation():
@@ -72,6 +92,7 @@ def test_the_command_and_its_bad_input():
     assert done.exit_code == 0, done.output
     assert 'NEES of 6 states' in done.output
     assert '10 % lost' in done.output
+    assert re.search(r'As its world is, .* those of velocity \d+ % smaller', done.output)
     assert 'the sigma of the filter is 9.96 mm and 0.56 mm/s' in done.output
     done = CliRunner().invoke(app, ['evaluate', 'trained', '--estimator', 'world_moon'])
     assert isinstance(done.exception, InputError) or done.exit_code == 2

@@ -17,13 +17,24 @@ from rpo_training.campaign import run_batch
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search import config as configs
+from rpo_training.search.conditions import PAPER
 from rpo_training.search.damping import driving
-from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo_training.search.drawn import (
+    HELD_OUT,
+    POSITION_AND_SPEED,
+    DrawnFlights,
+    DrawnSettings,
+)
+from rpo_training.search.family_training import config_of
 from rpo_training.search.fitness import Fitness, FitnessSettings
 from rpo_training.search.training import Training
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
-FEW = DrawnSettings(100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45)
+JUDGED = {'paper_test': POSITION_AND_SPEED}
+FEW = DrawnSettings(
+    100.0, ('paper_test',), margin=0.03, flights=6, pool=50, held_out=45, judged=JUDGED
+)
+FAMILIES = ('more_words', 'pace', 'time_to_go')
 ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))
 
 
@@ -36,6 +47,7 @@ def test_drawn_flights_have_the_bits_of_the_campaign():
     for row, controller in zip(rows, (ROBUST, TRAINED), strict=True):
         columns = run_batch.fly_runs(replace(campaign, controller=controller), 0, 45)
         names = list(campaign.config.success)
+        assert names == flights.judged == ['hold_error_per_axis_m', 'hold_speed_per_axis_m_s']
         expected = np.column_stack([columns[name] for name in names])[[1, 41, 44]]
         np.testing.assert_array_equal(flights.values(row), expected)
 
@@ -111,11 +123,29 @@ def test_a_force_that_drives_is_seen():
         ({'weight': -1.0}, 'fitness.drawn.weight'),
         ({'flights': 0}, 'fitness.drawn.flights'),
         ({'campaigns': ('',)}, 'fitness.drawn.campaigns'),
+        ({'judged': ['paper_test']}, '`fitness.drawn.judged` must be a mapping'),
+        ({'judged': {'paper_test': ()}}, '`fitness.drawn.judged.paper_test` must be a list'),
+        ({'judged': {'paper_test': ('slew',)}}, 'must be one of .*slew_per_axis_n_s'),
     ],
 )
 def test_impossible_settings_are_refused(wrong, message):
     with pytest.raises(InputError, match=message):
         DrawnSettings(**wrong)
+
+
+@pytest.mark.parametrize('name', ['allround', *FAMILIES])
+def test_the_shipped_trainings_say_what_they_judge(name):
+    """Position and speed of the dispersed test, and not its force and slew."""
+    known = configs.PRESETS if name in configs.PRESETS else {name: config_of(name)}
+    drawn = known[name].fitness.drawn
+    judged = {campaign: DrawnFlights(campaign, drawn).judged for campaign in drawn.campaigns}
+    assert judged['paper_test'] == ['hold_error_per_axis_m', 'hold_speed_per_axis_m_s']
+    assert set(judged['random_moving_starts']) == set(PAPER.limits)
+
+
+def test_a_search_refuses_the_limit_that_each_run_has_of_its_own():
+    with pytest.raises(InputError, match=r'hold_force_per_disturbance.*`fitness\.drawn\.judged`'):
+        DrawnFlights('paper_test', DrawnSettings(1.0, ('paper_test',)))
 
 
 def test_an_unknown_campaign_is_refused_by_name():

@@ -18,6 +18,7 @@ from rpo_training.campaign import run_batch
 from rpo_training.campaign.statistics import successes
 from rpo_training.cli import app
 from rpo_training.evaluation import everywhere, sensitivity
+from rpo_training.evaluation.everywhere import Demand
 from rpo_training.report.sensitivity_plot import draw_effects
 
 ROBUST = load_controller('robust')
@@ -72,15 +73,25 @@ def test_the_table_names_the_strongest_first(found):
 
 
 def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
-    monkeypatch.setattr(everywhere, 'LEAST', {'random_starts': (450, 1.0), 'paper_test': (40, 0.9)})
-    starts, dispersed = everywhere.everywhere(ROBUST, 7, 1)
+    demands = {'random_starts': Demand(450, 1.0), 'paper_test': Demand(40, 0.9, motion=True)}
+    monkeypatch.setattr(everywhere, 'DEMANDS', demands)
+    starts, dispersed, all_limits = everywhere.everywhere(ROBUST, 7, 1)
     campaign = campaigns.load(campaigns.find('random_starts'), runs=450, seed=7)
     campaign = replace(campaign, controller=ROBUST)
     columns = run_batch.fly_runs(campaign, 0, 450)
     assert starts.missed == 450 - int(successes(campaign.config, columns).sum()) > 0
     assert not starts.holds
-    assert dispersed.holds
+    assert dispersed.holds and dispersed.success.kept == 40
+    assert all_limits.success.kept == 0 and all_limits.least is None, 'slew, in every run'
     result = CliRunner().invoke(app, ['evaluate', 'robust', '--everywhere', '--seed', '7'])
-    assert re.search(rf'random_starts +{starts.success.kept} / 450 .*MISSED', result.stdout)
+    assert re.search(
+        rf'random_starts +all limits +{starts.success.kept} / 450 .*MISSED', result.stdout
+    )
+    shown = ' '.join(result.stdout.split())
+    assert 'hold speed per axis (4 of the 6 requirements of paper_test; NOT judged: ' in shown
+    assert re.search(r'paper_test +position and speed +40 / 40 .*held', result.stdout)
+    assert re.search(r'paper_test +all limits +0 / 40 .*not asked', result.stdout)
+    assert 'paper_test, all limits: all 6 requirements of paper_test' in shown
+    assert 'its training and paper_test: corner flights' in shown
     refused = CliRunner().invoke(app, ['evaluate', 'robust', '--seed', '7'])
     assert refused.exit_code == 2

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controllers that ship: what their files claim, the targets, and how they were trained."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,12 +16,15 @@ from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_scenario
 from rpo_core.verdicts import verdicts
 from rpo_training.campaign import config as campaigns
+from rpo_training.campaign import judging
 from rpo_training.campaign.run_batch import fly_runs
 from rpo_training.campaign.statistics import successes
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import everywhere
+from rpo_training.evaluation import everywhere, targets
 from rpo_training.evaluation.assessment import assess
+from rpo_training.report.blocks import Table
+from rpo_training.report.controller import report_of
 from rpo_training.search import corners
 
 EXPECTED = Path(__file__).with_name('expected')
@@ -52,18 +57,22 @@ def test_a_file_is_as_good_as_it_says(name):
     found = assess(controller)
     assert found.mean_energy_n2s == controller.provenance['mean_energy_n2s']
     reached = {target.what: target.reached for target in found.targets()}
-    assert reached == controller.provenance['targets']
+    recorded = controller.provenance['targets']
+    assert {what: reached[what] for what in recorded} == recorded
     assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
 
 
 def test_the_default_is_good_everywhere():
-    """3 % to every condition, and draws that no training has seen; `--everywhere` flies more."""
+    """3 % to every condition; draws that no training has seen, judged by what is asked of them."""
     controller = load_controller(DEFAULT_CONTROLLER)
     assert assess(controller).margin >= 0.03
-    for name in everywhere.LEAST:
+    for name, demand in everywhere.DEMANDS.items():
         campaign = campaigns.load(campaigns.find(name), runs=400, seed=99)
         assert campaign.controller == controller
-        missed = 400 - int(successes(campaign.config, fly_runs(campaign, 0, 400)).sum())
+        columns = fly_runs(campaign, 0, 400)
+        success = campaign.config.success
+        judged = judging.motion(success) if demand.motion else success
+        missed = 400 - int(successes(campaign.config, columns, judged).sum())
         assert missed <= (name == 'random_moving_starts'), 'of these, 4 in 100 000 miss'
 
 
@@ -88,9 +97,31 @@ def test_world_meets_its_world_and_saves_valves():
         assert world[name].mean() < 0.96 * default[name].mean()
 
 
-def test_trained_reaches_every_target():
-    targets = assess(load_controller('trained')).targets()
-    assert [target for target in targets if not target.holds] == []
+@pytest.mark.parametrize('name', SHIPPED)
+def test_a_shipped_controller_reaches_every_target_of_its_own(name):
+    found = assess(load_controller(name))
+    assert found.asked[0] == name
+    assert [target for target in found.targets() if not target.holds] == []
+
+
+def test_the_default_is_asked_for_every_question_and_trained_for_less_energy():
+    asked = {name: targets.SHIPPED[name] for name in (DEFAULT_CONTROLLER, 'trained')}
+    assert all(found.questions == ('Q3', 'Q4', 'Q5') for found in asked.values())
+    assert asked['trained'].energy_n2s == targets.ANY.energy_n2s == 3.7
+    assert asked[DEFAULT_CONTROLLER].margin == 0.03
+    assert set(targets.SHIPPED) == set(SHIPPED)
+
+
+def test_targets_follow_the_numbers_and_not_the_name():
+    """A file that calls itself paper_ga, of which little is asked, is not asked for less."""
+    posed = replace(load_controller('robust'), name='paper_ga', provenance={})
+    name, asked = targets.asked_of(posed)
+    assert (name, asked) == ('robust', targets.SHIPPED['robust'])
+    own = replace(posed, velocity_scale_m_s=posed.velocity_scale_m_s + 1e-3)
+    assert targets.asked_of(own) == ('', targets.ANY)
+    found = assess(own).targets()
+    assert all(target.limit is not None for target in found)
+    assert 'those of any controller' in assess(own).verdict()
 
 
 @pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])
@@ -138,3 +169,46 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
     assert trained.scales == shipped.scales
     for key in ('evaluations', 'fitness_n2s', 'mean_energy_n2s'):
         assert trained.provenance[key] == shipped.provenance[key]
+
+
+@pytest.mark.timeout(180)
+def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
+    """At rest within 6 mm of the target it commands no force: the pull is refuted there."""
+    made, controller = report_of(DEFAULT_CONTROLLER), load_controller(DEFAULT_CONTROLLER)
+    assert '10 of 10 targets held: its own' in made.summary and 'MISSED' not in made.summary
+    refuted = re.search(
+        r'pull is refuted, at errors of ([\d.]+) m and 0 m/s the force is 0 N', made.summary
+    )
+    assert made.summary.count('refuted') == 1
+    edge = float(refuted[1]) / controller.position_scale_m
+    assert (
+        controller.system.output(edge * 0.9, 0.0) == 0.0 < controller.system.output(edge * 1.1, 0.0)
+    )
+    (claims,) = (
+        b for s in made.sections for b in s.blocks if isinstance(b, Table) and b.caption == 'Claims'
+    )
+    assert all(row[3] for row in claims.rows if row[0] != 'oddness')
+
+
+PAGE = (Path(__file__).parents[2] / 'docs' / 'training.md').read_text()
+TABLE = PAGE.partition('| file | command')[2].partition('\n\n')[0]
+
+
+@pytest.mark.parametrize('name', SHIPPED)
+def test_the_page_says_what_is_asked_of_each_and_what_it_reaches(name):
+    (row,) = re.findall(rf'^\| `{name}`[^|]*\|[^|]*\|(.*)\|$', TABLE, re.M)
+    energy, *cells = (cell.strip() for cell in row.split('|'))
+    found = assess(load_controller(name))
+    assert energy == f'{found.mean_energy_n2s:.3f}'
+    words = {}
+    for target in found.targets():
+        word = '–' if target.limit is None else 'held' if target.holds else 'missed'
+        words[target.name] = (
+            word if words.get(target.name, 'held') == 'held' else words[target.name]
+        )
+    limit = found.asked[1].energy_n2s
+    if limit is not None:
+        words['Q2'] += f', ≤ {limit:.1f}'
+    if found.asked[1].margin:
+        words['Q1'] += f', {100 * found.asked[1].margin:g} % free'
+    assert cells == [words[f'Q{i}'] for i in range(1, 6)]

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from rpo_core.controller import AnyController
 from rpo_core.controller import parse as parse_controller
 from rpo_core.controller_file import ControllerFile
 from rpo_core.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.requirements import LIMITS
+from rpo_core.requirements import LIMITS, Requirements
 from rpo_core.scenario import Scenario, ScenarioSet
 from rpo_core.scenario import parse as parse_scenario
 from rpo_core.thrusters import IDENTITY, Thrusters
@@ -54,19 +54,19 @@ METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not i
 THRUSTER_METRICS = verdicts.THRUST
 """More metrics of a run whose thrusters fire in pulses, or spend propellant."""
 
-_ALL_METRICS = METRICS | THRUSTER_METRICS
+SHARE = 'hold_force_per_disturbance'
+"""The requirement whose limit is each run's own: a share of its `LEVEL`."""
 
-_SHARE = 'hold_force_per_disturbance'
 LEVEL = 'disturbance_level_n'
-"""Largest |disturbance| of an axis of a run; a limit of force may be a share of it."""
+"""Largest |disturbance| of an axis of a run."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignConfig:
     """All that determines the outcome of a campaign, beside the scenario and the controller.
 
-    success : metric or requirement -> limit; a run that keeps all of them succeeds. If the file
-        does not say, what the scenario requires (`success_of`)
+    success : requirement -> limit; a run that keeps all of them succeeds. If the file does not say,
+        what the scenario requires (`success_of`)
     faults : of the messages between plant and controller; None without
     """
 
@@ -104,8 +104,7 @@ class CampaignConfig:
     def more(self) -> dict[str, str]:
         """What runs are judged by beside `METRICS`: name -> unit."""
         names = [name for name in self.success if name not in METRICS]
-        units = THRUSTER_METRICS | {name: unit_of(name) for name in names if name in LIMITS}
-        return dict((LEVEL, 'N') if name == _SHARE else (name, units[name]) for name in names)
+        return dict((LEVEL, 'N') if name == SHARE else (name, unit_of(name)) for name in names)
 
     @property
     def metrics(self) -> dict[str, str]:
@@ -114,7 +113,7 @@ class CampaignConfig:
 
     def limit(self, name: str, columns: Mapping[str, Any]) -> tuple[Any, Any]:
         """Return the values of a condition of success, and its limit, which may be a run's own."""
-        if name == _SHARE:
+        if name == SHARE:
             return columns['hold_force_per_axis_n'], self.success[name] * columns[LEVEL]
         return columns[name], self.success[name]
 
@@ -122,7 +121,7 @@ class CampaignConfig:
     def judging(self) -> tuple[str, ...]:
         """Names of the columns that success is judged by."""
         forces = ('hold_force_per_axis_n', LEVEL)
-        return tuple(c for name in self.success for c in (forces if name == _SHARE else (name,)))
+        return tuple(c for name in self.success for c in (forces if name == SHARE else (name,)))
 
     @property
     def most_delay(self) -> int:
@@ -148,13 +147,28 @@ def parse(document: Any) -> CampaignConfig:
 
 
 def _success(value: Any) -> dict[str, float]:
-    success = mapping('success', value, [], _ALL_METRICS)
+    success = mapping('success', value, [], LIMITS)
     if not success:
-        raise InputError(f'`success` must limit at least one of {", ".join(METRICS)}; got none')
+        raise InputError(f'`success` must limit at least one of {", ".join(LIMITS)}; got none')
     return {
-        name: real(f'success.{name}', limit, _ALL_METRICS[name], least=0.0)
+        name: real(f'success.{name}', limit, unit_of(name), least=0.0)
         for name, limit in success.items()
     }
+
+
+def _requiring(scenario: Scenario, success: Mapping[str, float]) -> Scenario:
+    """Return the scenario, requiring also what `success` names and not every run has as a column.
+
+    Raises InputError where the scenario does not say when or where such a limit holds.
+    """
+    required = scenario.requirements
+    known = {*METRICS, *THRUSTER_METRICS, SHARE, *(required.limits if required else ())}
+    more: dict[str, Any] = {n: limit for n, limit in success.items() if n not in known}
+    if not more:
+        return scenario
+    with within(f'`success` needs more `requirements` of scenario {scenario.name}'):
+        made = replace(required, **more) if required else Requirements(**more)
+    return replace(scenario, requirements=made)
 
 
 def success_of(scenario: Scenario) -> dict[str, float]:
@@ -190,13 +204,16 @@ def dumps(config: CampaignConfig) -> str:
 class Campaign:
     """A configuration with its scenario and its controller.
 
+    scenario : as it is flown: it requires also what `success` names beyond its file
     texts : YAML of the configuration, of the scenario, of the controller
+    required : what the file of the scenario requires: name -> limit
     """
 
     config: CampaignConfig
     scenario: Scenario
     controller: AnyController
     texts: tuple[str, str, str]
+    required: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if isinstance(self.controller, ControllerFile):
@@ -246,9 +263,24 @@ class Campaign:
             raise InputError(f'`scenario` must be a single flight; {config.scenario} is a set')
         controller = files.loads(texts[2], parse_controller, names[2])
         with within(names[0]):
-            if not config.success:
+            required = scenario.requirements.limits if scenario.requirements else {}
+            if config.success:
+                scenario = _requiring(scenario, config.success)
+            else:
                 config = replace(config, success=success_of(scenario))
-            return cls(config, scenario, controller, texts)
+            return cls(config, scenario, controller, texts, required)
+
+    def judging(self, names: Collection[str]) -> Campaign:
+        """Return the same runs, judged by some of the limits alone; raises InputError."""
+        success = self.config.success
+        for name in names:
+            choice('judge', name, success)
+        chosen = {name: limit for name, limit in success.items() if name in names}
+        return self.with_config(replace(self.config, success=chosen))
+
+    def with_config(self, config: CampaignConfig) -> Campaign:
+        """Return the same scenario and controller under another configuration."""
+        return replace(self, config=config, texts=(dumps(config), *self.texts[1:]))
 
 
 SHIPPED = Path(__file__).parents[2] / 'campaigns'

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.run_batch import columns_of, fly_unit
-from rpo_training.campaign.statistics import document, rates, spreads, successes
+from rpo_training.campaign.statistics import document, successes
 from rpo_training.campaign.store import Store
 from rpo_training.cluster import pool
 
@@ -50,7 +50,7 @@ def fly(
                 store.put(unit, results)
                 columns = dict(zip(columns_of(campaign), results, strict=True))
                 progress(results.shape[1], int(successes(campaign.config, columns).sum()))
-        store.finish(document(rates(store), spreads(store)))
+        store.finish(document(store))
 
 
 def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:

@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest
 
+from rpo_training.campaign import judging
 from rpo_training.campaign.config import CampaignConfig
 from rpo_training.campaign.store import Store
 
@@ -29,6 +30,19 @@ class Rate(NamedTuple):
     low: float
     high: float
 
+    @property
+    def percent(self) -> str:
+        """The share [%]; of more runs than 10 000 a digit more, so that one run still shows."""
+        return self._shown(self.kept / self.runs)
+
+    @property
+    def interval(self) -> str:
+        """The ends of the interval [%]."""
+        return f'{self._shown(self.low)} to {self._shown(self.high)}'
+
+    def _shown(self, share: float) -> str:
+        return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
+
 
 def rate(name: str, kept: int, runs: int) -> Rate:
     """Return a rate with its interval.
@@ -39,9 +53,15 @@ def rate(name: str, kept: int, runs: int) -> Rate:
     return Rate(name, kept, runs, float(interval.low), float(interval.high))
 
 
-def successes(config: CampaignConfig, columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
-    """Return which runs (n,) keep every limit; a metric that is not a number keeps no limit."""
-    return np.logical_and.reduce([kept(config, name, columns) for name in config.success])
+def successes(
+    config: CampaignConfig, columns: Mapping[str, Floats], names: Collection[str] | None = None
+) -> NDArray[np.bool_]:
+    """Return which runs (n,) keep every limit; a metric that is not a number keeps no limit.
+
+    names : of the limits; all if not given
+    """
+    names = config.success if names is None else names
+    return np.logical_and.reduce([kept(config, name, columns) for name in names])
 
 
 def kept(config: CampaignConfig, name: str, columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
@@ -72,15 +92,26 @@ def spread(name: str, unit: str, values: Floats) -> Spread:
     return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst)
 
 
-def rates(store: Store) -> list[Rate]:
-    """Return the rate of success, then of each of its conditions."""
+def rates_of(store: Store, groups: Mapping[str, Collection[str]]) -> list[Rate]:
+    """Return how many runs keep some of the limits, all of a group; groups : label -> limits."""
     config = store.campaign.config
     columns = {name: store.column(name) for name in config.judging}
-    found = [rate('success', int(successes(config, columns).sum()), config.runs)]
-    for name, limit in config.success.items():
-        label = f'{name} <= {limit:g} {config.metrics.get(name, "")}'.rstrip()
-        found.append(rate(label, int(kept(config, name, columns).sum()), config.runs))
-    return found
+    return [
+        rate(label, int(successes(config, columns, names).sum()), config.runs)
+        for label, names in groups.items()
+    ]
+
+
+def rates(store: Store) -> list[Rate]:
+    """Return the rate of success, that of the limits of motion, then of each limit by itself.
+
+    The second is left out where it is one of the others.
+    """
+    success = store.campaign.config.success
+    moving = judging.motion(success)
+    together = {judging.MOTION: moving} if 1 < len(moving) < len(success) else {}
+    each = {judging.label(name, limit): [name] for name, limit in success.items()}
+    return rates_of(store, {'success': success, **together, **each})
 
 
 def spreads(store: Store) -> list[Spread]:
@@ -89,10 +120,14 @@ def spreads(store: Store) -> list[Spread]:
     return [spread(name, unit, store.column(name)) for name, unit in shown.items()]
 
 
-def document(found_rates: list[Rate], found_spreads: list[Spread]) -> dict[str, Any]:
-    """Return the summary as a document."""
+def document(store: Store) -> dict[str, Any]:
+    """Return the summary as a document: what was judged, the rates, the figures."""
+    campaign, found_rates, found_spreads = store.campaign, rates(store), spreads(store)
     return {
         'confidence': CONFIDENCE,
+        'success': judging.sentence(campaign),
+        'judged': judging.judged(campaign),
+        'not_judged': judging.not_judged(campaign),
         'rates': {
             r.name: {
                 'count': r.kept,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_training.campaign.config import Campaign, CampaignConfig, dumps
+from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.faults import SHARES, Faults
 from rpo_training.campaign.run_batch import columns_of, fly_unit, units
 from rpo_training.campaign.statistics import Rate, rate, successes
@@ -56,7 +56,8 @@ class Sweep:
         self._progress = progress
         self._base = campaign.config.faults or Faults()
         config = replace(campaign.config, runs=runs)
-        self._campaigns = [_with(campaign, c) for c in (config, replace(config, dispersions={}))]
+        self._campaigns = [campaign.with_config(config)]
+        self._campaigns.append(campaign.with_config(replace(config, dispersions={})))
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)), 'rpo-sweep')
 
     def rows(self, kind: str) -> list[SweepPoint]:
@@ -90,14 +91,9 @@ class Sweep:
         if percent:
             shares: dict[str, Any] = {name: share * (name in FAULTS[kind]) for name in SHARES}
             chosen = replace(self._base, **shares)
-        faulty = _with(campaign, replace(campaign.config, faults=chosen))
+        faulty = campaign.with_config(replace(campaign.config, faults=chosen))
         runs = faulty.config.runs
         parts = self._pool.map(lambda unit: fly_unit(faulty, unit), range(units(runs)))
         names = columns_of(faulty)
         columns = dict(zip(names, np.hstack(list(parts)), strict=True))
         return rate('success', int(successes(faulty.config, columns).sum()), runs)
-
-
-def _with(campaign: Campaign, config: CampaignConfig) -> Campaign:
-    texts = (dumps(config), *campaign.texts[1:])
-    return Campaign(config, campaign.scenario, campaign.controller, texts)

@@ -51,6 +51,10 @@ def campaign(
     runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
     controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    judge: Annotated[
+        list[str] | None,
+        typer.Option(help='limit to judge by, may be repeated  [all of the campaign]'),
+    ] = None,
     sets: Set = None,
     faults: Annotated[
         bool, typer.Option('--faults', help='success against the share of messages lost, late')
@@ -64,7 +68,9 @@ def campaign(
     """
     from rpo_training.campaign.store import Store
 
-    options = {'runs': runs, 'seed': seed, 'controller': controller, 'set': sets}
+    options = {
+        'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge,
+    }  # fmt: skip
     changes = {name: value for name, value in options.items() if value is not None}
     if resume is not None:
         if source is not None or output is not None or run is not None or changes:
@@ -94,6 +100,7 @@ def campaign(
 
 def _sweep(chosen: Campaign, runs: int) -> None:
     from rpo_training.campaign.faults import Faults
+    from rpo_training.campaign.judging import sentence
     from rpo_training.campaign.sweep import FAULTS, PERCENTS, Sweep
     from rpo_training.display import print_table, progress
 
@@ -108,6 +115,7 @@ def _sweep(chosen: Campaign, runs: int) -> None:
         f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
         f'a force counts for {base.stale_after_ticks} ticks'
     )
+    echo(f'success: {sentence(chosen)}')
     table = []
     for rows in zip(*found.values(), strict=True):
         cells = [str(rows[0].percent)]
@@ -131,9 +139,9 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
     from rpo_training.campaign.store import Store
 
     if not source.is_dir():
-        overridden = changes.get('set', [])
-        others = {name: value for name, value in changes.items() if name != 'set'}
-        return config.load(source, overridden, **others), None
+        overridden, judge = changes.pop('set', []), changes.pop('judge', [])
+        campaign = config.load(source, overridden, **changes)
+        return campaign.judging(judge) if judge else campaign, None
     if changes:
         raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
     store = Store.open(source)
@@ -158,21 +166,21 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
 
 
 def _print(store: Store) -> None:
+    from rpo_training.campaign import judging
     from rpo_training.campaign.statistics import QUANTILES, rates, spreads
     from rpo_training.display import print_table
 
     config = store.campaign.config
     shares = [
-        (
-            r.name,
-            f'{r.kept} / {r.runs}',
-            f'{100 * r.kept / r.runs:.2f} %',
-            f'{100 * r.low:.2f} to {100 * r.high:.2f} %',
-        )
-        for r in rates(store)
+        (r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in rates(store)
+    ]
+    shares += [
+        (judging.label(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
+        for name in judging.not_judged(store.campaign)
     ]
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
     print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
+    echo(f'success: {judging.sentence(store.campaign)}')
     numbers = [
         (s.name, *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)), str(s.worst_run))
         for s in spreads(store)
@@ -181,6 +189,7 @@ def _print(store: Store) -> None:
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+    from rpo_training.campaign import judging
     from rpo_training.campaign.run_batch import fly_runs
     from rpo_training.campaign.single import fly_run
     from rpo_training.display import print_table
@@ -191,10 +200,10 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
     flight = fly_run(chosen, number)
     rows = []
     for name, (value,) in columns.items():
-        limit = chosen.config.success.get(name)
-        shown = '' if limit is None else f'{limit:g}'
-        rows.append((name, f'{value:.6g} {chosen.metrics.get(name, "")}', shown))
-    print_table(('', 'value', 'limit'), rows, f'{chosen.config.name}, run {number}')
+        rows.append((name, f'{value:.6g} {chosen.metrics.get(name, "")}'.rstrip()))
+    print_table(('', 'value'), rows, f'{chosen.config.name}, run {number}')
+    print_table(('judged', 'value', 'limit', ''), judging.of_run(chosen, columns))
+    echo(f'success: {judging.sentence(chosen)}')
     _compare(flight, columns, store, number)
     if csv:
         outputs.write_flight(flight, csv)

@@ -31,14 +31,15 @@ def compare(
         list[str] | None,
         typer.Argument(help='shipped names or files  [the fuzzy ones and all baselines]'),
     ] = None,
-    campaign: Annotated[Path, typer.Option(help='what is dispersed, and success')] = _CAMPAIGN,
+    campaign: Annotated[Path, typer.Option(help='what is dispersed, and its limits')] = _CAMPAIGN,
     runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,
     random: Annotated[
         int,
         typer.Option(min=0, max=1_000_000, help='random starts, at rest and as many moving'),
     ] = 2000,
     picture: Annotated[
-        Path | None, typer.Option(help='energy against success, beside the one in the folder')
+        Path | None,
+        typer.Option(help='energy against dispersed runs kept, beside the one in the folder'),
     ] = None,
     output: Annotated[
         Path, typer.Option('--output', '-o', help='folder that keeps what was computed')
@@ -48,7 +49,7 @@ def compare(
     ] = None,
     workers: Workers = 0,
 ) -> None:
-    """Compare controllers: energy, conditions, tests, success under dispersion.
+    """Compare controllers: energy, conditions, tests, limits kept under dispersion, proofs.
 
     Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
@@ -62,20 +63,20 @@ def compare(
             names, output, campaign, runs, workers, show, random_runs=random
         )
         least, rows = compared.least(), compared.rows()
-    name = compared.campaigns[0].config.name
+    flown = compared.campaigns[0]
     tables = (comparison_table.overview, comparison_table.robustness, comparison_table.tests)
     for headings, *lines in (table(rows) for table in tables):
         columns = zip(headings, *lines, strict=True)
         widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
         print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)
-    for note in comparison_table.notes(rows, least, name):
+    for note in comparison_table.notes(rows, least, flown):
         echo(f'- {note}')
-    for path in comparison_table.write(rows, least, name, output):
+    for path in comparison_table.write(rows, least, flown, output):
         echo(path)
     for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
         _draw(rows, path)
     if write is not None:
-        comparison_table.put_into(write, comparison_table.markdown(rows, least, name))
+        comparison_table.put_into(write, comparison_table.markdown(rows, least, flown))
         echo(write)
 
 

@@ -20,7 +20,7 @@ from rpo_core.metrics import hold_tick, larger, norm
 from rpo_core.scenario import NANOSECONDS, Scenario
 from rpo_training.engine.counters import COLUMNS
 from rpo_training.engine.lanes import compiled
-from rpo_training.engine.parts import PUSH, RUNS
+from rpo_training.engine.parts import LEVELS
 from rpo_training.engine.tick import push_by_waves
 
 Floats = NDArray[np.float64]
@@ -128,13 +128,13 @@ def judge(states: Floats, lanes: NDArray[np.int64], scenario: Scenario, judged: 
 
 @compiled
 def levels(w, waves, found):  # type: ignore[no-untyped-def]
-    """Fill the largest |disturbance| [N] of an axis (n,) of the first paired runs, at any time."""
-    found[:] = 0.0
-    for tick in range(len(waves.times)):
-        push_by_waves(w, tick, waves)
-        for s in range(len(found)):
-            x, y, z = w[PUSH + s], w[PUSH + RUNS + s], w[PUSH + 2 * RUNS + s]
-            found[s] = larger(larger(larger(found[s], x), y), z)
+    """Fill the largest |disturbance| [N] of an axis (n,) of the paired runs that have flown.
+
+    waves : theirs; its last time is the end of the flight, at which nothing was pushed
+    """
+    push_by_waves(w, len(waves.times) - 1, waves)
+    for s in range(len(found)):
+        found[s] = w[LEVELS + s]
 
 
 def arrival_s(scenario: Scenario, outside: Floats) -> Floats:

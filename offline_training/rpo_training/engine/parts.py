@@ -50,8 +50,10 @@ MATRIX = (FIRST_FREE + 20) * STRIDE  # 9 rows
 STEP = (FIRST_FREE + 29) * STRIDE  # 26 rows
 GOAL, HOLDING = ((FIRST_FREE + 29 + len(CwStep._fields) + row) * STRIDE for row in range(2))
 MASS = (FIRST_FREE + 31 + len(CwStep._fields)) * STRIDE
-KNOWN_R, KNOWN_V = ((FIRST_FREE + 32 + len(CwStep._fields) + row) * STRIDE for row in range(2))
-ROWS = FIRST_FREE + 34 + len(CwStep._fields)
+KNOWN_R, KNOWN_V, LEVELS = (
+    (FIRST_FREE + 32 + len(CwStep._fields) + row) * STRIDE for row in range(3)
+)
+ROWS = FIRST_FREE + 35 + len(CwStep._fields)
 
 
 class Navigation(NamedTuple):

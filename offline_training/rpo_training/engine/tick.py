@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from rpo_core.baseline_kernels import axis_force, baseline_force
 from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
+from rpo_core.metrics import larger
 from rpo_core.noise import six_normals
 from rpo_training.engine.approach import (
     add_feed_forward,
@@ -26,6 +27,7 @@ from rpo_training.engine.parts import (
     FORCE,
     GOAL,
     HOLDING,
+    LEVELS,
     MASS,
     MATRIX,
     NOISE_R,
@@ -234,7 +236,10 @@ def push_by_table(w, n, tick, table):  # type: ignore[no-untyped-def]
 
 @compiled
 def push_by_waves(w, tick, waves):  # type: ignore[no-untyped-def]
-    """Fill row PUSH by the harmonics of each run, as `Disturbance.force_n` adds them up."""
+    """Fill row PUSH by the harmonics of each run, as `Disturbance.force_n` adds them up.
+
+    Row LEVELS keeps the largest |push| of an axis so far.
+    """
     if waves is None:
         return
     t = waves.times[tick]
@@ -246,6 +251,9 @@ def push_by_waves(w, tick, waves):  # type: ignore[no-untyped-def]
         for s in range(RUNS):
             sine, cosine = sin_cos(wave[1, s] * t + wave[2, s])
             w[row + s] += wave[0, s] * (sine if is_sine else cosine)
+    for s in range(RUNS):
+        x, y, z = w[PUSH + s], w[PUSH + RUNS + s], w[PUSH + 2 * RUNS + s]
+        w[LEVELS + s] = larger(larger(larger(w[LEVELS + s], x), y), z)
 
 
 @compiled

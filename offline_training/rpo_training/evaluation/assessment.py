@@ -1,10 +1,11 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""How good a controller is: the targets Q1-Q5, start by start beside the least energy possible."""
+"""How good a controller is: its figures for Q1 to Q5, and its starts beside the least energy."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from rpo_training.engine.cases import case_of_flights, case_of_set
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.evaluation.optimal import least_energy
+from rpo_training.evaluation.targets import Asked, asked_of
 from rpo_training.search import fitness
 
 Floats = NDArray[np.float64]
@@ -32,30 +34,27 @@ Floats = NDArray[np.float64]
 PAPER = 'paper_training'
 """The set that the targets are about."""
 
-MAX_MEAN_ENERGY_N2S = 3.7
-"""Q2; the least possible under all conditions, by convex programming (`rpo optimal`), is 2.43."""
-
-
-QUESTIONS = (
-    "Q1: every start meets all conditions. Q2: little energy. Q3: the paper's test, held. "
-    'Q4: no limit cycle. Q5: rules that a person can read.'
-)
-"""What the targets are for, where they are shown."""
+HELD, MISSED, NOT_ASKED = 'held', 'MISSED', 'not asked'
 
 
 class Target(NamedTuple):
-    """A target: its limit, and the number reached; the smaller, the better."""
+    """A figure, the smaller the better, and its limit; None: nothing is asked of it."""
 
     name: str
     what: str
     unit: str
-    limit: float
+    limit: float | None
     reached: float
 
     @property
     def holds(self) -> bool:
-        """Whether the target is reached."""
-        return self.reached <= self.limit
+        """Whether the target is reached, or nothing is asked."""
+        return self.limit is None or self.reached <= self.limit
+
+    @property
+    def word(self) -> str:
+        """The verdict as it is shown."""
+        return NOT_ASKED if self.limit is None else HELD if self.holds else MISSED
 
 
 @dataclass(frozen=True)
@@ -90,17 +89,32 @@ class Assessment:
         worst = self.metrics[:, [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]].max(axis=0)
         return float(1.0 - (worst / fitness.LIMITS).max())
 
+    @cached_property
+    def asked(self) -> tuple[str, Asked]:
+        """The shipped controller with these numbers, '' if none, and what is asked."""
+        return asked_of(self.controller)
+
     def targets(self) -> list[Target]:
-        """Return the targets Q1-Q5."""
+        """Return the figures of Q1 to Q5, each with what is asked of this controller."""
+        _, asked = self.asked
         missed = int((fitness.failures(self.metrics[:, None, :]).sum(axis=1) > 0).sum())
+        found = [Target('Q1', 'starts that miss a condition', '', 0, missed)]
+        if asked.margin:
+            what = 'largest value of a condition, as a share of its limit'
+            found.append(Target('Q1', what, '', 1.0 - asked.margin, 1.0 - self.margin))
+        found += [
+            Target('Q2', 'mean J over the starts', 'N^2 s', asked.energy_n2s, self.mean_energy_n2s),
+            *self._held(),
+        ]
         rules = self.controller.system.rules
         unreadable = int(not rules.is_odd) + int(not rules.is_monotone)
-        found = [
-            Target('Q1', 'starts that miss a condition', '', 0, missed),
-            Target(
-                'Q2', 'mean J over the starts', 'N^2 s', MAX_MEAN_ENERGY_N2S, self.mean_energy_n2s
-            ),
-        ]
+        found.append(Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable))
+        known = ('Q1', 'Q2', *asked.questions)
+        return [t if t.name in known else t._replace(limit=None) for t in found]
+
+    def _held(self) -> list[Target]:
+        """Return the figures of Q3 and Q4."""
+        found = []
         for row, (name, distance) in zip(self.tests, fitness.TESTS.items(), strict=True):
             place, speed = float(row[LATE_POSITION]), float(row[LATE_SPEED])
             limit, late = fitness.MAX_TEST_SPEED_M_S, 'last 200 s'
@@ -112,8 +126,17 @@ class Assessment:
             *found,
             Target('Q4', f'{what} |force|', 'N', fitness.MAX_SETTLED_FORCE_N, force),
             Target('Q4', f'{what} speed', 'm/s', fitness.MAX_SETTLED_SPEED_M_S, speed),
-            Target('Q5', 'rules that are not odd or not monotone', '', 0, unreadable),
         ]
+
+    def verdict(self) -> str:
+        """Return how many of the targets are held, whose they are, and what is not asked."""
+        name, asked = self.asked
+        figures = self.targets()
+        targets = [target for target in figures if target.limit is not None]
+        held, rest = sum(target.holds for target in targets), len(figures) - len(targets)
+        whose = f'its own ({asked.why})' if name else f'those of any controller ({asked.why})'
+        more = f'; nothing is asked of {rest} more figures' if rest else ''
+        return f'{held} of {len(targets)} targets held: {whose}{more}'
 
 
 def assess(controller: FuzzyController, workers: int = 0) -> Assessment:

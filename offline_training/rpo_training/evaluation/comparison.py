@@ -33,12 +33,14 @@ from rpo_core.scenario import Scenario, load_scenario, load_set
 from rpo_core.validation import InputError
 from rpo_training.campaign import config, execution, run_batch, statistics
 from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.judging import MOTION, motion
 from rpo_training.campaign.single import fly_run
 from rpo_training.campaign.store import Store
 from rpo_training.engine.cases import Case, case_of_set
 from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import plans, robustness
+from rpo_training.evaluation import plans, proven, robustness
 from rpo_training.evaluation.optimal import least_constrained
+from rpo_training.evaluation.provenance import saw
 from rpo_training.evaluation.robustness import RANDOM, Robustness
 from rpo_training.export.parts import identifier
 from rpo_training.outputs import digest_of, make_folder, write_text
@@ -73,6 +75,15 @@ class Test:
 
 
 @dataclass(frozen=True)
+class Share:
+    """How many of the dispersed runs keep some limits, and Wilson's 95 % interval of the share."""
+
+    kept: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class ComparedController:
     """A controller.
 
@@ -82,7 +93,10 @@ class ComparedController:
         last 30 s; slew_per_axis_n_s : the largest
     settled_s : mean time after which it stays within 0.5 m
     tests : by scenario
-    kept, runs, low, high : successes of the campaign, Wilson's 95 % interval of their share
+    kept, runs, low, high : runs of the campaign that keep every limit of it, of how many, Wilson's
+        95 % interval of their share
+    moving : the same, of its limits on position and speed alone; None if it has no such
+    saw : what of the campaign the training saw
     command_us : processor time of one command on this machine [us]
     valve_openings, propellant_kg : means of runs of the campaign `WORLD`
     more : random starts, margins, thrusters, contact, proof
@@ -104,6 +118,8 @@ class ComparedController:
     runs: int
     low: float
     high: float
+    moving: Share | None
+    saw: str
     command_us: float
     valve_openings: float
     propellant_kg: float
@@ -199,10 +215,13 @@ class Comparison:
         text = controllers.dumps(controller)
         name = controller.name
         found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
-        rate = self._campaign(campaign)
+        rate, moving = self._campaign(campaign)
         more = self._kept(
             f'{name}-more',
-            [text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)],
+            [
+                *(text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)),
+                files.read_text(proven.PATH),
+            ],
             lambda: self._more(controller, given, campaign),
         )
         world = config.load(config.find(WORLD), controller=given, runs=WORLD_RUNS)
@@ -223,6 +242,8 @@ class Comparison:
             runs=rate.runs,
             low=rate.low,
             high=rate.high,
+            moving=moving,
+            saw=saw(controller, campaign.config.name),
             command_us=command_us(controller, load_scenario(TESTS[0])),
             **spent,
             more=Robustness(**more),
@@ -252,8 +273,8 @@ class Comparison:
         runs = self.random_runs
         return asdict(robustness.examine(controller, given, rows, campaign, runs, self.report))
 
-    def _campaign(self, campaign: Campaign) -> statistics.Rate:
-        """Return the rate of success; finish the campaign first."""
+    def _campaign(self, campaign: Campaign) -> tuple[statistics.Rate, Share | None]:
+        """Return the rate of success, and of position and speed; finish the campaign first."""
         name = campaign.controller.name
         folder = self.folder / f'{identifier(name)}-campaign-{key_of(*campaign.texts)}'
         store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
@@ -266,7 +287,13 @@ class Comparison:
             self.report(f'{name}: campaign', done, total)
 
         execution.fly(store, self.workers, progress=progress)
-        return statistics.rates(store)[0]
+        success = campaign.config.success
+        groups = {'success': list(success), MOTION: motion(success)}
+        found = statistics.rates_of(
+            store, {name: limits for name, limits in groups.items() if limits}
+        )
+        shares = [Share(rate.kept, rate.low, rate.high) for rate in found]
+        return found[0], shares[1] if len(shares) > 1 else None
 
     def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
         """Return the peaks of the plans from the starts, and in some runs of the campaign."""

@@ -16,6 +16,9 @@ from rpo_core import files
 from rpo_core.metrics import CLAIM_WINDOW_S
 from rpo_core.validation import InputError
 from rpo_training.bench.machine import machine
+from rpo_training.campaign.config import Campaign
+from rpo_training.campaign.judging import motion, sentence, words
+from rpo_training.campaign.statistics import rate
 from rpo_training.evaluation.comparison import (
     PLANS_EVERY,
     PLANS_RUNS,
@@ -23,6 +26,7 @@ from rpo_training.evaluation.comparison import (
     WORLD,
     WORLD_RUNS,
     ComparedController,
+    Share,
 )
 from rpo_training.evaluation.robustness import OPEN_N, OPENED_RUNS, RANDOM
 from rpo_training.outputs import write_text
@@ -44,12 +48,25 @@ _OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
         f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})'
     ),
     'slew [N/s]': lambda row: f'{row.slew_per_axis_n_s:.3g}',
-    'success, dispersed [%]': lambda row: (
-        f'{100 * row.kept / row.runs:.2f} ({100 * row.low:.2f} to {100 * row.high:.2f})'
-    ),
+    'dispersed: position and speed [%]': lambda row: _share(row.moving, row.runs),
+    'dispersed: all limits [%]': lambda row: _share(Share(row.kept, row.low, row.high), row.runs),
+    'its training saw these': lambda row: row.saw,
     'command [µs]': lambda row: f'{row.command_us:.1f}',
 }
 """Heading -> cell of the main table."""
+
+
+def _share(found: Share | None, runs: int) -> str:
+    """Return a share of the dispersed runs with its interval; a dash where no limit is such."""
+    if found is None:
+        return '–'
+    return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f} to {100 * found.high:.2f})'
+
+
+def _missed(count: int, runs: int) -> str:
+    """Return a share of the random starts with its interval."""
+    found = rate('missed', count, runs)
+    return f'{found.percent} ({found.interval})'
 
 
 def overview(rows: Sequence[ComparedController]) -> Table:
@@ -75,7 +92,7 @@ def robustness(rows: Sequence[ComparedController]) -> Table:
     for row in rows:
         more = row.more
         missed = [more.random_missed.get(name) for name in RANDOM]
-        shares = ['–' if n is None else f'{100 * n / more.random_runs:.2f}' for n in missed]
+        shares = ['–' if n is None else _missed(n, more.random_runs) for n in missed]
         speed = '–'
         if more.contact_m_s is not None and more.contact_median_m_s is not None:
             speed = f'{more.contact_m_s:.3f} ({more.contact_median_m_s:.3f})'
@@ -110,8 +127,9 @@ def tests(rows: Sequence[ComparedController]) -> Table:
     return lines
 
 
-def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> list[str]:
+def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> list[str]:
     """Return what the columns mean, with the numbers behind them."""
+    moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
     starts, runs = rows[0].starts, sorted({row.runs for row in rows})
     window, more = f'{CLAIM_WINDOW_S:g}', rows[0].more
     found = [
@@ -119,16 +137,21 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
         f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
         "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
         f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
-        f'Dispersed: campaign `{campaign}`, {" or ".join(map(str, runs))} runs; it defines '
-        "success; Wilson's 95 % interval.",
+        f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
+        f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
+        f'alone {moving or "none"}. Its training saw these: what the training of the controller, '
+        'by the command in its file, flew of this campaign (its draws have other seeds).',
         f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
-        'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
+        'rest, and as many with up to ±0.05 m/s, judged by its three conditions, with the same '
+        'interval. Smallest margin: '
         "to any condition, over the training starts and the paper's tests. Thrust starts: how "
         f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
         'dispersed runs. Valve openings, propellant: of a flight of 400 s with sensors, filter and '
         f'pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first '
-        'state within 1 m of the target, over the training starts. Proof: for which starts the '
-        'conditions are proven.',
+        'state within 1 m of the target, over the training starts. Proof: of the three conditions '
+        'from every start at rest in the box, undisturbed, as `rpo prove` showed it '
+        '(`offline_training/proofs/proven.yaml`, from checked folders); of a family, its own '
+        'claims, computed by this command.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:
@@ -143,7 +166,7 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: str) -> li
     return found
 
 
-def markdown(rows: Sequence[ComparedController], least: float, campaign: str) -> str:
+def markdown(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> str:
     """Return the tables and their notes as Markdown."""
     parts = [_as_markdown(table(rows)) for table in (overview, robustness, tests)]
     parts.append([f'- {note}' for note in notes(rows, least, campaign)])
@@ -176,12 +199,13 @@ def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def write(
-    rows: Sequence[ComparedController], least: float, campaign: str, folder: Path
+    rows: Sequence[ComparedController], least: float, campaign: Campaign, folder: Path
 ) -> list[Path]:
     """Write compare.md, compare.csv and compare.json; return their paths."""
     document = {
         'least_mean_energy_n2s': least,
-        'campaign': campaign,
+        'campaign': campaign.config.name,
+        'success': sentence(campaign),
         'machine': machine(),
         'controllers': [asdict(row) for row in rows],
     }
@@ -195,21 +219,21 @@ def write(
     return [folder / name for name in texts]
 
 
-def put_into(path: Path, table: str) -> None:
-    """Put the table between the markers of a document; a new document is the table alone.
+def put_into(path: Path, table: str, begin: str = BEGIN, end: str = END) -> None:
+    """Put a table between the markers of a document; a new document is the table alone.
 
     Raises
     ------
     InputError
         If the document exists, and has not one begin marker before one end marker.
     """
-    block = f'{BEGIN}\n\n{table}\n{END}'
+    block = f'{begin}\n\n{table}\n{end}'
     if not path.exists():
         write_text(path, f'{block}\n')
         return
     text = files.read_text(path)
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end or BEGIN in rest or END in after:
-        raise InputError(f'{path}: must have one line `{BEGIN}` and, below it, one `{END}`')
+    before, first, rest = text.partition(begin)
+    _, last, after = rest.partition(end)
+    if not first or not last or begin in rest or end in after:
+        raise InputError(f'{path}: must have one line `{begin}` and, below it, one `{end}`')
     write_text(path, before + block + after)

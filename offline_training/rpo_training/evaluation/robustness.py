@@ -11,17 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import AnyController
+from rpo_core.controller import AnyController, FuzzyController
 from rpo_core.family import Family
 from rpo_core.flight import Flight, fly
 from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, SLEW
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.verdicts import verdicts
+from rpo_training.analysis.certificate import PROVEN
 from rpo_training.campaign import config, run_batch, statistics
 from rpo_training.campaign.config import Campaign
 from rpo_training.campaign.single import fly_run
 from rpo_training.engine.flights import flights_of
+from rpo_training.evaluation import proven
 from rpo_training.search import fitness
+from rpo_training.search.conditions import LABELS
 
 Floats = NDArray[np.float64]
 Report = Callable[[str, int, int], None]
@@ -37,8 +40,6 @@ OPENED_RUNS = 10
 
 CONTACT_M = 1.0
 
-NOT_PROVEN, PROVEN = 'not proven', 'box, undisturbed'
-
 
 @dataclass(frozen=True)
 class Robustness:
@@ -50,7 +51,7 @@ class Robustness:
     openings : starts of thrust of an axis in a dispersed run, the mean
     contact_m_s : speed at the first state within 1 m, the largest over the starts that come there;
         contact_median_m_s : the median
-    proof : for which starts the conditions are proven
+    proof : what is shown of the conditions from every start of the box
     """
 
     random_runs: int
@@ -140,9 +141,11 @@ def openings(forces_n: Floats | Sequence[Sequence[float]]) -> float:
 
 
 def proof_of(controller: AnyController) -> str:
-    """Return for which starts the conditions of the training are proven."""
+    """Return what is shown of the conditions of the training from every start of its box."""
+    if isinstance(controller, FuzzyController):
+        return proven.proof_of(controller)
     if not isinstance(controller, Family):
-        return NOT_PROVEN
+        return proven.NO_PROOF
     claims = {claim.name: claim.holds for claim in controller.claims()}
-    conditions = ('speed', 'slew', 'arrival')
-    return PROVEN if all(claims.get(name, False) for name in conditions) else NOT_PROVEN
+    proof = all(claims.get(name, False) for name in LABELS.values())
+    return PROVEN if proof else 'not proven'

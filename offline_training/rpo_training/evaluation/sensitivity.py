@@ -25,13 +25,13 @@ from rpo_training.engine.drawn import DrawnCase
 from rpo_training.engine.population import population_of
 from rpo_training.engine.simulator import Simulator
 from rpo_training.search.conditions import conditions_of
-from rpo_training.search.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo_training.search.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
 
 Floats = NDArray[np.float64]
 
 STEP = 0.02
 RUNS = 200
-"""Drawn runs of the dispersed paper's test."""
+"""Drawn runs of the dispersed paper's test, judged by position and speed."""
 
 _FEET = {
     'z_half_width': 'zero: half-width',
@@ -43,7 +43,10 @@ _FEET = {
 
 
 class Outcome(NamedTuple):
-    """What a controller does: mean J [N^2 s], smallest margin of a condition, runs that miss."""
+    """What a controller does: mean J [N^2 s], smallest margin of a condition, runs that miss.
+
+    missed : drawn runs that miss position or speed (`POSITION_AND_SPEED`)
+    """
 
     energy_n2s: float
     margin: float
@@ -77,7 +80,8 @@ def outcomes(controllers: list[FuzzyController], workers: int = 0) -> list[Outco
     """Return what controllers do from the starts of the paper's training, and in drawn runs."""
     training = load_set('paper_training')
     conditions = conditions_of(training.base)
-    flights = DrawnFlights('paper_test', DrawnSettings(1.0, held_out=RUNS))
+    settings = DrawnSettings(1.0, held_out=RUNS, judged={'paper_test': POSITION_AND_SPEED})
+    flights = DrawnFlights('paper_test', settings)
     cases: list[Case | DrawnCase] = [case_of_set(training), flights.case(HELD_OUT)]
     columns = list(conditions.columns)
     with Simulator(cases, workers, controllers[0].system.samples) as simulator:

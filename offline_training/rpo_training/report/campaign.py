@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from rpo_core.validation import InputError
 from rpo_log.show import report as log_report
 from rpo_log.show import style
+from rpo_training.campaign import judging
+from rpo_training.campaign.judging import words
 from rpo_training.campaign.quantities import QUANTITIES
 from rpo_training.campaign.run_batch import FINAL
 from rpo_training.campaign.sampling import parameters_of
@@ -56,7 +58,7 @@ def report_of(folder: Path) -> Report:
     found_spreads = [s._replace(name=words(s.name, unit=False)) for s in found_spreads]
     with style.applied():
         sections = (
-            Section('Success', tuple(_success(found_rates))),
+            Section('Success', tuple(_success(store, found_rates))),
             Section('Figures', tuple(_figures(store, found_spreads, success))),
             Section('Where it ends', (_clouds(store, success),)),
             Section('What matters', tuple(_what_matters(store, success))),
@@ -67,33 +69,10 @@ def report_of(folder: Path) -> Report:
     return Report(
         f'Campaign {config.name}: {store.campaign.scenario.name}, controller '
         f'{store.campaign.controller.name}',
-        f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}.',
+        f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}. '
+        f'Success: {judging.sentence(store.campaign)}.{_moving(found_rates)}',
         sections,
     )
-
-
-_SUFFIXES = {
-    '_m_s': 'm/s',
-    '_n_s': 'N/s',
-    '_n2s': 'N²s',
-    '_rad': 'rad',
-    '_deg': 'deg',
-    '_kg': 'kg',
-    '_ticks': 'ticks',
-    '_share': 'share',
-    '_m': 'm',
-    '_s': 's',
-    '_n': 'N',
-}
-
-
-def words(column: str, unit: bool = True) -> str:
-    """Return the name of a column for people: `initial_vx_m_s` is 'initial vx [m/s]'."""
-    for suffix, shown in _SUFFIXES.items():
-        if column.endswith(suffix):
-            name = column.removesuffix(suffix).replace('_', ' ')
-            return f'{name} [{shown}]' if unit else name
-    return column.replace('_', ' ')
 
 
 def _condition(rate: Rate) -> str:
@@ -102,35 +81,43 @@ def _condition(rate: Rate) -> str:
     return f'{words(name, unit=False)} ≤ {_unit(limit)}' if keeps else name
 
 
+def _shown(name: str, limit: float) -> str:
+    """Return a limit for people."""
+    return f'{words(name, unit=False)} ≤ {limit:g} {_unit(judging.unit_of(name))}'.rstrip()
+
+
 def _unit(ascii_unit: str) -> str:
     return ascii_unit.replace('N^2 s', 'N²s')
 
 
 def _percent(rate: Rate) -> str:
-    return (
-        f'{100 * rate.kept / rate.runs:.2f} % '
-        f'({100 * rate.low:.2f} to {100 * rate.high:.2f} %, Wilson 95 %)'
-    )
+    return f'{rate.percent} % ({rate.interval} %, Wilson 95 %)'
 
 
-def _success(found: list[Rate]) -> list[Block]:
-    rows = tuple(
-        (
-            rate.name,
-            f'{rate.kept} / {rate.runs}',
-            f'{100 * rate.kept / rate.runs:.2f} %',
-            f'{100 * rate.low:.2f} to {100 * rate.high:.2f} %',
-        )
+def _moving(found: list[Rate]) -> str:
+    """Return the sentence on position and speed alone, where more is judged."""
+    share = next((rate for rate in found if rate.name == judging.MOTION), None)
+    return f' By {judging.MOTION} alone: {_percent(share)}.' if share else ''
+
+
+def _success(store: Store, found: list[Rate]) -> list[Block]:
+    rows: list[tuple[str, ...]] = [
+        (rate.name, f'{rate.kept} / {rate.runs}', f'{rate.percent} %', f'{rate.interval} %')
         for rate in found
-    )
+    ]
+    rows += [
+        (_shown(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
+        for name in judging.not_judged(store.campaign)
+    ]
     return [
         Picture(
             'success',
             campaign_plots.rates(found),
-            'Share of runs that succeed, and that keep each condition alone.',
+            'Share of runs that succeed, and that keep each condition alone. Success: '
+            f'{judging.sentence(store.campaign)}.',
             '; '.join(f'{rate.name}: {_percent(rate)}' for rate in found) + '.',
         ),
-        Table('Rates', ('condition', 'runs', 'share', 'Wilson 95 %'), rows),
+        Table('Rates', ('condition', 'runs', 'share', 'Wilson 95 %'), tuple(rows)),
     ]
 
 
@@ -281,7 +268,7 @@ def _configuration(store: Store) -> list[Block]:
         for name, dispersion in config.dispersions.items()
     )
     limits = tuple(
-        (words(name, unit=False), f'≤ {limit:g} {_unit(config.metrics.get(name, ""))}')
+        (words(name, unit=False), f'≤ {limit:g} {_unit(judging.unit_of(name))}'.rstrip())
         for name, limit in config.success.items()
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')

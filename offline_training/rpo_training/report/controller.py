@@ -17,11 +17,12 @@ from rpo_core.metrics import ENERGY
 from rpo_core.scenario import Scenario, ScenarioSet, load, load_scenario
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
-from rpo_training.analysis.certificate import Certificate, certify
+from rpo_training.analysis.certificate import PROVEN, Certificate, Claim, certify
 from rpo_training.analysis.rule_base import FORCES, WELL, force_rows, warnings
 from rpo_training.engine.flights import flights_of
-from rpo_training.evaluation.assessment import PAPER, QUESTIONS, Assessment, assess
+from rpo_training.evaluation.assessment import PAPER, Assessment, assess
 from rpo_training.evaluation.judgement import HEADINGS, judge, rows_of, trained_for
+from rpo_training.evaluation.targets import QUESTIONS
 from rpo_training.report import controller_plots
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
 from rpo_training.report.surface_plots import axis_forces
@@ -80,7 +81,7 @@ def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Sect
         Section('Membership functions', (_functions(controller),)),
         Section('Rules', tuple(_rules(controller))),
         Section('Control surface', (_surface(controller),)),
-        Section('Certificate', tuple(_certificate(certificate))),
+        Section('Certificate', tuple(_certificate(controller, certificate))),
     )
 
 
@@ -115,13 +116,37 @@ def _fuzzy(controller: FuzzyController) -> Report:
             Section('How it flies', tuple(_flights(found))),
             *_inside(controller, certificate),
         )
-    held = sum(target.holds for target in found.targets())
     return Report(
         f'Controller {controller.name}',
-        f'{controller.description} {held} of {len(found.targets())} targets held; mean J of '
-        f'{len(found.starts)} starts {found.mean_energy_n2s:.4g} N²s; the certificate '
-        f'{"holds" if certificate.holds else "fails"}.',
+        f'{controller.description} {_sentence(found.verdict())}. Mean J of {len(found.starts)} '
+        f'starts {found.mean_energy_n2s:.4g} N²s. {_certified(controller, certificate)}',
         sections,
+    )
+
+
+def _sentence(text: str) -> str:
+    return text.replace('N^2 s', 'N²s')
+
+
+def _certified(controller: FuzzyController, certificate: Certificate) -> str:
+    """Return whether the certificate holds; of each claim that fails, where."""
+    if certificate.holds:
+        return 'The certificate of its surface holds.'
+    fails = (
+        f'{claim.name} is {claim.verdict}, {_places(controller, claim)}'
+        for claim in certificate.claims
+        if claim.verdict != PROVEN
+    )
+    return f'The certificate of its surface fails: {"; ".join(fails)}.'
+
+
+def _places(controller: FuzzyController, claim: Claim) -> str:
+    """Return the points of a claim in units: errors, and the force that the kernel gives."""
+    position, velocity, force = controller.scales
+    return '; '.join(
+        f'at errors of {p.position_error * position:.4g} m and {p.velocity_error * velocity:.4g} '
+        f'm/s the force is {p.output * force:.4g} N'
+        for p in claim.points
     )
 
 
@@ -157,9 +182,9 @@ def _flights(found: Assessment) -> list[Block]:
         (
             target.name,
             target.what,
-            f'≤ {target.limit:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
-            f'{target.reached:.4g} {target.unit}'.replace('N^2 s', 'N²s'),
-            'held' if target.holds else 'MISSED',
+            '' if target.limit is None else _sentence(f'≤ {target.limit:.4g} {target.unit}'),
+            _sentence(f'{target.reached:.4g} {target.unit}'),
+            target.word,
         )
         for target in found.targets()
     )
@@ -216,15 +241,19 @@ def _surface(controller: FuzzyController) -> Picture:
     )
 
 
-def _certificate(found: Certificate) -> list[Block]:
-    rows = tuple((claim.name, claim.verdict, claim.statement) for claim in found.claims)
+def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:
+    rows = tuple(
+        (claim.name, claim.verdict, claim.statement, _places(controller, claim))
+        for claim in found.claims
+    )
     return [
         Text(
-            'Proven over the whole input square, not on a grid; errors and outputs are shares of '
-            f'their scales. {found.boxes} boxes; the kernel that flies is within '
-            f'{found.rounding:.1e} of the exact surface.'
+            'Proven over the whole input square, not on a grid; errors and outputs of a statement '
+            f'are shares of their scales. {found.boxes} boxes; the kernel that flies is within '
+            f'{found.rounding:.1e} of the exact surface. The points are those that refute a claim, '
+            'or the worst that were found.'
         ),
-        Table('Claims', ('claim', 'verdict', 'statement'), rows),
+        Table('Claims', ('claim', 'verdict', 'statement', 'where'), rows),
     ]
 
 

@@ -1,6 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Energy against success of compared controllers, as a picture."""
+"""Energy of compared controllers against the dispersed runs that keep position and speed.
+
+A campaign without limits on position and speed is drawn by all its limits.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rpo_log.show import style
-from rpo_training.evaluation.comparison import ComparedController
+from rpo_training.campaign.judging import MOTION
+from rpo_training.evaluation.comparison import ComparedController, Share
 
 _ENERGIES = (2.5, 3, 3.5, 4, 5, 7, 10, 15, 20)
 _SHARES = (0.01, 0.1, 1, 10, 100)
 
 
 def best(rows: Sequence[ComparedController]) -> list[ComparedController]:
-    """Return the controllers that no other beats in energy and in success, by rising energy."""
+    """Return the controllers that no other beats in energy and in runs kept, by rising energy."""
     found: list[ComparedController] = []
-    for row in sorted(rows, key=lambda row: (row.mean_energy_n2s, -row.kept / row.runs)):
-        if row.met and all(row.kept / row.runs > other.kept / other.runs for other in found):
+    for row in sorted(rows, key=lambda row: (row.mean_energy_n2s, -_kept(row))):
+        if row.met and all(_kept(row) > _kept(other) for other in found):
             found.append(row)
     return found
 
@@ -34,7 +38,8 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
         figure, axes = style.new_panels(4.6, 1, 1)
         for row in shown:
             x, y = row.mean_energy_n2s, _missed(row)
-            low, high = max(1.0 - row.high, 0.1 / row.runs), 1.0 - row.low
+            share = _share(row)
+            low, high = max(1.0 - share.high, 0.1 / row.runs), 1.0 - share.low
             fuzzy = row.kind in ('fuzzy', 'more_words', 'pace', 'time_to_go')
             colour = style.LIGHT['x'] if fuzzy else style.LIGHT['muted']
             axes.plot([x, x], [100 * low, 100 * high], color=colour, linewidth=1)
@@ -55,8 +60,8 @@ def draw(rows: Sequence[ComparedController], path: Path) -> None:
             xscale='log',
             yscale='log',
             xlabel='mean J of the training starts [N²s]',
-            ylabel='dispersed runs that miss [%], the fewer the higher',
-            title='Energy against success: fuzzy controllers ●, baselines ■',
+            ylabel=f'dispersed runs that miss {_judged(rows)} [%], the fewer the higher',
+            title=f'Energy against {_judged(rows)} kept: fuzzy controllers ●, baselines ■',
         )
         axes.invert_yaxis()
         energies = [row.mean_energy_n2s for row in shown] or [1.0]
@@ -78,5 +83,17 @@ def _crowded(row: ComparedController, shown: Sequence[ComparedController]) -> bo
     )
 
 
+def _share(row: ComparedController) -> Share:
+    return row.moving or Share(row.kept, row.low, row.high)
+
+
+def _judged(rows: Sequence[ComparedController]) -> str:
+    return MOTION if any(row.moving for row in rows) else 'all limits'
+
+
+def _kept(row: ComparedController) -> float:
+    return _share(row).kept / row.runs
+
+
 def _missed(row: ComparedController) -> float:
-    return max(1.0 - row.kept / row.runs, 0.5 / row.runs)
+    return max(1.0 - _kept(row), 0.5 / row.runs)

@@ -16,7 +16,7 @@ from rpo_core.codec import to_mapping
 from rpo_core.validation import MOST_PATH, InputError, choice, mapping, real, shown, text, whole
 from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings
-from rpo_training.search.drawn import DrawnSettings
+from rpo_training.search.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_training.search.fitness import FitnessSettings
 from rpo_training.search.genes import GeneSpace
 from rpo_training.search.genetic import GaSettings
@@ -100,7 +100,12 @@ PRESETS = {
             margin=0.03,
             limit_cycle=20.0,
             damping=20.0,
-            drawn=DrawnSettings(30.0, ('paper_test', 'random_moving_starts'), 0.005),
+            drawn=DrawnSettings(
+                30.0,
+                ('paper_test', 'random_moving_starts'),
+                0.005,
+                judged={'paper_test': POSITION_AND_SPEED},
+            ),
         ),
         cmaes=CmaSettings(
             population=14, sigma=0.006, evaluations=3000, descents=3, tolerance=0.005, patience=1000

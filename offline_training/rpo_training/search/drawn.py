@@ -13,14 +13,16 @@ then has its own noise, the same for all candidates; what its thrusters spend ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import metrics
-from rpo_core.validation import MOST_PATH, InputError, real, text, whole
+from rpo_core.requirements import LIMITS
+from rpo_core.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
 from rpo_training.campaign.config import THRUSTER_METRICS, Campaign, find, load
 from rpo_training.campaign.run_batch import is_together, make_batch, windows_within
 from rpo_training.campaign.sampling import DrawnRuns, draw
@@ -32,6 +34,9 @@ from rpo_training.engine.parts import RUNS
 from rpo_training.engine.support import IN_PAIRS, why_not
 
 Floats = NDArray[np.float64]
+
+POSITION_AND_SPEED = ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')
+"""What the shipped trainings judge the runs of `paper_test` by; force and slew they do not."""
 
 HELD_OUT = -1
 """The stage of the draws that no search has seen."""
@@ -45,6 +50,7 @@ class DrawnSettings:
 
     weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
     campaigns : shipped names or files; each adds a term
+    judged : campaign of these -> the limits that its runs are judged by; otherwise all of them
     margin : share by which the limits of a run are made stricter, in [0, 1)
     flights : of each campaign, in each stage
     pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
@@ -63,8 +69,10 @@ class DrawnSettings:
     seed: int = 1
     openings: float = 0.0
     propellant: float = 0.0
+    judged: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        store(self, judged=_judged(self.judged))
         real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
         real('fitness.drawn.openings', self.openings, 'N^2 s', least=0.0)
         real('fitness.drawn.propellant', self.propellant, 'N^2 s/kg', least=0.0)
@@ -76,6 +84,19 @@ class DrawnSettings:
         whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
         whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)
         whole('fitness.drawn.seed', self.seed, least=0, most=2**31)
+
+
+def _judged(value: Any) -> dict[str, tuple[str, ...]]:
+    """Return the checked field `judged`; raises InputError."""
+    name, found = 'fitness.drawn.judged', {}
+    if not isinstance(value, Mapping):
+        raise InputError(f'`{name}` must be a mapping of campaigns; got {shown(value)}')
+    for campaign, limits in value.items():
+        text(name, campaign, most=MOST_PATH)
+        if not isinstance(limits, (list, tuple)) or not limits:
+            raise InputError(f'`{name}.{campaign}` must be a list of limits; got {shown(limits)}')
+        found[campaign] = tuple(choice(f'{name}.{campaign}', limit, LIMITS) for limit in limits)
+    return found
 
 
 class DrawnFlights:
@@ -92,6 +113,8 @@ class DrawnFlights:
     def __init__(self, name: str, settings: DrawnSettings) -> None:
         # The file may name the controller that is to be trained, which is not there yet.
         self._campaign, self._settings = load(find(name), controller='handmade'), settings
+        if name in settings.judged:
+            self._campaign = self._campaign.judging(settings.judged[name])
         self.label, self.count = self._campaign.config.name, settings.flights
         reason = why_not(self._campaign.scenario, self._campaign.controller, IN_PAIRS)
         if reason:
@@ -100,6 +123,11 @@ class DrawnFlights:
         success = self._campaign.config.success
         self.columns = [_column(metric, self._campaign) for metric in success]
         self.limits = np.array(list(success.values()))
+
+    @property
+    def judged(self) -> list[str]:
+        """Names of the limits that a run is judged by."""
+        return list(self._campaign.config.success)
 
     @property
     def texts(self) -> tuple[str, str]:
@@ -175,6 +203,6 @@ def _column(name: str, campaign: Campaign) -> int:
     if name not in VALUES:
         raise InputError(
             f'a search cannot judge by `{name}`, whose limit differs from run to run; '
-            f'give `success` in campaign {campaign.config.name}'
+            f'name the limits of campaign {campaign.config.name} in `fitness.drawn.judged`'
         )
     return COLUMNS + VALUES.index(name)

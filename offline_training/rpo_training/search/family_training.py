@@ -29,7 +29,7 @@ from rpo_training.outputs import check_name
 from rpo_training.search.algorithms import CmaSettings, Search
 from rpo_training.search.checkpoint import versions
 from rpo_training.search.config import updated
-from rpo_training.search.drawn import DrawnSettings
+from rpo_training.search.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_training.search.fitness import Fitness, FitnessSettings, Scores
 from rpo_training.search.fitting import penalty_n2s, training_set, units_of
 from rpo_training.search.run import SearchRun
@@ -49,6 +49,7 @@ _JUDGED = FitnessSettings(
         campaigns=('paper_test', 'random_starts', 'random_moving_starts'),
         margin=0.03,
         flights=80,
+        judged={'paper_test': POSITION_AND_SPEED},
     ),
 )
 
@@ -191,7 +192,7 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         """Return the best so far, its provenance filled in."""
         found, config = self.make(self.best_genes), self.config
         scores = self.fitness.score([found])
-        provenance = {
+        provenance: dict[str, object] = {
             'method': 'rpo train',
             'command': command(config),
             'algorithm': 'cmaes in stages',
@@ -207,6 +208,8 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
             'versions': versions(),
             'arithmetic': processor.in_use(),
         }
+        if self.fitness.drawn:
+            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
         return replace(found, provenance=provenance)
 
     def missed_draws(self, scores: Scores) -> dict[str, str]:

@@ -215,6 +215,11 @@ class Fitness:
         """Names of the columns of `Scores.failures`."""
         return (*self.conditions.labels, *(flights.label for flights in self.drawn))
 
+    @property
+    def judged_in_drawn(self) -> dict[str, list[str]]:
+        """Campaign -> the limits that its drawn flights are judged by."""
+        return {flights.label: flights.judged for flights in self.drawn}
+
     def enter(self, stage: int, best: Population | None = None) -> None:
         """Draw the flights of a stage; `best` says which of them are hard."""
         if stage == self.stage or not self.drawn:

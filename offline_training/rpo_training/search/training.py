@@ -202,6 +202,8 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             'versions': versions(),
             'arithmetic': processor.in_use(),
         }
+        if self.fitness.drawn:
+            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
         if config.scenario == PAPER:
             targets = assess(found).targets()
             provenance['targets'] = {target.what: target.reached for target in targets}

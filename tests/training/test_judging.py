@@ -1,0 +1,217 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A success says which limits it means: what is judged, what not, and each share by itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from campaign_documents import SHORT, write_campaign
+from typer.testing import CliRunner
+
+from rpo_core.controller import load_controller
+from rpo_core.requirements import LIMITS
+from rpo_core.validation import InputError
+from rpo_core.verdicts import THRUST, verdicts
+from rpo_training.campaign import config, execution, judging
+from rpo_training.campaign.run_batch import fly_runs
+from rpo_training.campaign.single import fly_run
+from rpo_training.campaign.statistics import kept, rate, rates
+from rpo_training.campaign.store import Store
+from rpo_training.cli import app
+from rpo_training.evaluation import provenance
+from rpo_training.evaluation.comparison import CONTROLLERS
+from rpo_training.report import campaign as report
+
+WIDE = {'COLUMNS': '300'}
+REQUIRED = {
+    'hold_from_s': 12.0, 'hold_error_per_axis_m': 60.0, 'hold_speed_per_axis_m_s': 0.7,
+    'hold_force_per_disturbance': 20.0, 'slew_per_axis_n_s': 0.5,
+}  # fmt: skip
+
+
+def requiring(folder, required, **changes):
+    """Write a campaign whose scenario requires something; return its path."""
+    path = write_campaign(folder, **changes)
+    if required:
+        (folder / 'short.yaml').write_text(f'{SHORT}requirements: {required}\n')
+    return path
+
+
+def test_every_requirement_can_be_named_and_has_the_value_of_its_verdict(tmp_path):
+    """Also where the scenario requires none of them: contact, norms, and the share of force."""
+    limits = {
+        'hold_force_per_disturbance': 20.0, 'final_error_norm_m': 60.0,
+        'final_speed_per_axis_m_s': 0.4, 'slew_per_axis_n_s': 0.5, 'energy_n2s': 2.0,
+    }  # fmt: skip
+    campaign = config.load(requiring(tmp_path, None, success=limits, runs=90))
+    assert dict(campaign.required) == {} and campaign.config.success == limits
+    columns = fly_runs(campaign, 0, 90)
+    for number in range(0, 90, 17):
+        flight = fly_run(campaign, number)
+        required = config.Requirements(hold_from_s=0.05, **limits)
+        flight = replace(flight, scenario=replace(flight.scenario, requirements=required))
+        for verdict in verdicts(flight):
+            if verdict.key in limits and verdict.key != 'hold_force_per_disturbance':
+                assert verdict.value == columns[verdict.key][number], verdict.key
+            if verdict.key == 'hold_force_per_disturbance':
+                own = limits[verdict.key] * columns[config.LEVEL][number]
+                assert verdict.limit == own and len(set(columns[config.LEVEL])) == 90
+    share = kept(campaign.config, 'hold_force_per_disturbance', columns)
+    by_hand = columns['hold_force_per_axis_n'] <= 20.0 * columns[config.LEVEL]
+    assert share.tolist() == by_hand.tolist() and 0 < share.sum() < 90
+    assert all(config._success({name: 1.0}) for name in LIMITS)
+
+
+@pytest.mark.parametrize(
+    ('limits', 'said'),
+    [
+        ({'contact_closing_speed_m_s': 0.1}, '`contact_range_m` is missing'),
+        ({'hold_error_norm_m': 0.1}, '`hold_from_s` is missing'),
+        ({'valve_openings': 9.0}, '`success.valve_openings` needs thrusters'),
+    ],
+)
+def test_a_limit_that_the_scenario_cannot_judge_is_one_sentence(tmp_path, limits, said):
+    with pytest.raises(InputError) as refused:
+        config.load(requiring(tmp_path, None, success=limits))
+    assert said in str(refused.value) and 'scenario short' in str(refused.value)
+
+
+def test_the_shipped_campaigns_of_the_papers_test_judge_all_that_it_requires():
+    for name in ('paper_test', 'least_energy'):
+        campaign = config.load(config.find(name))
+        assert campaign.config.success == campaign.scenario.requirements.limits
+        assert {'hold_force_per_disturbance', 'slew_per_axis_n_s'} <= set(campaign.config.success)
+        assert judging.sentence(campaign) == f'all 6 requirements of {name}'
+
+
+def test_of_the_dispersed_test_the_default_keeps_position_and_speed_and_never_the_slew(tmp_path):
+    """White noise of navigation makes the slew; the undispersed test has 0.08 N/s."""
+    campaign = config.load(config.find('paper_test'), runs=200, seed=99)
+    store = Store.create(tmp_path / 'f', campaign)
+    execution.fly(store)
+    found = {rate.name: rate for rate in rates(store)}
+    assert found['success'].kept == found['slew_per_axis_n_s <= 0.1 N/s'].kept == 0
+    assert found[judging.MOTION].kept >= 199
+    assert 0.1 < store.column('slew_per_axis_n_s').min() < 0.2
+    force = found['hold_force_per_disturbance <= 1 x disturbance of its run']
+    assert 0 < force.kept < 40 and force.low < force.kept / 200 < force.high
+    summary = yaml.safe_load((store.folder / 'summary.yaml').read_text())
+    assert summary['success'] == 'all 6 requirements of paper_test' and not summary['not_judged']
+    assert summary['rates'][judging.MOTION]['count'] == found[judging.MOTION].kept
+
+
+def test_what_is_not_judged_is_said_by_command_summary_run_and_report(tmp_path):
+    limits = {'hold_error_per_axis_m': 60.0, 'hold_speed_per_axis_m_s': 0.7}
+    path, folder = requiring(tmp_path, REQUIRED, success=limits), tmp_path / 'f'
+    done = CliRunner().invoke(app, ['campaign', str(path), '-o', str(folder)], env=WIDE)
+    sentence = (
+        'hold error per axis, hold speed per axis (2 of the 4 requirements of short; NOT judged: '
+        'hold force per disturbance, slew per axis)'
+    )
+    assert f'success: {sentence}' in done.output and done.output.count('NOT judged') == 3
+    assert yaml.safe_load((folder / 'summary.yaml').read_text())['not_judged'] == [
+        'hold_force_per_disturbance',
+        'slew_per_axis_n_s',
+    ]
+    made = report.report_of(folder)
+    assert sentence in made.summary and f'Success: {sentence}' in made.sections[0].blocks[0].caption
+    rows = made.sections[0].blocks[1].rows
+    assert [row[0] for row in rows if row[1] == judging.NOT_JUDGED] == [
+        'hold force per disturbance ≤ 20 x disturbance of its run',
+        'slew per axis ≤ 0.5 N/s',
+    ]
+    one = CliRunner().invoke(app, ['campaign', str(path), '--run', '3'], env=WIDE)
+    assert one.output.count('NOT judged') == 3 and f'success: {sentence}' in one.output
+
+
+def test_another_limit_than_the_scenarios_does_not_count_as_judging_it(tmp_path):
+    limits = {'hold_error_per_axis_m': 1e6, 'slew_per_axis_n_s': 0.5}
+    campaign = config.load(requiring(tmp_path, REQUIRED, success=limits))
+    assert judging.judged(campaign) == ['slew_per_axis_n_s']
+    assert 'hold error per axis ≤ 1e+06 m' in judging.sentence(campaign)
+    assert 'NOT judged: hold error per axis, ' in judging.sentence(campaign)
+
+
+def test_a_run_is_judged_by_the_disturbance_of_its_own(tmp_path):
+    campaign = config.load(requiring(tmp_path, REQUIRED, success=None, runs=40))
+    columns = {name: values[7:8] for name, values in fly_runs(campaign, 0, 40).items()}
+    found = {verdict.key: verdict for verdict in verdicts(fly_run(campaign, 7))}
+    for name, (_, value, limit, word) in zip(
+        campaign.config.success, judging.of_run(campaign, columns), strict=True
+    ):
+        own = found[name]
+        assert (float(value.split()[0]), float(limit.split()[0])) == pytest.approx(
+            (own.value, own.limit), rel=1e-5
+        )
+        assert word == own.word
+
+
+def test_judging_by_some_limits_changes_no_flight(tmp_path):
+    whole = config.load(requiring(tmp_path, REQUIRED, success=None, runs=40))
+    some = whole.judging(['slew_per_axis_n_s'])
+    both, one = fly_runs(whole, 0, 40), fly_runs(some, 0, 40)
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, both[name])
+    assert set(both) - set(one) == {config.LEVEL}
+    again = config.Campaign.of_texts(some.texts, ('c', 's', 'k'))
+    assert again.config == some.config
+    with pytest.raises(InputError, match='`judge` must be one of hold_error_per_axis_m'):
+        whole.judging(['valve_openings'])
+
+
+def test_the_sweep_of_faults_judges_by_what_it_is_asked_and_says_so(tmp_path):
+    path = requiring(tmp_path, REQUIRED, success=None, runs=8)
+    command = ['campaign', str(path), '--faults', '--judge', 'hold_error_per_axis_m']
+    done = CliRunner().invoke(app, command, env=WIDE)
+    assert done.exit_code == 0, done.output
+    assert 'success: hold error per axis (1 of the 4 requirements of short; NOT' in done.output
+
+
+@pytest.mark.parametrize(
+    ('missed', 'runs', 'shown', 'interval'),
+    [(3, 100_000, '99.997', '99.991 to 99.999'), (0, 10_000, '100.00', '99.96 to 100.00')],
+)
+def test_a_rate_of_many_runs_shows_the_few_that_miss(missed, runs, shown, interval):
+    """By hand: (p + z²/2n ± z √(p (1 - p)/n + z²/4n²)) / (1 + z²/n), z = 1.96."""
+    found = rate('', runs - missed, runs)
+    assert (found.percent, found.interval) == (shown, interval)
+
+
+def test_position_and_speed_are_the_limits_beside_the_effort():
+    efforts = {n for n in LIMITS if any(w in n for w in ('force', 'slew', 'energy', 'delta_v'))}
+    assert set(judging.EFFORT) == efforts | set(THRUST)
+    assert set(judging.motion(LIMITS)) | set(judging.EFFORT) == set(LIMITS)
+
+
+# What a training saw.
+
+
+def test_the_table_says_whose_training_saw_the_dispersed_test():
+    found = {name: provenance.saw(load_controller(name), 'paper_test') for name in CONTROLLERS}
+    drawn = ('allround', 'more_words', 'pace', 'time_to_go')
+    assert {name for name, seen in found.items() if seen == provenance.DRAWN} == set(drawn)
+    assert found['robust'] == provenance.CORNERS
+    assert found['world'] == 'drawn flights, by its start allround'
+    assert found['pd_disturbed'] == provenance.UNDISPERSED
+    rest = set(CONTROLLERS) - {*drawn, 'robust', 'world', 'pd_disturbed'}
+    assert {found[name] for name in rest} == {provenance.NOTHING} and 'trained' in rest
+    assert provenance.saw(load_controller('world'), 'world_leo_stuck') == provenance.DRAWN
+
+
+@pytest.mark.parametrize(
+    ('claims', 'seen'),
+    [
+        ({}, provenance.NOT_KNOWN),
+        ({'command': 'rpo train --config mine.yaml, of its run folder'}, provenance.NOT_KNOWN),
+        ({'command': 'rpo train --preset "allround'}, provenance.NOT_KNOWN),
+        ({'command': 'rpo train --family nobody'}, provenance.NOT_KNOWN),
+        ({'command': 'rpo tune pd --disturbance much'}, provenance.NOT_KNOWN),
+        ({'drawn_flights_judged_by': {'paper_test': ['slew_per_axis_n_s']}}, provenance.DRAWN),
+        ({'command': 'rpo train --preset best --scenario mine.yaml'}, provenance.NOTHING),
+    ],
+)
+def test_what_a_file_does_not_say_is_not_known(claims, seen):
+    posed = replace(load_controller('trained'), provenance=claims)
+    assert provenance.saw(posed, 'paper_test') == seen

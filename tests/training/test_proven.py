@@ -1,0 +1,116 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One source for what the pages say of proofs: what ships, and where it comes from."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from proofs import problem_of
+
+from rpo_core import files
+from rpo_core.controller import load_controller
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.validation import InputError
+from rpo_training.evaluation import proven, robustness
+from rpo_training.evaluation.comparison import CONTROLLERS
+from rpo_training.proof.folder import Folder
+from tools import proven as tool
+
+DOCS = Path(__file__).parents[2] / 'docs'
+TRAINING_BOX = (100.0, 100.0, 100.0, 0.0, 0.0, 0.0)
+
+
+def test_both_pages_say_what_the_file_of_results_says():
+    page = (DOCS / 'proof.md').read_text()
+    block = page.partition(proven.BEGIN)[2].partition(proven.END)[0]
+    assert block.strip() == proven.markdown(proven.shipped()).strip()
+    table = (DOCS / 'compare.md').read_text().partition('speed at 1 m')[2]
+    column = dict(re.findall(r'^\| (\w+) \|.*\| ([^|]+) \|$', table.partition('\n\n')[0], re.M))
+    assert column == {name: robustness.proof_of(load_controller(name)) for name in CONTROLLERS}
+
+
+def test_the_default_is_proven_and_the_least_energy_of_its_form_is_refuted():
+    found = {name: proven.proof_of(load_controller(name)) for name in ('robust', 'trained')}
+    assert found == {'robust': 'refuted: slew', 'trained': 'refuted: arrival'}
+    assert proven.proof_of(load_controller(DEFAULT_CONTROLLER)) == 'proven'
+
+
+def test_a_result_is_of_numbers_and_of_no_name():
+    posed = replace(load_controller('trained'), name=DEFAULT_CONTROLLER)
+    assert proven.proof_of(posed) == 'refuted: arrival'
+    scales = posed.position_scale_m
+    assert proven.proof_of(replace(posed, position_scale_m=scales + 1e-9)) == proven.NO_PROOF
+    renamed = replace(load_controller(DEFAULT_CONTROLLER), name='mine', provenance={})
+    assert proven.proof_of(renamed) == 'proven'
+
+
+@pytest.mark.parametrize(
+    ('verdicts', 'said'),
+    [
+        (('proven', 'proven', 'proven'), 'proven'),
+        (('proven', 'open', 'refuted'), 'refuted: speed'),
+        (('open', 'open', 'proven'), 'open: arrival, slew'),
+        (('proven',), 'open: slew, speed'),
+    ],
+)
+def test_a_condition_that_the_proof_leaves_open_is_not_proven(monkeypatch, verdicts, said):
+    keys = ('mean_error_norm_m', 'slew_per_axis_n_s', 'mean_speed_norm_m_s')
+    figures = {'proven': (0.4, 0.3), 'open': (0.6, 0.3), 'refuted': (0.4, 0.6)}
+    claims = tuple(
+        proven.ProvenClaim(key, key, 'm', 0.5, *figures[verdict])
+        for key, verdict in zip(keys, verdicts, strict=False)
+    )
+    controller = load_controller('trained')
+    digest = proven.numbers_of(controller)
+    monkeypatch.setattr(
+        proven, 'shipped', lambda: (proven.Proof('trained', digest, 'c', 'c', 'd', claims),)
+    )
+    head, *names = re.split(': |, ', proven.proof_of(controller))
+    expected, *those = re.split(': |, ', said)
+    assert (head, sorted(names)) == (expected, sorted(those))
+
+
+def changed(kind):
+    """Return a problem that is not that of `rpo prove NAME`, or is."""
+    problem = problem_of('robust', TRAINING_BOX)
+    own = problem.settings
+    return {
+        'box': problem_of('robust'),
+        'claims': replace(problem, settings=replace(own, claims=('slew_per_axis_n_s',))),
+        'moving': replace(problem, settings=replace(own, mass_share=0.1)),
+        'numbers': replace(
+            problem, controller=replace(problem.controller, position_scale_m=61.0, name='robust')
+        ),
+        'unfinished': problem,
+    }[kind]
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize(
+    ('kind', 'said'),
+    [
+        ('box', 'must be the folder of `rpo prove NAME`'),
+        ('claims', 'must be the folder of `rpo prove NAME`'),
+        ('moving', 'must be the folder of `rpo prove NAME`'),
+        ('numbers', 'has other numbers than the one that ships as robust'),
+        ('unfinished', 'is not right, and was not written'),
+    ],
+)
+def test_what_is_not_a_checked_proof_of_the_box_is_not_written(tmp_path, kind, said):
+    Folder.create(tmp_path / 'f', changed(kind))
+    with pytest.raises(SystemExit, match=said):
+        tool.result_of(tmp_path / 'f')
+
+
+def test_a_damaged_file_of_results_is_one_sentence(tmp_path):
+    for text, said in (
+        ('schema: rpo/proven/2\nproofs: []\n', '`schema` must be rpo/proven/1'),
+        ('schema: rpo/proven/1\nproofs: 3\n', '`proofs` must be a list'),
+        ('schema: rpo/proven/1\nproofs: [{controller: x}]\n', r'proofs\[0\]'),
+    ):
+        path = tmp_path / 'p.yaml'
+        path.write_text(text)
+        with pytest.raises(InputError, match=said):
+            files.load(path, proven.parse)
