@@ -175,7 +175,7 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     document |= {'schema': scenarios.SET_SCHEMA, 'initial_position_axis_m': [5.0, 10.0]}
     mine = tmp_path / 'mine.yaml'
     mine.write_text(yaml.safe_dump(document))
-    told = evaluate('drift', 'trained', '--scenario', str(mine), '--check')
+    told = evaluate('drift', 'trained', '--scenario', str(mine))
     assert told.exit_code == 1, told.output
     lines = [' '.join(line.split()) for line in told.output.splitlines()]
     # drifting, only the start [10, 10, 10] is farther than 16 m after 20 s
@@ -186,6 +186,6 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     assert drift.endswith('17.3 m 1 of 8 MISSED')
     assert energy.endswith('0 N²s 0 of 8 holds')
     assert trained_energy.endswith('8 of 8 MISSED')
-    assert evaluate('trained', '--scenario', 'paper_test', '--check').exit_code == 0
+    assert evaluate('trained', '--scenario', 'paper_test').exit_code == 0
     none = evaluate('trained', '--scenario', 'quick')
     assert none.exit_code == 2 and 'scenario quick has no requirements' in none.output

@@ -163,7 +163,7 @@ def test_a_search_that_misses_says_so_and_writes_the_file(tmp_path):
     found = load_controller(folder / 'first_try.yaml')
     assert found.name == 'first_try'
     assert found.provenance['scenario'] == str(tmp_path / 'mine.yaml')
-    code, said = invoked('evaluate', str(folder / 'first_try.yaml'), '--check')
+    code, said = invoked('evaluate', str(folder / 'first_try.yaml'))
     assert code == 1 and 'requirements of geo_servicer' in said and 'MISSED' in said
     (tmp_path / 'mine.yaml').unlink()
     code, said = invoked('evaluate', str(folder / 'first_try.yaml'))
@@ -230,7 +230,7 @@ def test_a_mission_is_trained_dispersed_reported_flown_and_verified(
     fly_it = f'ros2 run rpo_bringup final_approach --scenario {scenario} --controller {file}'
     for command in (
         f'rpo train --scenario {MISSIONS}/{mission}.yaml -o runs/{mission}',
-        f'rpo evaluate {file} --check',
+        f'rpo evaluate {file}',
         f'rpo campaign {MISSIONS}/{mission}_campaign.yaml -o runs/campaign',
         f'rpo report {file}',
         'rpo report runs/campaign',

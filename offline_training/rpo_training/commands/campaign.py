@@ -14,7 +14,7 @@ import typer
 
 from rpo_core.validation import InputError
 from rpo_training import outputs
-from rpo_training.commands.shared import Cluster, Set, Workers, echo, interruptible
+from rpo_training.commands.shared import Cluster, NoFail, Set, Workers, echo, end, interruptible
 
 if TYPE_CHECKING:
     from rpo_core.flight import Flight
@@ -59,12 +59,18 @@ def campaign(
     faults: Annotated[
         bool, typer.Option('--faults', help='success against the share of messages lost, late')
     ] = False,
+    least: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=100.0, help='exit code 1 if fewer percent of the runs succeed'),
+    ] = None,
     workers: Workers = 0,
     cluster: Cluster = '',
+    no_fail: NoFail = False,
 ) -> None:
     """Fly dispersed closed loops, and print how many succeed, with confidence intervals.
 
-    Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on.
+    Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on. It judges each run;
+    the campaign as a whole only with --least.
     """
     from rpo_training.campaign.store import Store
 
@@ -75,13 +81,16 @@ def campaign(
     if resume is not None:
         if source is not None or output is not None or run is not None or changes:
             raise InputError('`--resume` takes everything from the folder: give nothing else')
-        _fly(Store.open(resume), workers, cluster)
+        missed = _fly(Store.open(resume), workers, cluster, least)
+        end(missed, no_fail)
         return
     if source is None:
         raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
     for option, path in (('csv', csv), ('export', export)):
         if path is not None and run is None:
             raise InputError(f'`--{option}` writes one run: give --run too')
+    if least is not None and (faults or run is not None):
+        raise InputError('`--least` judges a whole campaign: no `--run` and no `--faults`')
     if run is not None:
         found = _of_source(source, changes)
         _show_run(*found, run, csv)
@@ -89,13 +98,13 @@ def campaign(
         return
     chosen, store = _of_source(source, changes)
     if store is not None:
-        _print(store)
+        end(_print(store, least), no_fail)
         return
     if faults:
         _sweep(chosen, runs or min(chosen.config.runs, SWEEP_RUNS))
         return
     folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
-    _fly(Store.create(folder, chosen), workers, cluster)
+    end(_fly(Store.create(folder, chosen), workers, cluster, least), no_fail)
 
 
 def _sweep(chosen: Campaign, runs: int) -> None:
@@ -150,7 +159,8 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
     return store.campaign, store
 
 
-def _fly(store: Store, workers: int, cluster: str) -> None:
+def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
+    """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
     from rpo_training.campaign.execution import fly
     from rpo_training.campaign.progress import CampaignDisplay
 
@@ -160,20 +170,21 @@ def _fly(store: Store, workers: int, cluster: str) -> None:
     with interruptible(lambda: sentence), CampaignDisplay(store) as display:
         fly(store, workers, cluster, display.advance)
     began, cpu = time.perf_counter() - began, time.process_time() - cpu
-    _print(store)
+    missed = _print(store, least)
     typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
     echo(store.folder / 'results.npz')
+    return missed
 
 
-def _print(store: Store) -> None:
+def _print(store: Store, least: float | None) -> bool:
+    """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
     from rpo_training.campaign import judging
     from rpo_training.campaign.statistics import QUANTILES, rates, spreads
     from rpo_training.display import print_table
 
     config = store.campaign.config
-    shares = [
-        (r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in rates(store)
-    ]
+    found = rates(store)
+    shares = [(r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in found]
     shares += [
         (judging.label(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
         for name in judging.not_judged(store.campaign)
@@ -186,6 +197,11 @@ def _print(store: Store) -> None:
         for s in spreads(store)
     ]
     print_table(('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'), numbers)
+    if least is None:
+        return False
+    holds = 100 * found[0].kept >= least * found[0].runs
+    typer.echo(f'success of at least {least:g} % of the runs: {"held" if holds else "MISSED"}')
+    return not holds
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_core.validation import InputError
-from rpo_training.commands.shared import Workers
+from rpo_training.commands.shared import NoFail, Workers, end
 from rpo_training.outputs import writing
 
 if TYPE_CHECKING:
@@ -55,14 +55,12 @@ def evaluate(
     seed: Annotated[
         int | None, typer.Option(help='of the draws of --everywhere  [2026]', show_default=False)
     ] = None,
-    check: Annotated[
-        bool, typer.Option('--check', help='exit code 1 if a target is missed')
-    ] = False,
     estimator: Annotated[
         str, typer.Option(help='judge the estimator of this scenario (name or file) instead')
     ] = '',
     runs: Annotated[int, typer.Option(help='flights that judge an estimator', min=2)] = 1000,
     workers: Workers = 0,
+    no_fail: NoFail = False,
 ) -> None:
     """Judge fuzzy controllers by the targets Q1-Q5; compare each start with the least energy.
 
@@ -70,6 +68,7 @@ def evaluate(
     A controller that was trained for another scenario than the paper's is judged by what that
     requires; with --scenario, all are. With --estimator, a filter is judged by the errors of its
     estimates over many flights with the noise that it is told; those in its world are reported.
+    Exit code 1: something that was judged is missed.
     """
     from rpo_core.controller import load_controller, only_fuzzy
     from rpo_training.display import print_table
@@ -107,8 +106,7 @@ def evaluate(
             with writing(csv), csv.open('w', newline='') as file:
                 writer = csv_files.writer(file, lineterminator='\n')
                 writer.writerows([_HEADINGS, *_rows(found)])
-    if check and missed:
-        raise typer.Exit(1)
+    end(missed, no_fail)
 
 
 def _judge(controller: AnyController, name: str, scenario: str) -> bool:

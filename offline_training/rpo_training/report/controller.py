@@ -15,6 +15,7 @@ from rpo_core.flight import fly
 from rpo_core.fuzzy import WORDS
 from rpo_core.metrics import ENERGY
 from rpo_core.scenario import Scenario, ScenarioSet, load, load_scenario
+from rpo_core.verdicts import missed
 from rpo_log.show import report as flight_report
 from rpo_log.show import style
 from rpo_training.analysis.certificate import PROVEN, Certificate, Claim, certify
@@ -72,6 +73,7 @@ def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
         f'{controller.description} {kept} of {len(judgements)} requirements of {found.name} held '
         f'in {"its flight" if flights == 1 else f"all {flights} flights"}.'.strip(),
         (Section('How it flies', (table, histories)), *inside),
+        missed=kept < len(judgements),
     )
 
 
@@ -121,6 +123,7 @@ def _fuzzy(controller: FuzzyController) -> Report:
         f'{controller.description} {_sentence(found.verdict())}. Mean J of {len(found.starts)} '
         f'starts {found.mean_energy_n2s:.4g} N²s. {_certified(controller, certificate)}',
         sections,
+        missed=not all(target.holds for target in found.targets()),
     )
 
 
@@ -173,6 +176,7 @@ def _without_rules(controller: AnyController) -> Report:
             ),
             *inside,
         ),
+        missed=any(map(missed, flights.values())),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rpo_core.validation import InputError
 from rpo_log.show import style
-from rpo_training.analysis.certificate import REFUTED
+from rpo_training.analysis.certificate import PROVEN, REFUTED
 from rpo_training.proof.cells import Found
 from rpo_training.proof.check_claims import Written, flights_again, what_follows
 from rpo_training.proof.claims import Claim, Range, of_planar
@@ -64,6 +64,7 @@ def report_of(path: Path) -> Report:
             *([Section('Margins', tuple(pictures))] if pictures else []),
             Section('Files', files_of),
         ),
+        missed=any(verdict != PROVEN for verdict in verdicts),
     )
 
 

@@ -1,0 +1,121 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One rule of exit codes: what is judged and missed is 1, with `--no-fail` 0; docs/exit_codes.md."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import click
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from rpo_core.validation import InputError
+from rpo_training.bench import machine, table
+from rpo_training.cli import app
+from rpo_training.commands import searching
+from rpo_training.safety import attack, peers
+
+ROOT = Path(__file__).parents[2]
+CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')
+VBAR = str(ROOT / 'offline_training' / 'examples' / 'benchmarks' / 'vbar_approach.yaml')
+PAGE = (ROOT / 'docs' / 'exit_codes.md').read_text()
+ROWS = {
+    command: line.split('|')[4].strip() == 'yes'
+    for line in PAGE.splitlines()
+    for command in re.findall(r'^\| `(.+?)`', line)
+}
+
+
+def code_of(*words: object) -> int:
+    found = CliRunner().invoke(app, [str(word) for word in words])
+    if isinstance(found.exception, InputError):
+        raise found.exception
+    return found.exit_code
+
+
+def codes(*words: object) -> tuple[int, int]:
+    """Return the exit codes as it is, and with --no-fail."""
+    return code_of(*words), code_of(*words, '--no-fail')
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'simulate paper_test --controller drift',
+        'evaluate drift --scenario paper_test',
+        'explain allround --certify',
+        'report drift',
+    ],
+)
+def test_what_is_judged_and_missed_is_1(words, tmp_path):
+    output = ['--output', tmp_path] if words.startswith('report') else []
+    assert codes(*words.split(), *output) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    'words', ['simulate paper_test', 'simulate quick --controller drift', 'compare --help']
+)
+def test_nothing_missed_and_nothing_judged_are_0(words):
+    assert code_of(*words.split()) == 0
+
+
+def test_a_campaign_judges_itself_only_where_a_least_share_is_given(tmp_path):
+    folder = tmp_path / 'campaign'
+    assert code_of('campaign', CAMPAIGN, '--runs', 4, '-o', folder) == 0
+    assert codes('campaign', folder, '--least', 100) == (1, 0)
+    assert code_of('campaign', folder, '--least', 0) == 0
+    assert code_of('campaign', CAMPAIGN, '--run', 1, '--least', 5) == 2
+
+
+@pytest.mark.parametrize('holds', [True, False])
+def test_the_bench_judges_its_whole_table(holds, tmp_path, monkeypatch):
+    row = table.Row('P1', 'inference', '≥ 2 ×', '1/s', '1/s', '1 ×', holds)
+    found = table.Bench('2026-01-01', machine.facts(), (row,), {})
+    monkeypatch.setattr(table, 'run', lambda progress: found)
+    assert codes('bench', '--output', tmp_path) == (int(not holds), 0)
+
+
+def test_a_search_whose_best_misses_a_condition_is_1():
+    best = SimpleNamespace(provenance={'starts_that_miss': {'speed': 2, 'slew': 0}})
+    run = SimpleNamespace(starts=SimpleNamespace(initial_positions_m=range(8)), scenario='mine')
+    with pytest.raises(typer.Exit) as raised:
+        searching.end(run, best, no_fail=False)
+    assert raised.value.exit_code == 1
+    searching.end(run, best, no_fail=True)
+
+
+def test_a_broken_limit_of_assurance_is_1(monkeypatch):
+    monkeypatch.setattr(attack.Result, 'total', lambda result, column: 1)
+    assert codes('safety', 'attack', 'assured', '--runs', 7, '--ticks', 5) == (1, 0)
+
+
+def test_a_broken_constraint_of_a_benchmark_is_1(monkeypatch):
+    row = SimpleNamespace(cells=(peers.OURS, *'abcdefgh'), met=False)
+    for name in peers.ROWS:
+        monkeypatch.setitem(peers.ROWS, name, lambda *_: [row])
+    assert codes('safety', 'peers', VBAR) == (1, 0)
+
+
+def commands(group: click.Group, before: str = 'rpo') -> dict[str, click.Command]:
+    found = {}
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            found |= commands(command, f'{before} {name}')
+        else:
+            found[f'{before} {name}'] = command
+    return found
+
+
+def test_the_page_has_every_command_and_says_which_take_no_fail():
+    there = commands(typer.main.get_command(app))
+    assert len(there) > 25
+    for name, command in there.items():
+        rows = [row for row in ROWS if row == name or row.startswith(f'{name} ')]
+        takes = any('--no-fail' in option.opts for option in command.params)
+        assert all(ROWS[row] == takes for row in rows), name
+        assert rows or f'`{name}`' in PAGE.partition('Nothing is judged')[2], name
+        assert bool(rows) or not takes, name
