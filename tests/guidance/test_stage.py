@@ -17,7 +17,7 @@ from rpo_core.flight import fly
 from rpo_core.interfaces import REFERENCE_STATE, RELATIVE_STATE
 from rpo_core.stage import Place
 from rpo_core.validation import InputError
-from rpo_guidance import guidance, plan
+from rpo_guidance import guidance, plan, rehearsal, transfers
 
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 
@@ -154,7 +154,14 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
             lambda g: g['legs'][0].update(duration_s=100.0, corridor_s=30.0),
             '`duration_s` of leg to_the_port must be about',
         ),
-        (lambda g: g['legs'][0].pop('corridor_s'), 'must keep out of the sphere of 10 m but for'),
+        (
+            lambda g: g['legs'][0].pop('corridor_s'),
+            'must keep out of the sphere of `keep_out_m` = 10 m but for',
+        ),
+        (
+            lambda g: g['corridor'].update(axis=[0.0, 1e-300, 0.0]),
+            '`axis` must be at least 1e-06 long',
+        ),
         (lambda g: g['corridor'].update(from_m=0.0), '`corridor_s` of leg to_the_port needs'),
         (lambda g: g['legs'][0].update(speed_m_s=1.0), '`speed_m_s` needs a leg of kind'),
         (lambda g: g['legs'][0].pop('to_m'), '`to_m` is missing'),
@@ -170,4 +177,19 @@ def test_a_plan_that_cannot_be_flown_is_refused(spoil, sentence):
     data = document('around')
     spoil(data['guidance'])
     with pytest.raises(InputError, match=sentence.replace('(', r'\(')):
+        scenario.parse(data)
+
+
+def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
+    """Counted, not timed: the same on every machine. What ships takes far less than the bound."""
+    data, spent = document('around'), []
+    for module in (rehearsal, transfers):
+        monkeypatch.setattr(module, 'spend', spent.append)
+    scenario.parse(data)
+    assert 1e5 < sum(spent) < 0.1 * rehearsal.MOST_WORK
+    monkeypatch.undo()
+    monkeypatch.setattr(rehearsal, 'MOST_WORK', 2.0 * sum(spent))
+    assert scenario.parse(data)
+    monkeypatch.setattr(rehearsal, 'MOST_WORK', 0.5 * sum(spent))
+    with pytest.raises(InputError, match='`guidance` must have a plan that is found in'):
         scenario.parse(data)

@@ -11,6 +11,7 @@ from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
+from rpo_core.zones import Zones
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
@@ -96,6 +97,19 @@ def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
     bench.until(lambda: bench.plant.done)
     lines = re.findall(r'\[plant\]: at ([\d.]+) s of 20 s', capfd.readouterr().err)
     assert lines and lines == sorted(lines, key=float)
+
+
+def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatch, capfd):
+    """Once when it is entered, and with the depth when the flight is over; the log verifies."""
+    monkeypatch.setattr('rpo_sim.plant.zones_of', lambda _: [Zones(1000.0, name='assurance')])
+    bench.start('entered')
+    entered = bench.says('inside the keep-out sphere of 1000 m of `assurance`')
+    assert entered.level == DiagnosticStatus.WARN
+    bench.until(lambda: bench.plant.done and bench.recorder.done)
+    assert re.match(r'reached the last tick; \d+ m inside the keep-out', bench.said[-1].message)
+    assert len([status for status in bench.said if 'inside' in status.message]) == 2
+    assert re.search(r'MISSED: \d+ m inside the keep-out sphere', capfd.readouterr().err)
+    assert verify(bench.folder / 'entered').exit_code == 0
 
 
 def test_reset_begins_another_run_at_tick_0(bench):

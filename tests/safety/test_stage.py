@@ -152,6 +152,9 @@ def test_a_learner_is_shielded():
         ({'speed': 'slow'}, 'must be one of paper, sqrt, afrl'),
         ({'filter': 'none'}, 'must be one of'),
         ({'domain_m': 50.0}, 'must be at least the range of the start'),
+        ({'mass_kg': 0}, '`mass_kg` must be a finite number > 0'),
+        ({'mass_kg': 1e-300}, 'exclude each other|must be at least|something to brake with'),
+        ({'slew_n_s': 0}, '`slew_n_s` must be a finite number > 0'),
     ],
 )  # fmt: skip
 def test_what_cannot_be_assured_is_refused(settings, sentence):

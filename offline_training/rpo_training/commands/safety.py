@@ -107,6 +107,8 @@ def attack(
         hostile.VIOLATED,
         hostile.INFEASIBLE,
         hostile.TOO_FAST,
+        hostile.OUTSIDE,
+        hostile.HARD,
         hostile.ACTED,
         hostile.CONTACTS,
     )
@@ -116,6 +118,8 @@ def attack(
         'in the zone',
         'not admissible',
         'too fast',
+        'outside',
+        'hard',
         'changed',
         'contacts',
         'nearest',
@@ -131,7 +135,7 @@ def attack(
     ]
     title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
     print_table(heads, rows, title)
-    broken = sum(r.total(column) for r in results for column in columns[:3])
+    broken = sum(r.total(column) for r in results for column in columns[:5])
     typer.echo(LEGEND)
     typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
     end(broken > 0, no_fail)

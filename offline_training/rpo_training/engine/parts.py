@@ -238,7 +238,7 @@ class Guiding(NamedTuple):
 class Assured(NamedTuple):
     """Runtime assurance (`rpo_safety`).
 
-    tables : (40, 56) step and guard; modes : (40,) at the start; delays : (40,) ticks
+    tables : (40, 58) step and guard; modes : (40,) at the start; delays : (40,) ticks
     line, numbers : (40, longest delay, 3), (40, 13) memory
     """
 

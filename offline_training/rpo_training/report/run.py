@@ -18,7 +18,7 @@ from rpo_core.flight import Flight
 from rpo_core.interfaces import RELATIVE_STATE
 from rpo_core.scenario import Scenario
 from rpo_core.validation import InputError
-from rpo_core.verdicts import missed
+from rpo_core.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.zones import zones_of
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE
@@ -128,8 +128,13 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
 def _tables(shown: LoggedFlight) -> list[Block]:
     flight, scenario = shown.flight, shown.planned
     found: list[tuple[str, ...]] = []
+    entered = {v.statement for v in verdicts(flight) if v.key == ZONE_DEPTH and not v.holds}
     for section, rows in log_report.rows(flight).items():
-        found += [(section,), *(row if shown.whole else (*row[:3], '') for row in rows)]
+        # Of a part of a flight, one verdict is sure: a zone that was entered.
+        found += [
+            (section,),
+            *(row if shown.whole or row[0] in entered else (*row[:3], '') for row in rows),
+        ]
     facts = [
         ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
         ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),

@@ -99,13 +99,17 @@ def _world(settings: Assurance, scenario: Any, proof: Proof) -> World:
     if delay > LONGEST_DELAY:
         raise InputError(f'`thrusters.delay_ticks` must be <= {LONGEST_DELAY}; got {delay}')
     wait = delay * scenario.dt_s
+    way = settings.corridor
     pushed = 1.01 * proof.errors.disturbance_n / scenario.mass_kg
     return World(
         *(proof.errors.position_m, proof.errors.velocity_m_s),
         push_n=proof.errors.disturbance_n,
         delay=delay,
         zone_m=settings.keep_out_m,
-        width_m=settings.corridor.width_m if settings.corridor else 0.0,
+        domain_m=settings.domain_m,
+        width_m=way.width_m if way else 0.0,
+        contact_m_s=way.closing_m_s if way else 0.0,
+        lateral_m_s=way.lateral_m_s if way else 0.0,
         floor_m_s=proof.floor_m_s,
         reach_m=min(REACH_M, 0.9 * (settings.domain_m - settings.keep_out_m)),
         drift_m=0.5 * pushed * wait * wait,

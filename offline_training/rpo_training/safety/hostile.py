@@ -16,11 +16,13 @@ from rpo_core.kernels import CwStep, cw_step, exerted_force
 from rpo_core.noise import philox
 from rpo_safety.corridor import approach_margins, in_corridor
 from rpo_safety.filters import assure
-from rpo_safety.kernels import APPROACH, CONTACT, OPEN, closing, open_margins, speed_limit
+from rpo_safety.kernels import APPROACH, OPEN, closing, open_margins, speed_limit
 from rpo_training.engine.lanes import compiled
 
-KINDS = ('random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite')
-RANDOM, BANG_BANG, TOWARDS, FROZEN, LATE, SIDEWAYS, NOT_FINITE = range(len(KINDS))
+KINDS = (
+    'random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite', 'away',
+)  # fmt: skip
+RANDOM, BANG_BANG, TOWARDS, FROZEN, LATE, SIDEWAYS, NOT_FINITE, AWAY = range(len(KINDS))
 
 START, KIND, WORLD, PUSH, SEEN, WANT, SWITCH = range(10, 17)
 """Purposes of random words."""
@@ -29,21 +31,23 @@ PARTS = 8
 """Moments of a tick at which the path is looked at, its end included."""
 
 NEAR_M = 0.5
-"""So near to the zone, the path is looked at between ticks."""
+"""So near to the zone, and to the edge of the domain, the path is looked at between ticks."""
 
 LONGEST_DELAY = 64
 MOST_LATE = 30
 
 # Columns of the results.
 VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_MARGIN, LEAST_FREE, EXCESS, TICKS = range(9)
-COLUMNS = 9
+OUTSIDE, HARD, PORT_EXCESS = range(9, 12)
+COLUMNS = 12
 
 
 class World(NamedTuple):
     """What the world may do, the bounds of the proof.
 
     position_m, velocity_m_s, push_n : largest norms of the errors and the disturbance
-    delay : ticks to the force; zone_m : keep-out radius as the file has it
+    delay : ticks to the force
+    zone_m, domain_m, width_m, contact_m_s, lateral_m_s : as the file has them
     floor_m_s : speed below which the limit is not kept for certain
     reach_m : starts are up to so far outside the zone
     drift_m, drift_m_s : what the disturbance does before the first force arrives
@@ -54,7 +58,10 @@ class World(NamedTuple):
     push_n: float
     delay: int
     zone_m: float
+    domain_m: float
     width_m: float
+    contact_m_s: float
+    lateral_m_s: float
     floor_m_s: float
     reach_m: float
     drift_m: float
@@ -87,6 +94,9 @@ def may_start(state, c, g, world):  # type: ignore[no-untyped-def]
         return False
     for _ in range(world.delay):
         state = cw_step(state, (0.0, 0.0, 0.0), c)
+        rho = closing(state)[0]
+        if rho - world.drift_m < g.keep_out_m or rho + world.drift_m > g.domain_m:
+            return False
     a, b = open_margins(state, world.drift_m, world.drift_m_s, g)
     return a >= 0.0 and b >= 0.0
 
@@ -96,7 +106,17 @@ def start_of(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
     """Return a state of the OPEN set, half of the runs at the edge of it."""
     ex, ey, ez, far = direction(0, START, k0, k1)
     vx, vy, vz, fast = direction(1, START, k0, k1)
+    if g.side != 0.0 and k1 % 5 == 0:  # behind the target, in line with the corridor
+        along, off = -g.side, 0.02 * far * g.width_m / g.keep_out_m
+        if g.axis == 0:
+            ex, ey, ez, vx, vy, vz = along, off * ey, off * ez, -along, 0.0, 0.0
+        elif g.axis == 1:
+            ex, ey, ez, vx, vy, vz = off * ex, along, off * ez, 0.0, -along, 0.0
+        else:
+            ex, ey, ez, vx, vy, vz = off * ex, off * ey, along, 0.0, 0.0, -along
     rho = g.keep_out_m + 2.0 * world.drift_m + 1e-6 + far * far * world.reach_m
+    if k1 % 3 == 0:  # at the edge of the domain instead of that of the zone
+        rho = g.domain_m - 2.0 * world.drift_m - 1e-6 - far * far * world.reach_m
     speed = speed_limit(rho, g) * (0.999999 if fast > 0.5 else 2.0 * fast)
     state = (rho * ex, rho * ey, rho * ez, speed * vx, speed * vy, speed * vz)
     lowest, highest = 0.0, 1.0
@@ -110,6 +130,8 @@ def start_of(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
         else:
             highest = k
     k = lowest
+    if k == 0.0:  # not even at rest: in the middle between both edges
+        rho = 0.5 * (g.keep_out_m + g.domain_m)
     return rho * ex, rho * ey, rho * ez, k * speed * vx, k * speed * vy, k * speed * vz
 
 
@@ -172,7 +194,7 @@ def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-d
         return (np.nan, held[1], held[2]) if a & 1 else (held[0], np.inf, held[2])
     rho, closes, _ = closing(state)
     rho = rho if rho > 0.0 else 1.0
-    k = -1.8 * limit / rho
+    k = (1.8 if kind == AWAY else -1.8) * limit / rho
     if kind == SIDEWAYS:  # faster and faster round the target, and towards it
         tx, ty, tz = vx + closes * x / rho, vy + closes * y / rho, vz + closes * z / rho
         size = sqrt(tx * tx + ty * ty + tz * tz) + 1e-9
@@ -246,34 +268,54 @@ def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # t
             dx, dy, dz, _ = direction(tick, PUSH, k0, k1)
         total = (tx + d * dx, ty + d * dy, tz + d * dz)
         after = cw_step(state, total, c)
-        if mode == CONTACT:
-            row[CONTACTS] = 1.0
-            row[TICKS] = tick
+        if look(state, total, rho, fine, g, world, row):
+            row[CONTACTS], row[TICKS] = 1.0, tick
             return
-        look(state, total, rho, fine, g, world, row)
         state = after
-        judge(state, g, world, row)
+        if tick >= world.delay:  # no force has arrived before
+            judge(state, g, world, row)
     row[TICKS] = ticks
 
 
 @compiled
 def look(state, total, rho, fine, g, world, row):  # type: ignore[no-untyped-def]
-    """Look for the zone along the path of a tick: ends, and moments between."""
-    if rho > world.zone_m + NEAR_M + 2.0 * speed_limit(rho, g) * g.dt_s:
-        return
-    found = False
+    """Look for zone and edge along the path of a tick; return whether it comes to the port."""
+    moved = NEAR_M + 2.0 * closing(state)[2] * g.dt_s
+    if world.zone_m + moved < rho < world.domain_m - moved:
+        return False
+    found = outside = False
     for _ in range(PARTS):
-        state = cw_step(state, total, fine)
+        before, state = state, cw_step(state, total, fine)
         rho = closing(state)[0]
         clear = rho - world.zone_m
         if g.side != 0.0:
             d, _, p, q, _, _ = in_corridor(state, g)
             half = world.width_m + g.slope * (d if d > 0.0 else 0.0)
             side = half - (abs(p) if abs(p) > abs(q) else abs(q))
-            clear = side if side > clear else clear
+            clear = side if side > clear and d > 0.0 else clear
+            if d <= 0.0 and side >= 0.0 and in_corridor(before, g)[0] > 0.0:
+                touch(before, state, g, world, row)
+                return True
         row[LEAST_FREE] = clear if clear < row[LEAST_FREE] else row[LEAST_FREE]
         found = found or clear < 0.0
+        outside = outside or rho > world.domain_m
     row[VIOLATED] += found
+    row[OUTSIDE] += outside
+    return False
+
+
+@compiled
+def touch(before, after, g, world, row):  # type: ignore[no-untyped-def]
+    """Keep by how much a contact between two states is faster than the port allows."""
+    d, w, _, _, vp, vq = in_corridor(before, g)
+    end, faster, _, _, up, uq = in_corridor(after, g)
+    share = d / (d - end)
+    closes = w + share * (faster - w) - world.contact_m_s
+    p, q = abs(vp + share * (up - vp)), abs(vq + share * (uq - vq))
+    across = (p if p > q else q) - world.lateral_m_s
+    worst = closes if closes > across else across
+    row[PORT_EXCESS] = worst if worst > row[PORT_EXCESS] else row[PORT_EXCESS]
+    row[HARD] += worst > 1e-6
 
 
 @compiled
@@ -281,9 +323,9 @@ def judge(state, g, world, row):  # type: ignore[no-untyped-def]
     """Count a true state outside the assured set: there the backup law may not be enough."""
     a, b = open_margins(state, 0.0, 0.0, g)
     if g.side != 0.0:
-        p, q = approach_margins(state, 0.0, 0.0, g)
-        if (p >= 0.0 and q > b) or (a < 0.0 and p > a):
-            a, b = p, q
+        p, _ = approach_margins(state, 0.0, 0.0, g)
+        if p >= 0.0 or (a < 0.0 and p > a):  # its speeds are looked at when it touches
+            a, b = p, 1e30
     row[INFEASIBLE] += a < 0.0
     row[LEAST_MARGIN] = a if a < row[LEAST_MARGIN] else row[LEAST_MARGIN]
     speed = closing(state)[2]

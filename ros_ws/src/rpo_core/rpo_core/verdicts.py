@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verdicts: what a scenario requires (`rpo_core.requirements`) beside the values of a flight.
 
+A keep-out zone of any of its sections is required too, whoever commands.
+
 The only place where they are computed: `final_approach`, `rpo simulate`, `rpo evaluate`, reports
 and campaigns show these.
 """
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 from rpo_core import contact, metrics
 from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
+from rpo_core.zones import zones_of
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +51,9 @@ _SHOWN = {
 }
 """Requirement -> unit, statement."""
 
+ZONE_DEPTH = 'zone_depth_m'
+"""Key of the verdicts about keep-out zones, one for each zone."""
+
 THRUST = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
 """Requirement -> unit of what thrusters spend, in the order of `rpo_core.flight.Thrust`."""
 
@@ -78,10 +84,12 @@ class Verdict(NamedTuple):
 def verdicts(flight: Flight) -> list[Verdict]:
     """Return each requirement of the flight's scenario beside its value; none where none are."""
     required = flight.scenario.requirements
-    if required is None:
-        return []
-    values = _values(flight, required)
-    found = []
+    found = [] if required is None else _of_requirements(flight, required)
+    return found + _of_zones(flight)
+
+
+def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
+    values, found = _values(flight, required), []
     for key, limit in required.limits.items():
         unit, _ = _SHOWN[key]
         if key == 'hold_force_per_disturbance':
@@ -94,6 +102,23 @@ def verdicts(flight: Flight) -> list[Verdict]:
 def missed(flight: Flight) -> bool:
     """Return whether a requirement that the flight is judged by is missed."""
     return any(verdict.holds is False for verdict in verdicts(flight))
+
+
+def _of_zones(flight: Flight) -> list[Verdict]:
+    """Return how deep a flight comes into each keep-out zone of its scenario, beside none."""
+    states, dt_s = flight.states, flight.scenario.dt_s
+    known = bool(np.isfinite(states).all())
+    return [
+        Verdict(
+            ZONE_DEPTH,
+            f'depth inside {zones.keep_out}',
+            'm',
+            limit=0.0,
+            value=zones.deepest_m(states, dt_s) if known else math.inf,
+        )
+        for zones in zones_of(flight.scenario)
+        if zones.keep_out_m
+    ]
 
 
 def unit_of(key: str) -> str:

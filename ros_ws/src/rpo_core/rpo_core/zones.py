@@ -1,9 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Zones about the target, as views draw them: keep-out sphere, corridor, port, points of a plan.
+"""Zones about the target: keep-out sphere, corridor, port, points of a plan.
 
 A section of a scenario that has zones says so (`rpo_core.stage.Section`); pages, RViz and reports
-draw what `zones_of` returns, and know no section by its name. Nothing here shapes a flight.
+draw what `zones_of` returns, and know no section by its name. `deepest_m` judges who enters one.
+Nothing here shapes a flight.
 """
 
 from __future__ import annotations
@@ -13,9 +14,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rpo_core.stage import section_of
 
 Vector = tuple[float, ...]
+Floats = NDArray[np.float64]
+
+AT_PORT_M = 0.1
+"""So near to its axis, a chaser is in a corridor whose tip has no width."""
+
+PARTS = 8
+"""Moments of a tick at which a path is judged, its end included."""
 
 RIM_POINTS = 36
 _EDGES = 8
@@ -28,6 +39,8 @@ class Corridor:
     tip_m : (3,) target LVLH, the port; ahead : (3,) unit vector from there outward
     slope : tangent of the half angle; length_m : along the axis
     half_width_m : at the tip
+    square : whether its walls are four planes along the axes of LVLH, and it is drawn as the cone
+        between them; the axis is then one of LVLH too
     """
 
     tip_m: Vector
@@ -35,6 +48,7 @@ class Corridor:
     slope: float
     length_m: float
     half_width_m: float = 0.0
+    square: bool = False
 
     @property
     def end_m(self) -> Vector:
@@ -49,10 +63,20 @@ class Corridor:
 
     def outside_m(self, position_m: Vector) -> float:
         """Return how far a point (3,) lies outside the walls, across the axis; < 0 inside."""
-        away = [p - tip for p, tip in zip(position_m, self.tip_m, strict=True)]
-        along = sum(a * b for a, b in zip(away, self.ahead, strict=True))
-        across = math.hypot(*(w - along * a for w, a in zip(away, self.ahead, strict=True)))
-        return across - along * self.slope - self.half_width_m
+        along, across = self.along_and_across(np.array([position_m]))
+        return float(across[0] - along[0] * self.slope) - self.half_width_m
+
+    def along_and_across(self, positions_m: Floats) -> tuple[Floats, Floats]:
+        """Return distances (n,) from the tip along the axis, and from the axis, of points (n, 3).
+
+        Of a square corridor, the second is the larger of both axes.
+        """
+        away = positions_m - np.array(self.tip_m)
+        x, y, z = self.ahead
+        along = x * away[:, 0] + y * away[:, 1] + z * away[:, 2]
+        rest = away - along[:, None] * np.array(self.ahead)
+        across = np.abs(rest).max(axis=1) if self.square else np.linalg.norm(rest, axis=1)
+        return along, across
 
     def edges(self, right: int, up: int) -> list[tuple[Vector, Vector]]:
         """Return both edges in the plane of two axes, each from the tip to the wide end.
@@ -115,6 +139,12 @@ class Zones:
     points_m: Mapping[str, Vector] = field(default_factory=dict)
     name: str = field(default='', compare=False)
 
+    @property
+    def keep_out(self) -> str:
+        """The keep-out zone in words."""
+        beside = ', beside its corridor' if self.corridor is not None else ''
+        return f'the keep-out sphere of {self.keep_out_m:g} m of `{self.name}`{beside}'
+
     def inside_m(self, position_m: Vector) -> float:
         """Return how far a point (3,) lies inside the sphere; < 0 outside of it."""
         return self.keep_out_m - math.hypot(*position_m)
@@ -124,6 +154,41 @@ class Zones:
         if self.keep_out_m == 0.0 or self.inside_m(position_m) <= 0.0:
             return False
         return self.corridor is None or self.corridor.outside_m(position_m) > 0.0
+
+    def depths_m(self, positions_m: Floats) -> Floats:
+        """Return how deep points (n, 3) lie in the sphere and beside the corridor; 0.0 outside.
+
+        Behind its tip, where the port is, the corridor goes on as wide as it is there. Half of the
+        way to the other side of the sphere it ends: who comes from there has not come through it.
+        """
+        depths = np.maximum(self.keep_out_m - np.linalg.norm(positions_m, axis=1), 0.0)
+        way = self.corridor
+        if way is None:
+            return depths
+        along, across = way.along_and_across(positions_m)
+        beside = across - (way.half_width_m or AT_PORT_M) - way.slope * np.maximum(along, 0.0)
+        end_m = -0.5 * (self.keep_out_m + math.hypot(*way.tip_m))
+        return np.where(along < end_m, depths, np.clip(beside, 0.0, depths))
+
+    def deepest_m(self, states: Floats, dt_s: float) -> float:
+        """Return how deep a path comes into the sphere beside the corridor; 0.0 if it never does.
+
+        states : (n, 6) at ticks of dt_s; between them by the cubic through both
+        """
+        if self.keep_out_m == 0.0:
+            return 0.0
+        deepest = float(self.depths_m(states[:, :3]).max(initial=0.0))
+        r, v = states[:, :3], states[:, 3:] * dt_s
+        ranges, ways = np.linalg.norm(r, axis=1), np.linalg.norm(v, axis=1)
+        moved = np.linalg.norm(np.diff(r, axis=0), axis=1) + ways[:-1] + ways[1:]
+        near = np.flatnonzero(ranges[:-1] - self.keep_out_m <= moved)
+        for part in range(1, PARTS if near.size else 1):
+            t = part / PARTS
+            s = 1.0 - t
+            begin = s * s * ((1.0 + 2.0 * t) * r[near] + t * v[near])
+            end = t * t * ((3.0 - 2.0 * t) * r[near + 1] - s * v[near + 1])
+            deepest = max(deepest, float(self.depths_m(begin + end).max()))
+        return deepest
 
 
 def zones_of(scenario: Any) -> list[Zones]:

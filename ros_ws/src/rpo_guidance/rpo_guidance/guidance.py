@@ -146,6 +146,11 @@ class GuidanceStage(Stage):
         return reference, force
 
     @property
+    def rests(self) -> bool:
+        """Whether all legs are flown, and the reference stays as it is."""
+        return isinstance(self._flown, Resting) and self.changes[-1].phase == ARRIVED
+
+    @property
     def _docks(self) -> bool:
         """Whether the last leg is flown, or over, and docking ends it."""
         if not self.settings.past_port_m or self._next < len(self.settings.legs):

@@ -32,11 +32,14 @@ GO_ON, ABORT = 'go', 'abort'
 
 MAX_LEGS = 50
 
+SHORTEST_AXIS = 1e-6
+"""A shorter axis of a corridor has no direction that is sure."""
+
 _position = partial(vector3, unit='m', bound=MAX_POSITION_M)
 _velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
 _time = partial(real, unit='s', least=0.0, most=1e6)
 _some_time = partial(real, unit='s', above=0.0, most=1e6)
-_speed = partial(real, unit='m/s', above=0.0, most=10.0)
+_speed = partial(real, unit='m/s', least=1e-6, most=10.0)
 _some_mass = partial(real, unit='kg', above=0.0, most=1e6)
 
 
@@ -146,8 +149,10 @@ class Corridor:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not any(self.axis):
-            raise InputError('`axis` must not be zero; got [0, 0, 0]')
+        if norm(*self.axis) < SHORTEST_AXIS:
+            raise InputError(
+                f'`axis` must be at least {SHORTEST_AXIS:g} long; got {list(self.axis)!r}'
+            )
 
     @property
     def ahead(self) -> Vector:
@@ -193,7 +198,7 @@ class Guidance:
     retreat_m: Point = None
     abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
     abort_s: Annotated[float, _some_time] = 300.0
-    force_share: Annotated[float, partial(real, unit='', above=0.0, most=1.0)] = 0.6
+    force_share: Annotated[float, partial(real, unit='', least=1e-6, most=1.0)] = 0.6
     past_port_m: Annotated[float, partial(real, unit='m', least=0.0, most=100.0)] = field(
         default=0.0, metadata=UNLESS_DEFAULT
     )

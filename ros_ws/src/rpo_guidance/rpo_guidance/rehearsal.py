@@ -16,6 +16,13 @@ from rpo_guidance import plan
 from rpo_guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
 from rpo_guidance.legs import SEGMENTS
 from rpo_guidance.plan import Guidance
+from rpo_guidance.work import TooMuch, bounded, spend
+
+MOST_WORK = 4e8
+"""Steps (`rpo_guidance.work`) that the search of a plan may take; those that ship take 4e6."""
+
+PER_TICK = 400
+"""Steps for each tick of a plan, about: so it may have a million ticks under way."""
 
 
 class Checked(NamedTuple):
@@ -29,8 +36,11 @@ class Checked(NamedTuple):
     changes: list[Change]
 
 
-def nominal(settings: Guidance, scenario: Scenario) -> Checked:
-    """Return the reference of a chaser that follows it exactly, each hold ended when it may be."""
+def nominal(settings: Guidance, scenario: Scenario, *, to_rest: bool = False) -> Checked:
+    """Return the reference of a chaser that follows it exactly, each hold ended when it may be.
+
+    to_rest : up to where it stays at the end of the plan; else to the end of the flight
+    """
     legs = tuple(
         replace(leg, go=plan.AUTO) if leg.kind == plan.HOLD else leg for leg in settings.legs
     )
@@ -39,16 +49,27 @@ def nominal(settings: Guidance, scenario: Scenario) -> Checked:
     forces: list[Vector] = []
     state = scenario.start
     for tick in range(scenario.ticks + 1):
+        spend(PER_TICK)
         reference, force = stage.step(tick, state)
         references.append(reference)  # type: ignore[arg-type]
         forces.append(force)  # type: ignore[arg-type]
         state = reference  # type: ignore[assignment]
+        if to_rest and stage.rests:
+            break
     return Checked(references, forces, stage.changes)
 
 
 def check(settings: Guidance, scenario: Scenario) -> None:
     """Raise InputError if the plan of a scenario cannot be flown, with the number that fails."""
-    found = nominal(settings, scenario)
+    try:
+        with bounded(MOST_WORK):
+            found = nominal(settings, scenario, to_rest=True)
+    except TooMuch:
+        raise InputError(
+            f'`guidance` must have a plan that is found in {MOST_WORK:g} steps of work; got one '
+            'that takes more: too many ticks, too little time or force (`duration_s`, '
+            '`force_share`), or zones without a way between them'
+        ) from None
     _check_durations(settings, scenario, found)
     corridor, starts = settings.corridor, [change.tick for change in found.changes]
     for tick, (reference, force) in enumerate(zip(found.references, found.forces, strict=True)):
@@ -57,22 +78,23 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         largest = max(abs(f) for f in force)
         if largest > settings.force_share * scenario.max_force_n * (1.0 + 1e-9):
             raise InputError(
-                f'`guidance` must need at most {settings.force_share:g} of `max_force_n` = '
-                f'{scenario.max_force_n:g} N; {at}: {largest:.4g} N'
+                f'`guidance` must need at most `force_share` = {settings.force_share:g} of '
+                f'`max_force_n` = {scenario.max_force_n:g} N; {at}: {largest:.4g} N'
             )
-        distance = norm(*reference[:3])
-        if distance >= settings.keep_out_m or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
+        distance, sphere = norm(*reference[:3]), settings.keep_out_m
+        if distance >= sphere or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
             continue
         if not corridor.from_m:
             raise InputError(
-                f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m; '
-                f'{at}: {distance:.4g} m from the target'
+                f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m '
+                f'without `corridor.from_m`; {at}: {distance:.4g} m from the target'
             )
         outside = corridor.outside_m(reference[:3], settings.port_m)
         if outside > 1e-9:
             raise InputError(
-                f'`guidance` must keep out of the sphere of {settings.keep_out_m:g} m but for the '
-                f'corridor; {at}: {distance:.4g} m from the target, {outside:.3g} m off it'
+                f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m but for '
+                f'`corridor` to `port_m`; {at}: {distance:.4g} m from the target, {outside:.3g} m '
+                'off it'
             )
 
 

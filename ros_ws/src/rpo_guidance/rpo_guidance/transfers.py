@@ -22,6 +22,7 @@ import numpy as np
 from rpo_core.kernels import CwStep, State, Vector
 from rpo_core.metrics import norm
 from rpo_guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
+from rpo_guidance.work import spend
 
 ROUNDS = 16
 """How often the half-spaces are set anew; a path has settled after three or four."""
@@ -32,6 +33,9 @@ SLACK_M = 0.01
 DEAR, CHEAPER = 1.5, 0.95
 """A path that costs so many times what it would without zones is planned on other sides too, and
 gives way to one that costs at most such a share of it."""
+
+PER_SEGMENT = 50
+"""Steps of work (`rpo_guidance.work`) for each segment of a path, about."""
 
 NEAR = 1.6
 """A point of the path gets a half-space if it is nearer than this many radii."""
@@ -190,6 +194,7 @@ class _Problem:
         burn: int | None,
         ease: int,
     ) -> None:
+        spend(PER_SEGMENT * segments)
         self._start, self._step, self._zones = start, step, zones
         self._root = _eased(segments, ease) if ease else None
         self._reach, self._drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
@@ -202,6 +207,7 @@ class _Problem:
     def _optimum(self, bounds: _HalfSpaces) -> Transfer:
         """Return the transfer of least energy within half-spaces."""
         segments = len(self._reach)
+        spend((6 + len(bounds.when)) ** 2 * (3 * segments + PER_SEGMENT))
         when = np.array(bounds.when, dtype=np.int64)
         normals = np.array(bounds.normals).reshape(-1, 3)
         rows = np.empty((6 + len(when), segments, 3))

@@ -17,6 +17,7 @@ from rpo_core.validation import InputError
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table
+from rpo_safety.assumed import ahead
 from rpo_safety.guard import grown, proof_of
 from rpo_safety.kernels import APPROACH, CONTACT, OPEN
 from rpo_safety.packed import Filter
@@ -37,6 +38,7 @@ CONSTRAINTS = {
     filters.KEEP_OUT: 'keep_out',
     filters.CORRIDOR: 'corridor',
     filters.NOT_FINITE: 'not_finite',
+    filters.DOMAIN: 'domain',
 }
 COVARIANCE = 'covariance'
 """Constraint of a stop because an estimate became worse than any admissible set allows for."""
@@ -91,7 +93,9 @@ class AssuranceStage(Stage):
     It remembers the forces that are on their way to delayed thrusters, the last force (slew limit),
     its mode (corridor) and what the abort table counts; without these it has no memory.
 
-    guard : numbers of the filter; numbers : (56,) step and guard; delay_ticks : of the thrusters
+    guard, errors : numbers of the filter, and what they assume
+    prediction, numbers : step by which it predicts; (58,) step and guard
+    delay_ticks : of the thrusters
     decision : of the last tick
     abort : the abort table in flight; None: there is none
     """
@@ -110,11 +114,11 @@ class AssuranceStage(Stage):
         self._proofs = (
             grown(settings, scenario) if self._estimated else [proof_of(settings, scenario)]
         )
-        self._step = step_of(settings, scenario)
-        self._filters = [Filter(self._step, proof.guard) for proof in self._proofs]
+        self.prediction = step_of(settings, scenario)
+        self._filters = [Filter(self.prediction, proof.guard) for proof in self._proofs]
         self.numbers = self._filters[0].table
         self.delay_ticks = scenario.thrusters.delay_ticks if scenario.thrusters else 0
-        self.guard = self._proofs[0].guard
+        self.guard, self.errors = self._proofs[0].guard, self._proofs[0].errors
         sides = [proof.guard.side for proof in self._proofs]
         self._narrow = sides.count(self.guard.side)  # of those with the corridor, if there is one
         self.abort = None
@@ -177,7 +181,7 @@ class AssuranceStage(Stage):
         x, y, z, vx, vy, vz = state
         found: State = (x, y, z, vx, vy, vz)
         for force in self._line:
-            found = cw_step(found, force, self._step)
+            found = cw_step(found, force, self.prediction)
         return found
 
     def mode_of(self, state: State) -> int:
@@ -253,24 +257,61 @@ def check_start(settings: Assurance, scenario: Any) -> None:
         check_table(settings.abort, scenario, settings.keep_out_m, settings.corridor)
     stage = AssuranceStage(settings, scenario)
     state, g = stage.ahead(scenario.start), stage.guard
-    rho, closing, speed = kernels.closing(state)
-    if rho > settings.domain_m:
+    mode = stage.mode_of(state)
+    rho, _, speed = kernels.closing(state)
+    if max(rho, norm(*scenario.initial_position_m)) > settings.domain_m:
         raise InputError(
             f'`assurance.domain_m` must be at least the range of the start, {rho:.6g} m; '
             f'got {settings.domain_m!r}'
         )
-    mode = stage.mode_of(state)
-    metres, slower = filters.margins(state, mode, 0.0, 0.0, g)
-    metres = min(metres, filters.margins(scenario.start, mode, 0.0, 0.0, g)[0])
-    if slower < 0.0:
+    drift = _drift(stage, scenario, stage.delay_ticks)
+    doubt = (g.here_m, g.here_m_s) if g.side != 0.0 else drift
+    if filters.margins(state, mode, *doubt, g)[1] < 0.0:
         raise InputError(
             f'`assurance.speed` must allow the start: {kernels.speed_limit(rho, g):.6g} m/s at '
-            f'{rho:.6g} m; got {speed:.6g} m/s'
+            f'{rho:.6g} m; got {speed:.6g} m/s, known to {doubt[1]:.6g} m/s'
         )
-    if metres < 0.0:
-        stop = rho - g.keep_out_m - metres
-        raise InputError(
-            f'`assurance.keep_out_m` and the start exclude each other: at {closing:.6g} m/s '
-            f'towards the target it takes {stop:.6g} m to stop, and '
-            f'{rho - g.keep_out_m:.6g} m are left'
-        )
+    _check_room(scenario.start, mode, (0.0, 0.0), g)
+    _check_room(state, mode, (g.here_m, g.here_m_s), g)
+    state = scenario.start
+    for tick in range(stage.delay_ticks):
+        off_m = _drift(stage, scenario, tick)[0]
+        if _clear_m(state, mode, off_m, g) < 0.0:
+            raise InputError(
+                '`assurance.keep_out_m` and the start exclude each other: before the first force '
+                f'acts, after {tick} ticks, it may come to {kernels.closing(state)[0] - off_m:.6g} '
+                'm from the target'
+            )
+        state = cw_step(state, ZERO, stage.prediction)
+
+
+def _drift(stage: AssuranceStage, scenario: Any, ticks: int) -> tuple[float, float]:
+    """Return what the disturbance does [m], [m/s] in the first ticks, before a force acts."""
+    known = stage.errors._replace(position_m=0.0, velocity_m_s=0.0, thrust=0.0)
+    return ahead(known, scenario, ticks)
+
+
+def _clear_m(state: State, mode: int, off_m: float, g: kernels.Guard) -> float:
+    """Return how far [m] a state without forces is clear of the zone, or of the walls."""
+    if mode == APPROACH:
+        return filters.margins(state, mode, off_m, 0.0, g)[0]
+    return kernels.closing(state)[0] - off_m - g.keep_out_m
+
+
+def _check_room(state: State, mode: int, errors: tuple[float, float], g: kernels.Guard) -> None:
+    """Refuse a state that may be outside of its set within the errors [m], [m/s]."""
+    metres = filters.margins(state, mode, *errors, g)[0]
+    if metres >= 0.0:
+        return
+    rho, closing, _ = kernels.closing(state)
+    if mode == OPEN and kernels.both_margins(state, *errors, g)[0] >= 0.0:
+        left, way = g.domain_m - rho, f'{-closing:.6g} m/s away from the target'
+        name = 'domain_m'
+    else:
+        left, way = rho - g.keep_out_m, f'{closing:.6g} m/s towards the target'
+        name = 'keep_out_m'
+    raise InputError(
+        f'`assurance.{name}` and the start exclude each other: at {way} it takes '
+        f'{left - metres:.6g} m to stop, errors of {errors[0]:.6g} m and {errors[1]:.6g} m/s '
+        f'included, and {left:.6g} m are left'
+    )

@@ -15,14 +15,6 @@ from rpo_safety.kernels import Guard, closing, needed_deceleration, speed_limit
 
 
 @kernel
-def port_distance(state: State, g: Guard) -> float:
-    """Distance [m] to the plane of the port along the corridor; negative: beyond it."""
-    x, y, z, _, _, _ = state
-    along = x if g.axis == 0 else (y if g.axis == 1 else z)
-    return g.side * along - g.port_m
-
-
-@kernel
 def in_corridor(state: State, g: Guard) -> tuple[float, float, float, float, float, float]:
     """Distance d to the port, speed towards it; both offsets from the axis, and their speeds."""
     x, y, z, vx, vy, vz = state
@@ -31,6 +23,25 @@ def in_corridor(state: State, g: Guard) -> tuple[float, float, float, float, flo
     if g.axis == 1:
         return g.side * y - g.port_m, -g.side * vy, z, x, vz, vx
     return g.side * z - g.port_m, -g.side * vz, x, y, vx, vy
+
+
+@kernel
+def behind_port(distance_m: float, g: Guard) -> float:
+    """Distance [m] to the end of the corridor behind the port; negative: beyond that.
+
+    It is in the sphere: who comes to the target from its other side is not in the corridor.
+    """
+    return distance_m + 0.5 * (g.keep_out_m + g.port_m)
+
+
+@kernel
+def at_port(state: State, beyond_m: float, g: Guard) -> bool:
+    """Whether a state has come through the corridor, and so far beyond the plane of the port."""
+    d, _, p, q, _, _ = in_corridor(state, g)
+    wide = g.width_m + g.here_m
+    if d > -beyond_m or behind_port(d, g) < 0.0:
+        return False
+    return abs(p) <= wide and abs(q) <= wide
 
 
 @kernel
@@ -62,10 +73,18 @@ def approach_margins(
     rho, _, speed = closing(state)
     other = g.outer_m - rho - error_m
     walls = walls if walls < other else other
+    other = behind_port(d, g) - error_m
+    walls = walls if walls < other else other
     slower = speed_limit(rho - error_m, g) - speed
-    other = sqrt(g.contact_m_s * g.contact_m_s + 2.0 * g.wall_m_s2 * near) - w
+    # The speeds of contact hold from the last tick before it on: it comes between two ticks.
+    left = near - (g.contact_m_s + 0.5 * (g.wall_m_s2 + g.doubt_m_s2) * g.dt_s) * g.dt_s
+    left = left if left > 0.0 else 0.0
+    closes = sqrt(g.contact_m_s * g.contact_m_s + 2.0 * g.wall_m_s2 * left)
+    other = closes - w
     slower = slower if slower < other else other
-    across = g.lateral_m_s + g.lateral_1_s * near
+    # Across, at least as fast as the walls come nearer to each other.
+    across, follows = g.lateral_1_s * left, g.slope * (closes - g.contact_m_s)
+    across = g.lateral_m_s + (across if across > follows else follows)
     other = across - abs(vp)
     slower = slower if slower < other else other
     other = across - abs(vq)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from rpo_core.jit import kernel
 from rpo_core.kernels import CwStep, State, Vector, cw_step, saturate
-from rpo_safety.corridor import approach_margins, backup_approach, port_distance
+from rpo_safety.corridor import approach_margins, at_port, backup_approach
 from rpo_safety.kernels import (
     APPROACH,
     CONTACT,
@@ -20,12 +20,13 @@ from rpo_safety.kernels import (
     Guard,
     authority,
     backup_open,
+    both_margins,
     closing,
     fastest_after,
     open_margins,
 )
 
-NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE = range(7)
+NOTHING, FORCE, SLEW, SPEED, KEEP_OUT, CORRIDOR, NOT_FINITE, DOMAIN = range(8)
 """Constraints by their number; NOTHING: the command acts as it came."""
 
 
@@ -92,17 +93,20 @@ def nearest(state: State, force: Vector, c: CwStep, g: Guard) -> Vector:
             saturate(force[2] + k * after[5], g.limit_n),
         )
         after = cw_step(state, force, c)
-    keep, _ = open_margins(after, g.next_m, g.next_m_s, g)
-    if keep < 0.0:
-        rho, closes, speed = closing(after)
-        near = rho - g.next_m
-        if near > 0.0:
-            closes += g.next_m_s + speed * g.next_m / near
-            a, gap = authority(rho + g.next_m, g), near - g.keep_out_m
-            w = fastest_after(gap + closes * g.dt_s, closes, a, g.dt_s)
-            more = over * g.mass_kg * (closes - (w if w > 0.0 else 0.0)) / g.dt_s + 1e-9
+    keep, left, _ = both_margins(after, g.next_m, g.next_m_s, g)
+    rho, closes, speed = closing(after)
+    near = rho - g.next_m
+    if (keep < 0.0 or left < 0.0) and near > 0.0:
+        doubt = g.next_m_s + speed * g.next_m / near
+        if keep < 0.0:
+            a, gap, closes = authority(rho + g.next_m, g), near - g.keep_out_m, closes + doubt
             e = (after[0] / rho, after[1] / rho, after[2] / rho)
-            force = push_within(force, e, more, g.limit_n)
+        else:
+            a, gap, closes = g.edge_m_s2, g.domain_m - rho - g.next_m, doubt - closes
+            e = (-after[0] / rho, -after[1] / rho, -after[2] / rho)
+        w = fastest_after(gap + closes * g.dt_s, closes, a, g.dt_s)
+        more = over * g.mass_kg * (closes - (w if w > 0.0 else 0.0)) / g.dt_s + 1e-9
+        force = push_within(force, e, more, g.limit_n)
     return force
 
 
@@ -175,7 +179,12 @@ def assure(
     fx, fy, fz, broke = within_limits(command, last, g)
     if not (finite(state[0], state[1], state[2]) and finite(state[3], state[4], state[5])):
         return 0.0, 0.0, 0.0, mode, NOT_FINITE, -FAR, -FAR
-    if mode == CONTACT or (mode == APPROACH and port_distance(state, g) <= 0.0):
+    # Contact begins where all true states are at the port, and is over where none is.
+    if mode == CONTACT and g.side != 0.0 and not at_port(state, -g.here_m, g):
+        mode = APPROACH
+    if mode == APPROACH and at_port(state, g.here_m, g):
+        mode = CONTACT
+    if mode == CONTACT:
         return fx, fy, fz, CONTACT, broke, FAR, FAR
     if mode == APPROACH and open_margins(state, g.here_m, g.here_m_s, g)[0] >= 0.0:
         mode = OPEN
@@ -191,6 +200,8 @@ def assure(
         if o[0] >= 0.0 and o[1] >= 0.0 and margins(state, other, g.here_m, g.here_m_s, g)[0] >= 0.0:
             return fx, fy, fz, other, broke, o[0], o[1]
     acted = SPEED if m[0] >= 0.0 else (CORRIDOR if mode == APPROACH else KEEP_OUT)
+    if acted == KEEP_OUT and both_margins(after, g.next_m, g.next_m_s, g)[0] >= 0.0:
+        acted = DOMAIN
     if mode == OPEN and g.least != 0.0:
         force = nearest(state, force, c, g)
         n = open_margins(cw_step(state, force, c), g.next_m, g.next_m_s, g)

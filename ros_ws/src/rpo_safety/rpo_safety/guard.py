@@ -5,143 +5,33 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from rpo_core import cw
-from rpo_core.disturbance import Disturbance
-from rpo_core.navigation import Navigation
-from rpo_core.stage import Place, section_of
-from rpo_core.thrusters import IDENTITY, Thrusters
 from rpo_core.validation import InputError
-from rpo_safety.kernels import Guard, speed_limit
+from rpo_safety.assumed import SQRT_3, Errors, ahead, errors_of, unknown_n
+from rpo_safety.edge import speed_floor, within_domain
+from rpo_safety.kernels import FAR, Guard, speed_limit
 from rpo_safety.settings import LEAST_CHANGE, Assurance, Corridor
-
-ROUNDING_M = 1e-6
-"""Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
 
 BRAKE_SHARE = 0.95
 """Share of a thruster axis that the backup law may push along the range; 0.31 is left across."""
 
+ERRORS = '`position_error_m`, `velocity_error_m_s`, `disturbance_n`, `thrust_error`'
+
+LATERAL_1_S = 0.02
+"""Growth of the lateral speed that is allowed in the corridor, per metre to the port."""
+
 SLACK = 0.9
 """Share of the sure deceleration that the speed limit may ask for."""
 
-SQRT_3 = math.sqrt(3.0)
 _TRIALS = 20
 
 GROWTH = 1.25
 """Steps in which the assumed errors grow with the covariance of an estimator."""
 
 _MOST_GROWN = 40
-
-LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
-"""No three normals of `rpo_core.noise` have a larger norm: their words are at least 1/2^33."""
-
-
-class Errors(NamedTuple):
-    """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force).
-
-    mass_kg : as the filter takes it
-    """
-
-    position_m: float
-    velocity_m_s: float
-    disturbance_n: float
-    thrust: float
-    mass_kg: float
-
-
-def largest_n(disturbance: Disturbance) -> float:
-    """Return a bound of the norm [N] of a disturbance at any time."""
-    axes = dict(zip('xyz', map(abs, disturbance.constant_n), strict=True))
-    for term in disturbance.harmonics:
-        axes[term.axis] += abs(term.amplitude_n)
-    return math.sqrt(sum(value * value for value in axes.values()))
-
-
-def errors_of(settings: Assurance, scenario: Any) -> Errors:
-    """Return what the proof assumes: what the section says, else what the scenario has.
-
-    Raises InputError if the section assumes less than the scenario has, or says nothing where the
-    scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
-    """
-    navigation = scenario.navigation or Navigation()
-    mass_kg = settings.mass_kg or scenario.mass_kg
-    own = {
-        'position_error_m': _norm(navigation.position_bias_m)
-        + LARGEST_NORMAL * navigation.position_noise_m,
-        'velocity_error_m_s': _norm(navigation.velocity_bias_m_s)
-        + LARGEST_NORMAL * navigation.velocity_noise_m_s,
-        'disturbance_n': largest_n(scenario.disturbance) * mass_kg / scenario.mass_kg,
-        'thrust_error': _thrust_error(scenario, mass_kg / scenario.mass_kg),
-    }
-    for name, bound in own.items():
-        given, reason = getattr(settings, name), _why_unknown(name, scenario)
-        if reason and given is None:
-            raise InputError(f'`assurance.{name}` is missing; section `{reason}` needs it')
-        if not reason and given is not None and given < bound:
-            raise InputError(
-                f'`assurance.{name}` must be at least {bound:.6g}, which the scenario has; '
-                f'got {given!r}'
-            )
-        own[name] = bound if given is None else given
-    return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
-
-
-def _why_unknown(name: str, scenario: Any) -> str:
-    """Return the section whose part of a bound is not known beforehand; '' if there is none."""
-    if name.startswith(('position', 'velocity')):
-        seeing = [s for s in scenario.sections if section_of(s).place <= Place.ESTIMATOR]
-        return next((section_of(s).name for s in seeing if not isinstance(s, Navigation)), '')
-    if name == 'disturbance_n':
-        return 'dynamics' if scenario.dynamics is not None else ''
-    own = scenario.thrusters
-    plain = own is None or own == Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks)
-    return '' if plain else 'thrusters'
-
-
-def _norm(values: Any) -> float:
-    return math.sqrt(sum(value * value for value in values))
-
-
-def _thrust_error(scenario: Any, lighter: float) -> float:
-    """Return a bound of |T f - f| / |f|: of T - 1 the norm of Frobenius, or sqrt(rows x columns).
-
-    lighter : mass as the filter takes it, over what it is; forces act by so much more
-    """
-    rows = scenario.thrusters.matrix if scenario.thrusters is not None else IDENTITY
-    off = [[lighter * rows[i][j] - (i == j) for j in range(3)] for i in range(3)]
-    return min(_norm(value for row in off for value in row), _block(np.array(off), 0, 0))
-
-
-def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
-    """Return bounds of the error [m], [m/s] of a state predicted some ticks ahead.
-
-    The error at hand grows as the state does, by the CW transition; disturbance and thrust error
-    add to it for as long. Norms of blocks are bounded by sqrt(row sum x column sum).
-    """
-    t = ticks * scenario.dt_s
-    if not ticks:
-        return errors.position_m + ROUNDING_M, errors.velocity_m_s
-    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
-    rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
-    a = _unknown_n(errors, scenario) / errors.mass_kg
-    return (
-        rr * errors.position_m + rv * errors.velocity_m_s + rv * t * a / 2.0 + ROUNDING_M,
-        vr * errors.position_m + vv * errors.velocity_m_s + vv * t * a,
-    )
-
-
-def _unknown_n(errors: Errors, scenario: Any) -> float:
-    """Return the largest force [N] that a prediction does not know, under any command."""
-    return errors.disturbance_n + errors.thrust * SQRT_3 * float(scenario.max_force_n)
-
-
-def _block(matrix: Any, i: int, j: int) -> float:
-    rows = [[abs(float(matrix[i + a, j + b])) for b in range(3)] for a in range(3)]
-    return math.sqrt(max(map(sum, rows)) * max(map(sum, zip(*rows, strict=True))))
 
 
 class Proof(NamedTuple):
@@ -160,10 +50,13 @@ def guard_of(settings: Assurance, scenario: Any) -> Guard:
     return proof_of(settings, scenario).guard
 
 
-def proof_of(settings: Assurance, scenario: Any, errors: Errors | None = None) -> Proof:
+def proof_of(
+    settings: Assurance, scenario: Any, errors: Errors | None = None, *, edge: bool = True
+) -> Proof:
     """Return the constants of the proof; raises InputError if constraints exclude each other.
 
     errors : None: those of the section and the scenario
+    edge : whether the chaser is kept within the domain
 
     The largest speed near the zone is that of the limit, or the one that is kept for certain, which
     depends on it: the first that is large enough.
@@ -174,12 +67,20 @@ def proof_of(settings: Assurance, scenario: Any, errors: Errors | None = None) -
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * zone)
     for _ in range(_TRIALS):
         guard = _guard(settings, scenario, errors, top)
-        floor = _speed_floor(guard, errors, settings, scenario)
-        if floor <= top or zone <= 0.0:
-            return Proof(guard, errors, floor)
-        top = 1.01 * floor
+        push = _zone_push(guard, settings)
+        floor = speed_floor(guard, errors, settings, scenario, *push, 0.0)
+        if floor == math.inf:
+            break
+        if zone > 0.0 and floor > top:
+            top = 1.01 * floor
+            continue
+        if zone > 0.0 and edge:
+            guard, floor = within_domain(guard, floor, push, errors, settings, scenario)
+        elif zone > 0.0:
+            guard = guard._replace(domain_m=FAR)
+        return Proof(guard, errors, floor)
     raise InputError(
-        '`assurance.velocity_error_m_s` and `max_force_n` exclude each other: with errors of '
+        f'`assurance` and `max_force_n` exclude each other: with errors ({ERRORS}) of '
         f'{errors.position_m:.6g} m and {errors.velocity_m_s:.6g} m/s no speed is kept for certain'
     )
 
@@ -188,7 +89,8 @@ def grown(settings: Assurance, scenario: Any) -> list[Proof]:
     """Return the constants for larger and larger errors of the state, as far as there are any.
 
     Each of GROWTH times the errors before. The first are those of `proof_of`. Where the errors
-    become too large for the corridor, it is shut: those that follow have none.
+    become too large for the corridor, it is shut: those that follow have none. Where they become
+    too large for the edge of the domain, the zone alone is kept.
     """
     proofs = [proof_of(settings, scenario)]
     for _ in range(_MOST_GROWN):
@@ -208,10 +110,10 @@ def grown(settings: Assurance, scenario: Any) -> list[Proof]:
 
 def _proof_or_none(settings: Assurance, scenario: Any, errors: Errors) -> Proof | None:
     """Return the constants; None where the errors are too large for the constraints."""
-    try:
-        return proof_of(settings, scenario, errors)
-    except InputError:
-        return None
+    for edge in (True, False):
+        with suppress(InputError):
+            return proof_of(settings, scenario, errors, edge=edge)
+    return None
 
 
 def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Guard:
@@ -228,7 +130,8 @@ def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Gu
     sure = (brake * (1.0 - 0.5 * kappa * kappa) - kappa * limit - off) / mass
     slowing = SLACK * ((brake - off) / mass - 3.0 * n2 * settings.domain_m)
     _check_speed(speed, per_range, slowing, sure - n2 * settings.domain_m, settings)
-    knee = (slowing - per_range * speed.speed_m_s) / (per_range * per_range) if per_range else 1e30
+    square = per_range * per_range
+    knee = (slowing - per_range * speed.speed_m_s) / square if square > 0.0 else FAR
     return Guard(
         dt_s=dt,
         mass_kg=mass,
@@ -245,37 +148,25 @@ def _guard(settings: Assurance, scenario: Any, errors: Errors, top: float) -> Gu
         slowing_m_s2=slowing,
         knee_m=knee,
         domain_m=settings.domain_m,
+        top_m_s=FAR,
+        edge_m_s2=1.0,
         here_m=here[0],
         here_m_s=here[1],
         next_m=following[0],
         next_m_s=following[1],
-        **_corridor(settings.corridor, scenario, errors, following, settings),
+        **_corridor(settings.corridor, scenario, errors, here, following, settings),
     )
 
 
-def _speed_floor(g: Guard, errors: Errors, settings: Assurance, scenario: Any) -> float:
-    """Return the speed [m/s] above which the backup law brakes for certain.
+def _zone_push(g: Guard, settings: Assurance) -> tuple[float, float]:
+    """Return the error of the closing speed [m/s] near the zone, and what the authority leaves out.
 
-    Errors of navigation make it push where it should brake; above this speed the chaser loses
-    energy all the same. docs/safety.md, lemma 3.
+    A chaser that recedes may be pushed by that thrust [N] along the range.
     """
-    m, dt, n = g.mass_kg, g.dt_s, scenario.mean_motion_rad_s
-    off = errors.disturbance_n + errors.thrust * g.limit_n + 3.0 * m * n * n * settings.domain_m
-    left = math.sqrt(g.limit_n * g.limit_n - g.brake_n * g.brake_n)
-    left = left if g.keep_out_m > 0.0 else g.limit_n
     near = g.keep_out_m - g.here_m
     top = speed_limit(g.keep_out_m, g) + g.here_m_s
     doubt = g.here_m_s + (top * g.here_m / near if near > 0.0 else 0.0)
-    spare = g.brake_n - m * (g.authority_m_s2 - g.tide_1_s2 * settings.domain_m)
-    pushed = doubt + spare * dt / m
-    second = g.brake_n * (g.brake_n - m * g.slowing_m_s2) + left * left
-    second = 0.5 * dt / m * (second + off * (2.0 * g.limit_n + off))
-    cost = g.here_m_s * g.limit_n + m * g.slowing_m_s2 * doubt + second
-    along, across = g.brake_n - off - m * g.slowing_m_s2, left - off
-    if min(along, across) <= 0.0:
-        return math.inf
-    receding = (pushed * (g.brake_n + off) + cost) / across
-    return g.here_m_s + max(cost / min(along, across), math.hypot(receding, pushed))
+    return doubt, g.brake_n - g.mass_kg * (g.authority_m_s2 - g.tide_1_s2 * settings.domain_m)
 
 
 def _between_ticks(
@@ -289,14 +180,15 @@ def _between_ticks(
     if zone_m <= 0.0:
         return 0.0, 0.0
     dt, n = scenario.dt_s, scenario.mean_motion_rad_s
-    force = SQRT_3 * float(scenario.max_force_n) + _unknown_n(errors, scenario)
+    force = SQRT_3 * float(scenario.max_force_n) + unknown_n(errors, scenario)
     most = force / errors.mass_kg + 3.0 * n * n * zone_m + 2.0 * n * top_m_s
     bend = most + top_m_s * top_m_s / zone_m
     moved = here[0] + (top_m_s + here[1]) * dt + 0.5 * most * dt * dt
     if moved >= 0.5 * zone_m:
         raise InputError(
-            '`assurance.keep_out_m` and the errors exclude each other: the direction to the target '
-            f'must be known to half the radius, {0.5 * zone_m:.6g} m; got {moved:.6g} m'
+            f'`assurance.keep_out_m` and the errors ({ERRORS}), or the way of a tick by `speed`, '
+            'exclude each other: the direction to the target must be known to half the radius, '
+            f'{0.5 * zone_m:.6g} m; got {moved:.6g} m'
         )
     return bend * dt * dt / 8.0, moved / (zone_m - moved)
 
@@ -307,8 +199,8 @@ def _check_speed(
     """Refuse limits that the thrusters cannot keep."""
     if min(slowing, sure) <= 0.0:
         raise InputError(
-            '`assurance` must leave the thrusters something to brake with; disturbance, errors and '
-            f'tides up to domain_m = {settings.domain_m!r} m take all of it: '
+            '`assurance` must leave the thrusters something to brake with; errors and tides '
+            f'({ERRORS}, `speed`) up to domain_m = {settings.domain_m!r} m take all of it: '
             f'{min(slowing, sure):.6g} m/s^2 are left'
         )
     asked = max(speed.deceleration_m_s2, per_range * speed.speed_m_s)
@@ -323,6 +215,7 @@ def _corridor(
     way: Corridor | None,
     scenario: Any,
     errors: Errors,
+    here: tuple[float, float],
     following: tuple[float, float],
     settings: Assurance,
 ) -> dict[str, Any]:
@@ -337,19 +230,29 @@ def _corridor(
     speed = settings.speed
     top = speed.speed_m_s + speed.slope(n) * way.outer_m
     top += math.sqrt(2.0 * speed.deceleration_m_s2 * way.outer_m)
-    doubt = _unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
+    doubt = unknown_n(errors, scenario) / mass + 3.0 * n * n * way.outer_m + 2.0 * n * top
     slope = way.slope
     per_axis = float(scenario.max_force_n) / mass
     wall = per_axis - (1.0 + slope) * doubt
     dip = (1.0 + slope) * (per_axis + doubt) * dt * dt / 8.0
     width = way.width_m - dip
-    narrow = slope * (way.closing_m_s + following[1]) + 2.0 * following[1]
-    room = following[0] * (1.0 + slope) + (narrow * narrow) / (2.0 * max(wall, 1e-9)) + 2.0 * dip
-    if wall <= 0.0 or room >= width:
-        raise InputError(
-            '`assurance.corridor` and the errors exclude each other: at the port, to stop between '
-            f'the walls takes {room:.6g} m to each side, and `width_m` leaves {width:.6g} m'
-        )
+    wide = following[0] * (1.0 + slope) + 2.0 * dip
+    far = way.outer_m - way.port_m
+    fastest = min(math.sqrt(way.closing_m_s * way.closing_m_s + 2.0 * max(wall, 0.0) * far), top)
+    for ahead_m, closing in ((0.0, way.closing_m_s), (far, fastest)):
+        # Both walls come nearer by so much: between them it takes twice the way to stop.
+        narrow = slope * (closing + following[1]) + 2.0 * following[1]
+        room, half = wide + narrow * narrow / max(wall, 1e-9), width + slope * ahead_m
+        if wall <= 0.0 or room >= half:
+            raise InputError(
+                f'`assurance.corridor` and the errors ({ERRORS}, `mass_kg`) exclude each other: '
+                f'{ahead_m:.6g} m before the port, to stop between the walls takes {room:.6g} m to '
+                f'each side, and `width_m` and `half_angle_deg` leave {half:.6g} m'
+            )
+    doubt *= 1.0 + slope
+    rest = here[1] + doubt * dt
+    follows = slope * way.closing_m_s + 2.0 * (1.0 + slope) * here[1] + 2.0 * doubt * dt
+    _check_contact(way, rest, max(rest, follows))
     return {
         'axis': 'xyz'.index(way.along[1]),
         'side': 1.0 if way.along[0] == '+' else -1.0,
@@ -359,7 +262,20 @@ def _corridor(
         'slope': slope,
         'contact_m_s': way.closing_m_s,
         'lateral_m_s': way.lateral_m_s,
-        'lateral_1_s': 0.02,
+        'lateral_1_s': min(LATERAL_1_S, wall / top),
         'wall_m_s2': wall,
-        'doubt_m_s2': (1.0 + slope) * doubt,
+        'doubt_m_s2': doubt,
     }
+
+
+def _check_contact(way: Corridor, rest_m_s: float, across_m_s: float) -> None:
+    """Refuse speeds of contact that the backup law does not keep for certain.
+
+    rest_m_s : what it leaves where it stops; across_m_s : that, or away from a wall at the port
+    """
+    if way.closing_m_s < rest_m_s or way.lateral_m_s < across_m_s:
+        raise InputError(
+            f'`assurance.corridor` and the errors ({ERRORS}) exclude each other: at the port, '
+            f'{rest_m_s:.6g} m/s closing and {across_m_s:.6g} m/s across are kept for certain; got '
+            f'{way.closing_m_s!r} and {way.lateral_m_s!r}'
+        )

@@ -6,7 +6,8 @@ Plain functions of floats, interpreted or compiled (`rpo_core.jit`) with the sam
 + - * / sqrt and comparisons. r [m], v [m/s], f [N] in target LVLH; rho = |r|, closing speed
 c = -r.v/rho, m mass [kg].
 
-OPEN set : rho - R >= c^2 / (2 a(rho)) where c > 0, and |v| <= L(rho)
+OPEN set : rho - R >= c^2 / (2 a(rho)) where c > 0; the same outward, rho_max - rho >= c^2 / (2 a_e)
+where c < 0; and |v| <= L(rho)
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class Guard(NamedTuple):
     brake_n : radial share of the backup law; authority_m_s2 : a(0) along the range that it
         leaves for certain; tide_1_s2 : what a(rho) loses per metre of range
     speed_m_s, speed_1_s, deceleration_m_s2 : limit v0 + k rho + sqrt(2 a rho)
-    slowing_m_s2, knee_m, domain_m : how fast the limit may fall with the range, and where
+    slowing_m_s2, knee_m : how fast the limit may fall with the range, and where
+    domain_m : range that the chaser does not leave, less what a path may rise between ticks
+    top_m_s, edge_m_s2 : largest limit, and authority outward, with which it is kept
     here_m, here_m_s : error of the state to which the command will be applied
     next_m, next_m_s : the same one tick later
     axis, side : corridor along x, y, z (0, 1, 2), towards +1.0 or -1.0; side 0.0: none
@@ -62,6 +65,8 @@ class Guard(NamedTuple):
     slowing_m_s2: float
     knee_m: float
     domain_m: float
+    top_m_s: float
+    edge_m_s2: float
     here_m: float
     here_m_s: float
     next_m: float
@@ -92,11 +97,13 @@ def speed_limit(range_m: float, g: Guard) -> float:
     if g.deceleration_m_s2 > 0.0:
         limit = g.speed_m_s + sqrt(2.0 * g.deceleration_m_s2 * rho)
         viable = sqrt(g.speed_m_s * g.speed_m_s + slope * rho)
-        return limit if limit < viable else viable
-    if rho <= g.knee_m:
-        return g.speed_m_s + g.speed_1_s * rho
-    knee = g.speed_m_s + g.speed_1_s * g.knee_m
-    return sqrt(knee * knee + slope * (rho - g.knee_m))
+        limit = limit if limit < viable else viable
+    elif rho <= g.knee_m:
+        limit = g.speed_m_s + g.speed_1_s * rho
+    else:
+        knee = g.speed_m_s + g.speed_1_s * g.knee_m
+        limit = sqrt(knee * knee + slope * (rho - g.knee_m))
+    return limit if limit < g.top_m_s else g.top_m_s
 
 
 @kernel
@@ -150,26 +157,55 @@ def closing(state: State) -> tuple[float, float, float]:
 
 
 @kernel
-def open_margins(state: State, error_m: float, error_m_s: float, g: Guard) -> tuple[float, float]:
-    """Margins to the OPEN set: left when stopped [m], and below the speed limit [m/s].
+def both_margins(
+    state: State, error_m: float, error_m_s: float, g: Guard
+) -> tuple[float, float, float]:
+    """Margins to the OPEN set: before the zone and the edge [m], below the speed limit [m/s].
 
+    The first two are what is left when the chaser has stopped.
     Of all true states within the errors of `state`, those of the worst.
     """
     rho, c, speed = closing(state)
     near = rho - error_m
     slower = speed_limit(near, g) - speed - error_m_s
     if g.keep_out_m <= 0.0:
-        return FAR, slower
+        return FAR, FAR, slower
+    left = g.domain_m - rho - error_m
     if near <= 0.0:
-        return near - g.keep_out_m, slower
-    c += error_m_s + speed * error_m / near
-    stop = c * c / (2.0 * authority(rho + error_m, g)) if c > 0.0 else 0.0
-    return near - g.keep_out_m - stop, slower
+        return near - g.keep_out_m, left, slower
+    doubt = error_m_s + speed * error_m / near
+    inward, outward = c + doubt, doubt - c
+    stop = inward * inward / (2.0 * authority(rho + error_m, g)) if inward > 0.0 else 0.0
+    back = outward * outward / (2.0 * g.edge_m_s2) if outward > 0.0 else 0.0
+    return near - g.keep_out_m - stop, left - back, slower
+
+
+@kernel
+def open_margins(state: State, error_m: float, error_m_s: float, g: Guard) -> tuple[float, float]:
+    """Margins to the OPEN set: left when stopped [m], and below the speed limit [m/s].
+
+    Of all true states within the errors of `state`, those of the worst.
+    """
+    zone, edge, slower = both_margins(state, error_m, error_m_s, g)
+    return (zone if zone < edge else edge), slower
+
+
+@kernel
+def push_needed(
+    gap_m: float, closing_m_s: float, authority_m_s2: float, push_n: float, g: Guard
+) -> float:
+    """Thrust [N] of this tick against closing in, after which the chaser can stop within the gap.
+
+    authority_m_s2 : what a thrust of `push_n` gives for certain
+    """
+    need = needed_deceleration(gap_m, closing_m_s, authority_m_s2, g.dt_s)
+    # What the authority leaves out: the needed deceleration is of the chaser, this is the thrust.
+    return push_n - g.mass_kg * (authority_m_s2 - need) if need < authority_m_s2 else push_n
 
 
 @kernel
 def backup_open(state: State, g: Guard) -> Vector:
-    """Backup law [N] of the OPEN set: stop; along the range first, and at least as the zone needs.
+    """Backup law [N] of the OPEN set: stop; along the range first, as zone and edge need at least.
 
     Its norm is at most the limit of one axis, so that any direction is within the box.
     """
@@ -183,13 +219,13 @@ def backup_open(state: State, g: Guard) -> Vector:
         return -k * vx, -k * vy, -k * vz
     ex, ey, ez = x / rho, y / rho, z / rho
     near = rho - g.here_m
-    worst = c + g.here_m_s + (speed * g.here_m / near if near > 0.0 else speed)
-    a = authority(rho + g.here_m, g)
-    need = needed_deceleration(near - g.keep_out_m, worst, a, g.dt_s)
-    # What the authority leaves out: the needed deceleration is of the chaser, this is the thrust.
-    need = g.brake_n - g.mass_kg * (a - need) if need < a else g.brake_n
+    turned = speed * g.here_m / near if near > 0.0 else speed
+    a, left = authority(rho + g.here_m, g), g.domain_m - rho - g.here_m
+    out = push_needed(near - g.keep_out_m, c + g.here_m_s + turned, a, g.brake_n, g)
+    back = push_needed(left, turned + g.here_m_s - c, g.edge_m_s2, g.brake_n, g)
     radial = stop * c
-    radial = need if radial < need else radial
+    radial = radial if radial < -back else -back
+    radial = out if radial < out else radial
     radial = saturate(radial, g.brake_n)
     tx, ty, tz = vx + c * ex, vy + c * ey, vz + c * ez
     across = sqrt(tx * tx + ty * ty + tz * tz)

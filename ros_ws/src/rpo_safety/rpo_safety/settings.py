@@ -29,6 +29,10 @@ def _optional(name: str, value: Any, unit: str, most: float) -> float | None:
     return None if value is None else real(name, value, unit, least=0.0, most=most)
 
 
+def _positive(name: str, value: Any, unit: str, most: float) -> float | None:
+    return None if value is None else real(name, value, unit, above=0.0, most=most)
+
+
 @dataclass(frozen=True)
 class Speed:
     """Largest speed by range: speed_m_s + per_range_1_s rho + sqrt(2 deceleration_m_s2 rho).
@@ -135,7 +139,7 @@ class Assurance:
     speed: Annotated[Any, _speed_of] = 'sqrt'
     keep_out_m: Annotated[float, _metres] = 0.0
     corridor: Annotated[Any, _corridor_of] = field(default=None, metadata=UNLESS_DEFAULT)
-    slew_n_s: Annotated[float | None, partial(_optional, unit='N/s', most=MAX_FORCE_N)] = field(
+    slew_n_s: Annotated[float | None, partial(_positive, unit='N/s', most=MAX_FORCE_N)] = field(
         default=None, metadata=UNLESS_DEFAULT
     )
     position_error_m: Annotated[float | None, _some_metres] = field(
@@ -151,7 +155,7 @@ class Assurance:
         default=None, metadata=UNLESS_DEFAULT
     )
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
-    mass_kg: Annotated[float | None, partial(_optional, unit='kg', most=1e6)] = field(
+    mass_kg: Annotated[float | None, partial(_positive, unit='kg', most=1e6)] = field(
         default=None, metadata=UNLESS_DEFAULT
     )
     sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
@@ -167,6 +171,11 @@ class Assurance:
                 '`corridor` must lead through the zone, port_m < keep_out_m < outer_m <= domain_m; '
                 f'got {way.port_m!r}, {zone!r}, {way.outer_m!r}, {self.domain_m!r}'
             )
+        if way is not None and way.width_m >= 0.5 * zone:
+            raise InputError(
+                f'`corridor.width_m` must be below half of `keep_out_m`, {0.5 * zone!r} m; '
+                f'got {way.width_m!r}'
+            )
         if zone >= self.domain_m:
             raise InputError(f'`keep_out_m` must be < domain_m = {self.domain_m!r} m; got {zone!r}')
 
@@ -177,5 +186,6 @@ class Assurance:
             sign, axis = (1.0 if way.along[0] == '+' else -1.0), 'xyz'.index(way.along[1])
             ahead = tuple(sign if i == axis else 0.0 for i in range(3))
             tip = tuple(way.port_m * a for a in ahead)
-            corridor = zones.Corridor(tip, ahead, way.slope, way.outer_m - way.port_m, way.width_m)
+            length_m = way.outer_m - way.port_m
+            corridor = zones.Corridor(tip, ahead, way.slope, length_m, way.width_m, square=True)
         return zones.Zones(self.keep_out_m, corridor)

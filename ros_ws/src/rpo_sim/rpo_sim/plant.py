@@ -8,12 +8,15 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from rpo_core import interfaces, kernels, metrics, pulse_kernels
 from rpo_core.chain import Chain, Signals
 from rpo_core.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.scenario import Scenario
 from rpo_core.stage import Place, Signal
 from rpo_core.thrusters import ValvesStage
+from rpo_core.zones import zones_of
 
 Force = tuple[float, float, float]
 """Force [N], target LVLH."""
@@ -48,6 +51,7 @@ class Plant:
 
     scenario : of the run
     expected : topics of the answers to each state
+    depths_m : zone -> how deep the chaser has been in it so far, if it was
     """
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
@@ -63,6 +67,9 @@ class Plant:
         self.signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
+        self._zones = [zones for zones in zones_of(scenario) if zones.keep_out_m]
+        self.depths_m: dict[str, float] = {}
+        self._look_for_zones(self.state)
 
     @property
     def energy_n2s(self) -> float:
@@ -121,6 +128,19 @@ class Plant:
         ]
         self.tick += 1
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
+        self._look_for_zones(before, state)
+
+    def _look_for_zones(self, *states: Signal) -> None:
+        """Look how deep in a keep-out zone the chaser is in states, and between them."""
+        for zones in self._zones:
+            depth_m = zones.deepest_m(np.array(states), self.scenario.dt_s)
+            if depth_m > self.depths_m.get(zones.keep_out, 0.0):
+                self.depths_m[zones.keep_out] = depth_m
+
+    @property
+    def entered(self) -> str:
+        """Which keep-out zones the chaser has been in so far, and how deep; '' if in none."""
+        return ', '.join(f'{depth:.3g} m inside {zone}' for zone, depth in self.depths_m.items())
 
     def _why_not_finite(self, signals: Signals) -> str:
         """Return in one sentence which signal is largest in the step to the next tick."""

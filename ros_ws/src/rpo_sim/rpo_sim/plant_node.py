@@ -83,6 +83,7 @@ class PlantNode(Loop):
         self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
+        self._zones_entered = 0
         self._complete = False  # whether all was there at the last look
         self._begun = self.sent_s = self.progress_s = time.monotonic()
         self.report(health.OK, WAITING, 'waiting for peers')
@@ -133,7 +134,7 @@ class PlantNode(Loop):
         applied = self.pacing.applied()
         if plant.finished:
             topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
-            self._end(FINISHED, 'reached the last tick')
+            self._end(FINISHED, '; '.join(filter(None, ('reached the last tick', plant.entered))))
             return
         try:
             plant.advance()
@@ -142,12 +143,21 @@ class PlantNode(Loop):
             return
         self.progress_s = time.monotonic()
         self.send()
+        self._judge_zones()
         topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
         self.loop.sent(plant.tick, self.sent_s)
         if self.steps:
             self.steps -= 1
         if self.paused and not self.steps:
             self.report(health.OK, PAUSED, PAUSED)
+
+    def _judge_zones(self) -> None:
+        """Say so when the chaser has come into a keep-out zone in which it was not before."""
+        plant = self.pacing.plant
+        if len(plant.depths_m) > self._zones_entered:
+            self._zones_entered = len(plant.depths_m)
+            self.report(health.WARN, RUNNING, plant.entered)
+            self.get_logger().error(f'at tick {plant.tick}: {plant.entered}')
 
     def send(self) -> None:
         """Publish the current state."""
@@ -224,6 +234,8 @@ class PlantNode(Loop):
             return
         time_s = self.plant.scenario.time_s(self.tick)
         self.get_logger().info(f'finished at {time_s:g} s: {self.plant.ending()}')
+        if self.plant.entered:
+            self.get_logger().error(f'MISSED: {self.plant.entered}')
 
     def reset(self) -> None:
         """End the run and start another at tick 0; the recorder closes the log of the first."""

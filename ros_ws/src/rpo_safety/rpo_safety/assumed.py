@@ -1,0 +1,147 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the proof (docs/safety.md) may assume of a scenario, and how errors grow in a prediction."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rpo_core import cw
+from rpo_core.disturbance import Disturbance
+from rpo_core.navigation import Navigation
+from rpo_core.stage import Place, section_of
+from rpo_core.thrusters import IDENTITY, Thrusters
+from rpo_core.validation import InputError
+from rpo_safety.settings import Assurance
+
+ROUNDING_M = 1e-6
+"""Covers the rounding of the kernels, below 1e-9 m in 1 km; added to the error of a position."""
+
+SQRT_3 = math.sqrt(3.0)
+
+LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
+"""No three normals of `rpo_core.noise` have a larger norm: their words are at least 1/2^33."""
+
+
+class Errors(NamedTuple):
+    """Largest norms: position [m], velocity [m/s], disturbance [N], thrust (share of a force).
+
+    mass_kg : as the filter takes it
+    """
+
+    position_m: float
+    velocity_m_s: float
+    disturbance_n: float
+    thrust: float
+    mass_kg: float
+
+
+def largest_n(disturbance: Disturbance) -> float:
+    """Return a bound of the norm [N] of a disturbance at any time."""
+    axes = dict(zip('xyz', map(abs, disturbance.constant_n), strict=True))
+    for term in disturbance.harmonics:
+        axes[term.axis] += abs(term.amplitude_n)
+    return math.sqrt(sum(value * value for value in axes.values()))
+
+
+def errors_of(settings: Assurance, scenario: Any) -> Errors:
+    """Return what the proof assumes: what the section says, else what the scenario has.
+
+    Raises InputError if the section assumes less than the scenario has, or says nothing where the
+    scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
+    """
+    navigation = scenario.navigation or Navigation()
+    mass_kg = settings.mass_kg or scenario.mass_kg
+    own = {
+        'position_error_m': _norm(navigation.position_bias_m)
+        + LARGEST_NORMAL * navigation.position_noise_m,
+        'velocity_error_m_s': _norm(navigation.velocity_bias_m_s)
+        + LARGEST_NORMAL * navigation.velocity_noise_m_s,
+        'disturbance_n': largest_n(scenario.disturbance) * mass_kg / scenario.mass_kg,
+        'thrust_error': _thrust_error(scenario, mass_kg / scenario.mass_kg),
+    }
+    for name, bound in own.items():
+        given, reason = getattr(settings, name), _why_unknown(name, scenario)
+        if reason and given is None:
+            raise InputError(f'`assurance.{name}` is missing; section `{reason}` needs it')
+        if not reason and given is not None and given < bound:
+            other = ' with `mass_kg`' if name == 'thrust_error' and settings.mass_kg else ''
+            raise InputError(
+                f'`assurance.{name}` must be at least {bound:.6g}, which the scenario has{other}; '
+                f'got {given!r}'
+            )
+        own[name] = bound if given is None else given
+    return Errors(**dict(zip(Errors._fields, (*own.values(), mass_kg), strict=True)))
+
+
+def _why_unknown(name: str, scenario: Any) -> str:
+    """Return the section whose part of a bound is not known beforehand; '' if there is none."""
+    if name.startswith(('position', 'velocity')):
+        seeing = [s for s in scenario.sections if section_of(s).place <= Place.ESTIMATOR]
+        return next((section_of(s).name for s in seeing if not isinstance(s, Navigation)), '')
+    if name == 'disturbance_n':
+        return _first_of(scenario, (Place.DISTURBANCE, Place.DYNAMICS))
+    own = scenario.thrusters
+    plain = own is None or own == Thrusters(matrix=own.matrix, delay_ticks=own.delay_ticks)
+    if not plain:
+        return 'thrusters'
+    return _first_of(scenario, (Place.ASSURANCE, Place.LINK, Place.THRUSTERS), Thrusters)
+
+
+def _first_of(scenario: Any, places: tuple[Place, ...], *known: type) -> str:
+    """Return the name of the first section after assurance in some places; '' if there is none.
+
+    known : settings whose errors are known beforehand
+    """
+    kinds = [type(s) for s in scenario.sections]
+    after = kinds.index(Assurance) + 1 if Assurance in kinds else 0
+    for settings in scenario.sections[after:]:
+        section = section_of(settings)
+        if section.place in places and not isinstance(settings, known):
+            return section.name
+    return ''
+
+
+def _norm(values: Any) -> float:
+    return math.sqrt(sum(value * value for value in values))
+
+
+def _thrust_error(scenario: Any, lighter: float) -> float:
+    """Return a bound of |T f - f| / |f|: of T - 1 the norm of Frobenius, or sqrt(rows x columns).
+
+    lighter : mass as the filter takes it, over what it is; forces act by so much more
+    """
+    rows = scenario.thrusters.matrix if scenario.thrusters is not None else IDENTITY
+    off = [[lighter * rows[i][j] - (i == j) for j in range(3)] for i in range(3)]
+    return min(_norm(value for row in off for value in row), _block(np.array(off), 0, 0))
+
+
+def ahead(errors: Errors, scenario: Any, ticks: int) -> tuple[float, float]:
+    """Return bounds of the error [m], [m/s] of a state predicted some ticks ahead.
+
+    The error at hand grows as the state does, by the CW transition; disturbance and thrust error
+    add to it for as long. Norms of blocks are bounded by sqrt(row sum x column sum).
+    """
+    t = ticks * scenario.dt_s
+    if not ticks:
+        return errors.position_m + ROUNDING_M, errors.velocity_m_s
+    state, _ = cw.matrices(cw.discretise(scenario.mean_motion_rad_s, errors.mass_kg, t))
+    rr, rv, vr, vv = (_block(state, i, j) for i in (0, 3) for j in (0, 3))
+    a = unknown_n(errors, scenario) / errors.mass_kg
+    return (
+        rr * errors.position_m + rv * errors.velocity_m_s + rv * t * a / 2.0 + ROUNDING_M,
+        vr * errors.position_m + vv * errors.velocity_m_s + vv * t * a,
+    )
+
+
+def unknown_n(errors: Errors, scenario: Any) -> float:
+    """Return the largest force [N] that a prediction does not know, under any command."""
+    return errors.disturbance_n + errors.thrust * SQRT_3 * float(scenario.max_force_n)
+
+
+def _block(matrix: Any, i: int, j: int) -> float:
+    rows = [[abs(float(matrix[i + a, j + b])) for b in range(3)] for a in range(3)]
+    return math.sqrt(max(map(sum, rows)) * max(map(sum, zip(*rows, strict=True))))

@@ -1,0 +1,201 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nobody leads a chaser into its keep-out zone: the edge of the domain, late forces, the port."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from rpo_core import scenario, stage
+from rpo_core.disturbance import Disturbance
+from rpo_core.flight import OpenLoop, fly
+from rpo_core.stage import Place, Section, Stage
+from rpo_core.thrusters import Thrusters
+from rpo_core.validation import InputError
+from rpo_core.verdicts import ZONE_DEPTH, missed, verdicts
+from rpo_core.zones import Zones
+from rpo_safety.assumed import errors_of
+from rpo_safety.assurance import AssuranceStage
+from rpo_safety.settings import Assurance, Corridor
+from rpo_sim.plant import Plant
+from rpo_training.safety import attack, hostile, vehicles
+
+PAPER = scenario.load_scenario('paper_test')
+DRIFT = {
+    'armed': True,
+    'retreat_m': [0.0, 12.0, 0.0],
+    'table': [{'quantity': 'range_m', 'most': 1.0, 'count': 1, 'window': 1, 'reaction': 'drift'}],
+}
+LIMITS = (hostile.VIOLATED, hostile.INFEASIBLE, hostile.TOO_FAST, hostile.OUTSIDE, hostile.HARD)
+
+
+def weak(position_m, velocity_m_s=(0.0, 0.0, 0.0), **more):
+    """Return a chaser of 100 kg with 0.03 N, which the tide beats from 80 m on."""
+    document = scenario.to_document(replace(PAPER, requirements=None, disturbance=scenario.NONE))
+    document |= {
+        'mass_kg': 100.0,
+        'max_force_n': 0.03,
+        'dt_s': 2.0,
+        'duration_s': 14000.0,
+        'initial_position_m': list(position_m),
+        'initial_velocity_m_s': list(velocity_m_s),
+    }
+    sure = {'keep_out_m': 5.0, 'domain_m': 18.0, 'speed': {'speed_m_s': 0.4}}
+    return scenario.parse(document | {'assurance': sure | more})
+
+
+@pytest.mark.parametrize('more', [{}, {'abort': DRIFT}], ids=['commanded', 'drift'])
+@pytest.mark.parametrize('start', [(17.0, 0.0, 0.0), (0.0, 17.0, 0.0), (10.0, 10.0, 3.0)])
+def test_a_weak_chaser_stays_between_the_zone_and_the_edge(start, more):
+    """It left for 160 km, where nothing brakes what comes back."""
+    found = weak(start, **more)
+    forces = np.tile(0.03 * np.sign(start), (found.ticks, 1))
+    forces[1500:] *= -1.0
+    flight = fly(found, OpenLoop(forces))
+    ranges = np.linalg.norm(flight.positions_m, axis=1)
+    assert ranges.min() >= 5.0 and ranges.max() <= 18.0
+    assert [v.holds for v in verdicts(flight)] == [True]
+
+
+@pytest.mark.parametrize('speed', [(0.0, 0.0, 0.4), (0.0, 0.4, 0.0), (0.3, 0.0, 0.0)])
+@pytest.mark.parametrize('more', [{}, {'abort': DRIFT}], ids=['commanded', 'drift'])
+def test_a_start_that_cannot_be_kept_in_the_domain_is_refused(speed, more):
+    """The first drifted out and came back past the target, 0.05 m from it."""
+    with pytest.raises(InputError, match=r'`assurance.speed` must allow the start'):
+        weak((0.01, 0.0, 17.0), speed, **more)
+
+
+def test_a_domain_that_cannot_be_kept_is_refused():
+    with pytest.raises(InputError, match=r'no speed is kept for certain'):
+        weak((17.0, 0.0, 0.0), domain_m=70.0)
+
+
+def test_vehicles_that_are_not_refused_keep_all_limits():
+    """Weak thrusters, small domains, large errors, every kind of hostile command."""
+    found = vehicles.attack_vehicles(120, 5, 300, LIMITS)
+    assert found.accepted > 15 and found.runs == found.accepted * len(hostile.KINDS)
+    assert found.broken == []
+
+
+def into_the_zone():
+    """Return a flight that a plan's zone does not keep off: nobody assures it."""
+    plan = replace(scenario.load_scenario('hold_points'), duration_s=400.0)
+    return fly(plan, OpenLoop(np.tile([0.0, 0.02, 0.0], (plan.ticks, 1))))
+
+
+def test_a_zone_that_is_entered_is_a_verdict_whoever_commands():
+    flight = into_the_zone()
+    (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
+    assert verdict.word == 'MISSED' and 'of `guidance`' in verdict.statement
+    # 1.4 m from the target, from the other side; its corridor ends 4.5 m behind the target
+    assert verdict.value == pytest.approx(5.5, abs=0.01)
+    # without the requirements of the scenario too
+    bare = replace(flight, scenario=replace(flight.scenario, requirements=None))
+    assert [v.key for v in verdicts(bare)] == [ZONE_DEPTH] and missed(bare)
+
+
+def test_the_plant_says_what_the_verdict_says():
+    flight = into_the_zone()
+    plant = Plant(flight.scenario, ())
+    first = None
+    for force in flight.forces_n.tolist():
+        plant.fly(dict.fromkeys(plant.inputs, (0.0, 0.0, 0.0)) | {'control_force': tuple(force)})
+        first = plant.tick if first is None and plant.entered else first
+    (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
+    assert list(plant.depths_m.values()) == [pytest.approx(verdict.value, abs=0.5)]
+    ranges = np.linalg.norm(flight.positions_m, axis=1)
+    assert abs(first - int(np.argmax(ranges < 10.0))) <= 20
+    assert plant.entered.endswith('inside the keep-out sphere of 10 m of `guidance`, beside its '
+                                  'corridor')  # fmt: skip
+
+
+def test_a_zone_is_seen_between_two_ticks():
+    """Past the target in a tick of 10 s, outside of the zone at both ends."""
+    zones = Zones(10.0)
+    states = np.array([[0.0, 0.0, 12.0, 0.0, 0.0, -2.4], [0.0, 0.0, -12.0, 0.0, 0.0, -2.4]])
+    assert zones.deepest_m(states, 10.0) == pytest.approx(10.0)
+    assert zones.deepest_m(states[:1], 10.0) == 0.0
+
+
+@pytest.mark.parametrize('start_m', [50.05, 50.8, 51.0, 51.2, 52.0, 60.0])
+def test_what_comes_before_the_first_force_is_counted(start_m):
+    """20 ticks of 1 s under 0.05 N, 1 m nearer: starts were taken that came to 48.94 m of 50 m."""
+    found = replace(
+        PAPER,
+        dt_s=1.0,
+        max_force_n=1.0,
+        duration_s=200.0,
+        initial_position_m=(0.0, start_m, 0.0),
+        initial_velocity_m_s=(0.0, 0.0, 0.0),
+        disturbance=Disturbance((0.0, -0.05, 0.0)),
+    )
+    thrusters, settings = Thrusters(delay_ticks=20), Assurance(keep_out_m=50.0)
+    if start_m < 51.1:
+        with pytest.raises(InputError, match=r'`assurance.keep_out_m` and the start exclude'):
+            found.equipped(thrusters, settings)
+        return
+    flight = fly(found.equipped(thrusters, settings), OpenLoop(np.tile([0.0, -1.0, 0.0], (200, 1))))
+    assert np.linalg.norm(flight.positions_m, axis=1).min() >= 50.0
+
+
+WAY = Corridor('+y', 10.0, 1.0, 20.0, width_m=0.2)
+
+
+def docking(**errors):
+    return PAPER.equipped(Assurance(keep_out_m=10.0, corridor=WAY, **errors))
+
+
+def test_one_state_beyond_the_port_is_no_contact_for_the_rest_of_the_flight():
+    found = docking()
+    assured = AssuranceStage(found.section(Assurance), found)
+    command, far = (0.0, -0.5, 0.0), (3.0, 10.0, 0.0, 0.0, -0.3, 0.0)
+    assured.step(0, (0.0, 1.05, 0.0, 0.0, -0.05, 0.0), command)
+    assured.step(1, (0.0, 0.95, 0.0, 0.0, -0.05, 0.0), command)
+    assert assured.decision.mode == 'contact'
+    assured.step(2, far, command)
+    assert assured.decision.mode != 'contact' and assured.decision.constraint
+
+
+def test_contact_is_where_all_true_states_are_at_the_port():
+    """Within the error of the estimate it may still be before it."""
+    found = docking(position_error_m=0.02)
+    assured = AssuranceStage(found.section(Assurance), found)
+    assured.step(0, (0.0, 1.05, 0.0, 0.0, -0.05, 0.0), (0.0, 0.0, 0.0))
+    assured.step(1, (0.0, 0.99, 0.0, 0.0, -0.05, 0.0), (0.0, -0.5, 0.0))
+    assert assured.decision.mode == 'approach'
+    assured.step(2, (0.0, 0.97, 0.0, 0.0, -0.05, 0.0), (0.0, 0.0, 0.0))
+    assert assured.decision.mode == 'contact'
+
+
+def test_no_true_speed_at_the_port_is_above_its_limit():
+    """By the estimate alone it was 0.107 m/s of 0.1 m/s."""
+    found = docking(position_error_m=0.02, velocity_error_m_s=0.002)
+    close = replace(found, initial_position_m=(0.0, 12.0, 0.0))
+    results = attack.attack(close, 2 * len(hostile.KINDS) * 40, 2, 1500)
+    assert sum(r.total(hostile.CONTACTS) for r in results) > 3
+    assert sum(r.total(hostile.HARD) for r in results) == 0
+
+
+@dataclass(frozen=True)
+class Nudge:
+    """Settings of a stage of somebody else."""
+
+
+class NudgeStage(Stage):
+    """Passes a force on, changed by what nobody knows."""
+
+    name, inputs, outputs = 'nudge', ('command',), ('nudged_force',)
+
+
+@pytest.mark.parametrize('place', [Place.ASSURANCE, Place.LINK, Place.THRUSTERS])
+def test_a_stage_after_assurance_counts_as_an_unknown_thrust_error(monkeypatch, place):
+    section = Section('nudge', Nudge, place, lambda *_: NudgeStage())
+    monkeypatch.setitem(stage.sections(), 'nudge', section)
+    with pytest.raises(InputError, match=r'`assurance.thrust_error` is missing; section `nudge`'):
+        PAPER.equipped(Assurance(), Nudge())
+    found = PAPER.equipped(Assurance(thrust_error=0.1), Nudge())
+    assert errors_of(found.section(Assurance), found).thrust == 0.1
+    assert errors_of(Assurance(), PAPER).thrust == 0.0
