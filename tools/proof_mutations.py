@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import io
+import math
 import os
 import pickle
 import random
@@ -150,8 +151,11 @@ def _number(rng: random.Random, arrays: Arrays) -> None:
     if values.dtype != object and values.size:
         at: Any = np.unravel_index(rng.randrange(values.size), values.shape)
         at = rng.choice((at, at, at[-1:] and (..., at[-1]), at[:1], ...))
-        number = rng.choice(NUMBERS)
-        values[at] = values[at] * rng.choice(SHARES) if rng.random() < 0.6 else number
+        number, share = rng.choice(NUMBERS), rng.choice(SHARES)
+        scaled = rng.random() < 0.6
+        if values.dtype.kind in 'iu' and not math.isfinite(share if scaled else number):
+            values = values.astype(np.float64)  # integers have no infinity
+        values[at] = values[at] * share if scaled else number
     arrays[name] = values
 
 
