@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 import io
-import math
 import os
 import pickle
 import random
@@ -153,7 +152,7 @@ def _number(rng: random.Random, arrays: Arrays) -> None:
         at = rng.choice((at, at, at[-1:] and (..., at[-1]), at[:1], ...))
         number, share = rng.choice(NUMBERS), rng.choice(SHARES)
         scaled = rng.random() < 0.6
-        if values.dtype.kind in 'iu' and not math.isfinite(share if scaled else number):
+        if values.dtype.kind in 'iu' and not (scaled or abs(number) < 2.0**31):
             values = values.astype(np.float64)  # integers have no infinity
         values[at] = values[at] * share if scaled else number
     arrays[name] = values
