@@ -30,7 +30,7 @@ def flight(docking):
 
 def test_docks_within_every_requirement_and_assurance_lets_every_command_pass(flight):
     judged = verdicts(flight)
-    assert len(judged) == 3 and all(v.holds for v in judged), judged
+    assert len(judged) == 5 and all(v.holds for v in judged), judged
     np.testing.assert_array_equal(flight.signals['assured_force'], flight.forces_n)
 
 
