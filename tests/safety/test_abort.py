@@ -175,7 +175,7 @@ def test_two_lost_commands_are_no_fault():
 
 def test_inhibited_the_table_warns_only_and_armed_it_acts():
     rows = (Row(quantity='speed_m_s', most=0.05, count=5, window=5, reaction='hold'),)
-    flight = Flight(with_table(table=rows, armed=False), (900, 'arm'), (950, 'inhibit'))
+    flight = Flight(with_table(table=rows, armed=False), (900, 'arm'), (920, 'inhibit'))
     flight.until(2000)
     assert flight.said == ['warned', 'armed', 'holding', 'inhibited', 'warned']
     # a hold of an inhibited table does not become an abort

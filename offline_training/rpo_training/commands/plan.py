@@ -4,17 +4,23 @@
 
 from __future__ import annotations
 
+import math
+from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rpo_core.validation import InputError
 from rpo_training.commands.shared import Set
 
+if TYPE_CHECKING:
+    from rpo_training.evaluation.keep_out import KeepOut
+    from rpo_training.evaluation.plan_bound import Bound
+
 EXAMPLES = """
 Examples: `rpo plan around` | `rpo plan hold_points --picture plan.png` | `rpo plan around --set
-initial_position_m=[80,60,0]` | `rpo plan runs/docking_1 --sample 100`
+initial_position_m=[80,60,0]` | `rpo plan around --margins` | `rpo plan runs/docking_1 --sample 100`
 """
 
 
@@ -22,16 +28,21 @@ def plan(
     scenario: Annotated[str, typer.Argument(help='shipped name or file, or folder of a campaign')],
     changes: Set = None,
     picture: Annotated[Path | None, typer.Option(help='write the plan as a picture')] = None,
+    margins: Annotated[
+        bool, typer.Option('--margins', help='others keep to the zones that transfers plan with')
+    ] = False,
     sample: Annotated[int, typer.Option(min=1, help='runs of a campaign that are compared')] = 100,
 ) -> None:
-    """Print the legs of a plan, and its energy beside the least that its zones allow.
+    """Print the legs of a plan, and its energy beside other paths out of its zones.
 
-    For the folder of a campaign: the energy that its runs flew, beside the least.
+    Others have the same begin, end and time: the best that is found, and a bound that is below all.
+    For the folder of a campaign: the energy that its runs flew, beside others.
     """
     from rpo_core import overrides
     from rpo_guidance.plan import Guidance
     from rpo_training.display import print_table
     from rpo_training.evaluation import plan_bound
+    from rpo_training.evaluation.keep_out import KeepOut
 
     if Path(scenario).is_dir():
         _compare(Path(scenario), sample)
@@ -40,17 +51,13 @@ def plan(
     settings = chosen.section(Guidance)
     if settings is None:
         raise InputError(f'scenario {chosen.name} has no section `guidance`')
-    found, energies = plan_bound.bound(settings, chosen)
+    found, energies = plan_bound.bound(settings, chosen, margins)
     print_table(
         ('phase', 'begins, s', 'ends, s', 'J, N^2 s', 'range, m', '|f|, N', 'why'),
         plan_bound.rows(found, chosen),
         title=f'Plan of {chosen.name}',
     )
-    typer.echo(
-        f'{energies.duration_s:g} s: the plan needs {energies.plan:.4f} N^2 s, '
-        f'{energies.plan / energies.least:.3f} times the least in its zones '
-        f'({energies.least:.4f}, a local optimum); no flight needs less than {energies.free:.4f}'
-    )
+    typer.echo(_said(energies, KeepOut.of(settings, margins)))
     if picture is not None:
         from rpo_training.report.plan_picture import draw
 
@@ -58,8 +65,30 @@ def plan(
         typer.echo(picture)
 
 
+def _said(energies: Bound, zone: KeepOut) -> str:
+    """Return in words how a plan compares with others."""
+    lower = math.floor(energies.lower * 1e4) / 1e4  # what is printed is a bound too
+    within = f' that never come within {zone.radius_m:g} m of the target' if zone.radius_m else ''
+    if zone.slope:
+        within += f' but in the cone of {math.degrees(math.atan(zone.slope)):.1f} degrees'
+    best = 'none was found that keeps to the force of the thrusters too'
+    if math.isfinite(energies.best):
+        more = energies.plan / energies.best
+        best = f'the best found needs {energies.best:.4f}: the plan {more:.3f} times as much'
+    least = f'none needs less than {lower:.4f}'
+    if lower > 0.0:
+        more = math.ceil(energies.plan / lower * 1e3) / 1e3
+        least += f': the plan at most {more:.3f} times the least'
+    if not energies.closed:
+        least += '. The search for this bound ended early: a higher one may hold'
+    return (
+        f'{energies.duration_s:g} s: the plan needs {energies.plan:.4f} N^2 s. Of all paths with '
+        f'its begin, end and time{within},\n  {best};\n  {least}'
+    )
+
+
 def _compare(folder: Path, sample: int) -> None:
-    """Print how the flown energy of some runs compares with the least in their zones."""
+    """Print how the flown energy of some runs compares with other paths out of their zones."""
     import numpy as np
 
     from rpo_training.campaign.store import Store
@@ -72,14 +101,14 @@ def _compare(folder: Path, sample: int) -> None:
     with progress() as show:
         found = ratios(store, sample, lambda n: show('runs', n, sample))
     rows = []
-    for name in ('flown', 'plan'):
-        shares = np.array([getattr(r, name) / r.least for r in found])
+    for name, other in product(('flown', 'plan'), ('best', 'lower')):
+        shares = np.array([getattr(r, name) / getattr(r, other) for r in found])
         worst = found[int(shares.argmax())].run
         numbers = (*np.quantile(shares, (0.0, 0.5, 0.95)), shares.max())
-        within = f'{int((shares <= 1.5).sum())} / {len(shares)}'
-        rows.append((name, *(f'{x:.3f}' for x in numbers), str(worst), within))
+        over = 'best path found' if other == 'best' else 'lower bound'
+        rows.append((name, over, *(f'{x:.3f}' for x in numbers), str(worst)))
     print_table(
-        ('energy, over the least', 'least', '50 %', '95 %', 'worst', 'run', 'within 1.5'),
+        ('energy', 'over the', 'least', '50 %', '95 %', 'worst', 'run'),
         rows,
         title=f'{store.campaign.config.name}: {len(found)} of {store.campaign.config.runs} runs',
     )

@@ -1,147 +1,84 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The least energy that a plan could need: the same begin, end and time, by convex programs.
+"""The energy of a plan beside other paths of the same begin, end and time out of the same zones.
 
-Free: without zones, closed form; no flight of that time needs less. With the zones: the keep-out
-sphere is not convex. Successive convex programs replace it by half-spaces, tangent where the path
-before came closest, and hold the cone of the corridor while the plan is in it. They end at a local
-optimum near the plan (cvxpy, Clarabel).
+Others are all paths of Clohessy and Wiltshire with a force that is held for each tick, that at each
+tick keep out of the sphere or are in the cone of the corridor. Two numbers frame the least energy
+of these: a lower bound, below all of them (`branching`), and the best that a search found
+(`best_path`), which is one of them, and keeps to the force of the thrusters too.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import replace
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
+from rpo_core.kernels import cw_step
 from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
+from rpo_training.evaluation.best_path import Found, best_path
+from rpo_training.evaluation.branching import lower_bound
+from rpo_training.evaluation.bridge import Bridge
+from rpo_training.evaluation.keep_out import KeepOut
 
 Floats = NDArray[np.float64]
 
-SEGMENT_S = 2.0
-ROUNDS = 8
-_METRE, _SPEED, _NEWTON = 100.0, 1.0, 0.1  # units of the solver
+BOUND_TICKS, PATH_TICKS = 60, 150
+"""At about so many ticks the bound, and the programs of the best path, look at the zones."""
 
 
 class Bound(NamedTuple):
     """Energies [N^2 s] from the start to the end of the last leg.
 
-    plan : of the reference
-    free : least, without zones; least : with the zones, a local optimum
-    positions_m : (n, 3) path of that
+    plan : of the reference; best : of the best path found; lower : no path needs less
+    positions_m : (n, 3) of the best path found, each tick
     duration_s : of all
+    closed : whether the search for the bound came to its end
     """
 
     plan: float
-    free: float
-    least: float
+    best: float
+    lower: float
     positions_m: Floats
     duration_s: float
+    closed: bool
 
 
-def bound(settings: Guidance, scenario: Scenario) -> tuple[Checked, Bound]:
-    """Return the plan, flown without errors, and its bounds; raises InputError without solver."""
+def bound(settings: Guidance, scenario: Scenario, margins: bool = False) -> tuple[Checked, Bound]:
+    """Return the plan, flown without errors, and its bounds.
+
+    margins : whether the zones of others are those that transfers plan with
+
+    The best path has energy inf and no positions if none is found.
+    """
+    told = scenario if settings.mass_kg is None else replace(scenario, mass_kg=settings.mass_kg)
     found = nominal(settings, scenario)
     over = len(found.changes) > len(settings.legs)
     last = found.changes[len(settings.legs)].tick if over else scenario.ticks
-    hold = max(1, round(SEGMENT_S / scenario.dt_s))
-    segments = last // hold
-    states = np.array(found.references)[: segments * hold + 1 : hold]
-    states[-1] = found.references[last - 1]
-    if last < scenario.ticks:  # its last leg ends with a speed; the phase after it rests
-        states[-1, 3:] = _arrival(settings)
-    forces = np.array(found.forces)[:last]
-    energy = float((forces * forces).sum()) * scenario.dt_s
-    step = cw.discretise(scenario.mean_motion_rad_s, scenario.mass_kg, hold * scenario.dt_s)
-    problem = _Problem(settings, scenario, cw.matrices(step), states, hold * scenario.dt_s)
-    free, path = problem.solve(states, zones=False)
-    least, path = problem.solve(states, zones=True)
-    for _ in range(ROUNDS):
-        before = least
-        least, path = problem.solve(path, zones=True)
-        if abs(least - before) <= 1e-4 * before:
-            break
-    return found, Bound(energy, free, least, path[:, :3], last * scenario.dt_s)
-
-
-def _arrival(settings: Guidance) -> tuple[float, float, float]:
-    leg = settings.legs[-1]
-    if leg.kind != 'straight' or leg.to_m is None:
-        return leg.arrive_m_s
-    axis = np.array(settings.corridor.axis)
-    x, y, z = (-leg.end_speed_m_s * axis / np.linalg.norm(axis)).tolist()
-    return x, y, z
-
-
-class _Problem:
-    def __init__(
-        self,
-        settings: Guidance,
-        scenario: Scenario,
-        matrices: tuple[Floats, Floats],
-        plan: Floats,
-        seconds: float,
-    ) -> None:
-        self._settings, self._limit_n = settings, scenario.max_force_n
-        unit = np.array([_METRE] * 3 + [_SPEED] * 3)
-        self._unit, (a, b) = unit, matrices
-        self._a, self._b = a * unit / unit[:, None], b * _NEWTON / unit[:, None]
-        self._ends, self._count, self._seconds = (plan[0], plan[-1]), len(plan) - 1, seconds
-        distance = np.linalg.norm(plan[:, :3], axis=1)
-        inside = distance < settings.corridor.from_m
-        # from where the plan stays within the range of the corridor, the cone holds
-        outside = np.flatnonzero(~inside)
-        self._entered = int(outside[-1]) + 1 if len(outside) else 0
-
-    def solve(self, path: Floats, zones: bool) -> tuple[float, Floats]:
-        """Return the least energy [N^2 s] and its states, linearised about a path."""
-        try:
-            import cvxpy as cp
-        except ImportError:
-            raise InputError(
-                'a bound under zones needs cvxpy and clarabel: `make setup LAYERS=campaign`'
-            ) from None
-        x, f = cp.Variable((self._count + 1, 6)), cp.Variable((self._count, 3))
-        within: list[Any] = [
-            x[0] == self._ends[0] / self._unit,
-            x[-1] == self._ends[1] / self._unit,
-            x[1:] == x[:-1] @ self._a.T + f @ self._b.T,
-            cp.abs(f) <= self._limit_n / _NEWTON,
-        ]
-        if zones:
-            within += self._zones(cp, x, path)
-        problem = cp.Problem(cp.Minimize(cp.sum_squares(f)), within)
-        problem.solve(solver=cp.CLARABEL)
-        if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-            raise InputError(f'the solver found no bound of the plan: {problem.status}')
-        energy = float(problem.value) * _NEWTON**2 * self._seconds
-        return energy, np.asarray(x.value) * self._unit
-
-    def _zones(self, cp: Any, x: Any, path: Floats) -> list[Any]:
-        settings = self._settings
-        position = path[:, :3]
-        radius = settings.keep_out_m / _METRE
-        normals = position / np.maximum(np.linalg.norm(position, axis=1), 1e-9)[:, None]
-        before = slice(1, self._entered if settings.corridor.from_m else self._count)
-        found: list[Any] = []
-        if radius > 0.0 and before.stop > 1:
-            found.append(cp.sum(cp.multiply(normals[before], x[before, :3]), axis=1) >= radius)
-        if settings.corridor.from_m:
-            axis = np.array(settings.corridor.axis)
-            axis = axis / np.linalg.norm(axis)
-            offset = x[self._entered :, :3] - np.array(settings.port_m)[None, :] / _METRE
-            along = offset @ axis
-            across = offset - along[:, None] @ axis[None, :]
-            slope = np.tan(np.radians(settings.corridor.half_angle_deg))
-            found.append(cp.norm(across, 2, axis=1) <= along * slope + 1e-6)
-            gate = settings.corridor.from_m - float(np.linalg.norm(settings.port_m))
-            found.append(along[0] >= gate / _METRE)  # it enters at the mouth
-        return found
+    end = cw_step(found.references[last - 1], found.forces[last - 1], told.step)
+    # who was told another mass commands another force; the flight needs that of its own
+    forces = np.array(found.forces[:last]) * (scenario.mass_kg / told.mass_kg)
+    states = np.array([*found.references[:last], end])
+    zone = KeepOut.of(settings, margins)
+    coarse, fine = (
+        Bridge(states[0], states[-1], scenario.step, scenario.dt_s, last, -(-last // ticks))
+        for ticks in (BOUND_TICKS, PATH_TICKS)
+    )
+    lower = lower_bound(coarse, zone)
+    seen = np.vstack([states[0, :3], lower.path, states[-1, :3]])
+    ticks = [0, *coarse.ticks.tolist(), last]
+    guess = np.column_stack([np.interp(fine.ticks, ticks, axis) for axis in seen.T])
+    plan = Found(fine.energy(forces), states, forces)
+    others = [best_path(fine, zone, guess, scenario.max_force_n), plan]
+    known = [path for path in others if path and path.keeps(zone, scenario.max_force_n)]
+    best = min(known, key=lambda path: path.energy, default=Found(inf, np.empty((0, 6)), forces))
+    energies = (plan.energy, best.energy, lower.energy, best.states[:, :3])
+    return found, Bound(*energies, last * scenario.dt_s, lower.closed)
 
 
 def rows(found: Checked, scenario: Scenario) -> list[tuple[str, ...]]:

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The energy that the runs of a campaign flew, beside the least in their zones."""
+"""The energy that the runs of a campaign flew, beside other paths out of their zones."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from rpo_training.evaluation import plan_bound
 
 
 class Ratio(NamedTuple):
-    """Energies of one run [N^2 s]: flown, of its plan, and the least in its zones."""
+    """Energies of one run [N^2 s]: flown, of its plan, of the best path found, lower bound."""
 
     run: int
     flown: float
     plan: float
-    least: float
+    best: float
+    lower: float
 
 
 def ratios(store: Store, sample: int, advance: Callable[[int], None]) -> list[Ratio]:
@@ -38,7 +39,8 @@ def ratios(store: Store, sample: int, advance: Callable[[int], None]) -> list[Ra
     found = []
     for done, run in enumerate(np.linspace(0, runs - 1, min(sample, runs)).round().astype(int)):
         scenario = scenario_of(campaign, int(run))
-        _, energies = plan_bound.bound(scenario.section(Guidance) or settings, scenario)
-        found.append(Ratio(int(run), float(flown[run]), energies.plan, energies.least))
+        own = scenario.section(Guidance) or settings
+        _, energies = plan_bound.bound(own, scenario)
+        found.append(Ratio(int(run), float(flown[run]), *energies[:3]))
         advance(done + 1)
     return found

@@ -26,7 +26,7 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
             draw_zones(axes, Drawn([settings.zones(None)]), across)
             axes.plot(
                 bound.positions_m[:, 1], bound.positions_m[:, across], '--',
-                color=style.LIGHT['y'], label='least energy in the zones',
+                color=style.LIGHT['y'], label='best path found',
             )  # fmt: skip
             axes.plot(states[:, 1], states[:, across], color=style.LIGHT['ink'], label='plan')
             for change in found.changes:
@@ -34,5 +34,5 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
             axes.set(xlabel='y, V-bar [m]', ylabel=label)
             axes.set_aspect('equal', adjustable='datalim')
         left.legend(loc='best')
-        figure.suptitle(f'J = {bound.plan:.3f} N²s; least in the zones {bound.least:.3f} N²s')
+        figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
         figure.savefig(path)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import kernel
+from rpo_core.jit import COMPILED, as_table, kernel
 from rpo_core.kernels import CwStep, State, cw_step
 
 Floats = NDArray[np.float64]
@@ -78,22 +78,18 @@ def rows_of(reach: Floats, burn: int, when: Any, normals: Floats, rows: Floats) 
     count = len(reach)
     rows[:] = 0.0
     for k in range(count):
-        if burn <= k < count - burn:
-            continue
         for axis in range(3):
             for i in range(6):
                 rows[i, k, axis] = reach[count - 1 - k, i, axis]
-            for j in range(len(when)):
-                total = 0.0
-                if k < when[j]:
-                    for i in range(3):
-                        total += normals[j, i] * reach[when[j] - 1 - k, i, axis]
-                rows[6 + j, k, axis] = total
+    for j in range(len(when)):
+        moved, n = reach[: when[j]][::-1], normals[j]
+        rows[6 + j, : when[j]] = n[0] * moved[:, 0] + n[1] * moved[:, 1] + n[2] * moved[:, 2]
+    if burn < count - burn:
+        rows[:, burn : count - burn] = 0.0
 
 
 @kernel
-def products_of(rows: Floats, products: Floats) -> None:
-    """Fill products (m, m) = rows rows', summed in one order."""
+def _each_product(rows: Floats, products: Floats) -> None:
     for i in range(len(rows)):
         for j in range(i + 1):
             total = 0.0
@@ -102,6 +98,16 @@ def products_of(rows: Floats, products: Floats) -> None:
                     total += rows[i, k, axis] * rows[j, k, axis]
             products[i, j] = total
             products[j, i] = total
+
+
+def products_of(rows: Floats, products: Floats) -> None:
+    """Fill products (m, m) = rows rows', summed in one order; interpreted, all of them at once."""
+    if COMPILED:
+        _each_product(rows, products)
+        return
+    products[:] = 0.0
+    for column in rows.reshape(len(rows), -1).T:
+        products += column[:, None] * column
 
 
 @kernel
@@ -113,64 +119,79 @@ def eliminate(m: Floats) -> None:
     for i in range(6):
         for row in range(i + 1, len(m)):
             factor = m[row, i] / m[i, i]
-            for column in range(i, m.shape[1]):
-                m[row, column] -= factor * m[i, column]
+            m[row, i:] -= factor * m[i, i:]
 
 
 @kernel
-def hildreth(m: Floats, multipliers: Floats) -> None:
-    """Find multipliers (p,) >= 0 of S mu >= h, S and h the lower right of m (6 + p, 6 + p + 1)."""
+def hildreth(m: Any, multipliers: Any) -> None:
+    """Find multipliers (p,) >= 0 of S mu >= h, S and h the columns of m (p, p + 1)."""
     count = len(multipliers)
+    positive = [k for k in range(count) if multipliers[k] > 0.0]
     for _ in range(SWEEPS):
         largest, change = 0.0, 0.0
         for j in range(count):
-            total = m[6 + j, 6 + count]
-            for k in range(count):
-                total -= m[6 + j, 6 + k] * multipliers[k]
-            new = multipliers[j] + total / m[6 + j, 6 + j]
+            row, old = m[j], multipliers[j]
+            total = row[count]
+            for k in positive:
+                total -= row[k] * multipliers[k]
+            new = old + total / row[j]
             new = new if new > 0.0 else 0.0
-            difference = abs(new - multipliers[j])
+            difference = abs(new - old)
             change = difference if difference > change else change
             largest = new if new > largest else largest
             multipliers[j] = new
+            if (new > 0.0) != (old > 0.0):
+                positive = [k for k in range(count) if multipliers[k] > 0.0]
         if change <= SETTLED * largest:
             return
 
 
 @kernel
-def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
-    """Fill the forces (n, 3) of least energy: six equations, then inequalities, of rows (m, n, 3).
+def scaled(m: Floats, wanted: Floats, scale: Floats) -> None:
+    """Scale the equations m (p, p + 1) to a diagonal of 1, by factors (p,); fill their right sides.
 
-    wanted : (m,) right sides
+    wanted : (p,) right sides before
     """
-    size = len(rows)
-    count = size - 6
-    m = np.empty((size, size + 1))
-    products_of(rows, m[:, :size])
-    scale = np.empty(size)
+    size = len(m)
     for i in range(size):
         scale[i] = 1.0 / sqrt(m[i, i])
     for i in range(size):
         for j in range(size):
             m[i, j] *= scale[i] * scale[j]
         m[i, size] = wanted[i] * scale[i]
-    eliminate(m)
-    multipliers = np.zeros(count)
-    hildreth(m, multipliers)
-    solution = np.empty(size)
-    for j in range(count):
-        solution[6 + j] = multipliers[j]
+
+
+@kernel
+def forces_of(rows: Floats, m: Floats, scale: Floats, solution: Floats, forces: Floats) -> None:
+    """Solve the first six equations of m for their unknowns, and fill the forces (n, 3) of all.
+
+    solution : (p,), of which the multipliers are there
+    """
+    size = len(m)
     for i in range(5, -1, -1):
         total = m[i, size]
         for j in range(i + 1, size):
             total -= m[i, j] * solution[j]
         solution[i] = total / m[i, i]
-    for k in range(len(forces)):
-        for axis in range(3):
-            total = 0.0
-            for i in range(size):
-                total += solution[i] * scale[i] * rows[i, k, axis]
-            forces[k, axis] = total
+    forces[:] = 0.0
+    for i in range(size):
+        forces += solution[i] * scale[i] * rows[i]
+
+
+def optimum(rows: Floats, wanted: Floats, forces: Floats) -> None:
+    """Fill the forces (n, 3) of least energy: six equations, then inequalities, of rows (m, n, 3).
+
+    wanted : (m,) right sides
+    """
+    size = len(rows)
+    m, scale, solution = np.empty((size, size + 1)), np.empty(size), np.empty(size)
+    products_of(rows, m[:, :size])
+    scaled(m, wanted, scale)
+    eliminate(m)
+    multipliers = as_table(np.zeros(size - 6))
+    hildreth(as_table(m[6:, 6:]), multipliers)
+    solution[6:] = multipliers
+    forces_of(rows, m, scale, solution, forces)
 
 
 @kernel
