@@ -33,7 +33,7 @@ def test_a_world_flies_the_bits_of_the_core(ros, world, more):
     changes = ['duration_s=20.0', *more]
     changed = [word for change in changes for word in ('--set', change)]
     short = [*changed, '--controller', 'pd', '--output', str(output)]
-    node = ros.node('rpo_bringup', 'final_approach', '--scenario', world, *short)
+    node = ros.node('rpo_bringup', 'final_approach', '--no-fail', '--scenario', world, *short)
     assert node.wait() == 0, node.output
     verified = verify(output)
     assert verified.exit_code == 0, verified.sentence()

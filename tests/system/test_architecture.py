@@ -48,7 +48,7 @@ MAY_IMPORT = {
         'rpo_ctrl',
         'rpo_log',
     },
-    'tools': {'rpo_core', 'rpo_ros', 'rpo_log'},
+    'tools': {'rpo_core', 'rpo_ros', 'rpo_log', 'rpo_training'},
 }
 ROS_FREE = {'rpo_core', 'rpo_guidance', 'rpo_log', 'rpo_nav', 'rpo_safety', 'rpo_training'}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed

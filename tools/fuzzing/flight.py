@@ -43,7 +43,7 @@ _CASE_S = 0.06
 _END_S = 90.0
 _TABLE = ('range_m', 'closing_excess_m_s', 'intervention')
 _ASSURANCE = {
-    'keep_out_m': 10.0, 'position_error_m': 0.5, 'velocity_error_m_s': 0.05, 'disturbance_n': 0.05,
+    'keep_out_m': 10.0, 'position_error_m': 0.5, 'velocity_error_m_s': 0.02, 'disturbance_n': 0.05,
     'thrust_error': 0.1,
 }  # fmt: skip
 _SHOWN = 2000

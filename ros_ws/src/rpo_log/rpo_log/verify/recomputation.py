@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from rpo_core import interfaces
 from rpo_core.stage import WITHOUT_COMMAND, Stage
 from rpo_log import events
-from rpo_log.read.decode import Event
+from rpo_log.errors import LogError
+from rpo_log.read.decode import Event, TickBlock
 
 Floats = NDArray[np.float64]
 
@@ -234,3 +235,20 @@ def _same(made: Sequence[Floats], logged: Sequence[Floats], row: np.intp) -> boo
     return all(
         np.isnan(given[row]).any() or (mine[row] == given[row]).all() for mine, given in pairs
     )
+
+
+def events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:
+    """Yield blocks, each when the events of the one after it are known: an event may come late."""
+    before: TickBlock | None = None
+    try:
+        for block in blocks:
+            states.take(block.events)
+            if before is not None:
+                yield before
+            before = block
+    except LogError:
+        if before is not None:
+            yield before
+        raise
+    if before is not None:
+        yield before

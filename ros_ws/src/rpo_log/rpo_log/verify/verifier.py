@@ -20,7 +20,7 @@ The first difference ends it. Logs of any length are verified in bounded memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +55,7 @@ from rpo_log.verify.digests import Digests
 from rpo_log.verify.evidence import Evidence
 from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
 from rpo_log.verify.previous import PreviousSignals
-from rpo_log.verify.recomputation import Floats, Recomputation, StageStates
+from rpo_log.verify.recomputation import Floats, Recomputation, StageStates, events_ahead
 from rpo_log.verify.statuses import Statuses
 from rpo_log.verify.told import Told
 from rpo_log.verify.verification import Verification
@@ -366,7 +366,7 @@ def _verification(path: str | Path, trusted: Path | None) -> Verification:
     reader = RunReader(path)
     verifier, evidence = _Verifier(reader), Evidence(reader)
     completeness = Completeness(reader)
-    for block in _events_ahead(reader.blocks(), verifier.states):
+    for block in events_ahead(reader.blocks(), verifier.states):
         completeness.add(block)
         difference = verifier.first_difference(block)
         if difference is not None:
@@ -393,20 +393,3 @@ def _verification(path: str | Path, trusted: Path | None) -> Verification:
     return evidence.verification(
         completeness.last + 1, gaps, verifier.free, verifier.names, verifier.controllers.shares
     )
-
-
-def _events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[TickBlock]:
-    """Yield blocks, each when the events of the one after it are known: an event may come late."""
-    before: TickBlock | None = None
-    try:
-        for block in blocks:
-            states.take(block.events)
-            if before is not None:
-                yield before
-            before = block
-    except LogError:
-        if before is not None:
-            yield before
-        raise
-    if before is not None:
-        yield before
