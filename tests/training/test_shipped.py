@@ -159,8 +159,9 @@ def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize('name', SHIPPED)
+@pytest.mark.parametrize('name', [name for name in SHIPPED if name != 'trained'])
 def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
+    """Not `trained`: a search of before the pin made it, as docs/training.md says."""
     shipped = load_controller(name)
     trained = repeated(shipped.provenance['command'], tmp_path / name, limit_s=1700)
     assert trained.provenance['arithmetic']['pinned'] is True

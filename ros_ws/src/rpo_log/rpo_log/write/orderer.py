@@ -19,11 +19,10 @@ A tick with several different messages of one topic, or with a message that came
 waits `reach` ticks: what follows shows which message acted (`judge`). The others are ignored. From
 then on (`wary`), a state leads only once it follows from the one before it.
 
-Events are rare, and are not waited for; only the first run_status is, before tick 1. An
-event whose tick is written already is passed on by itself with the last tick written: none is lost.
-A topic that the plant has dropped (`drop`) is neither waited for nor missing.
-
-The wall clock has no part in it.
+Events are rare, and are not waited for; only the first run_status is, before tick 1. An event
+whose tick is written already is passed on by itself with the last tick written: none is lost. A
+topic that the plant has dropped (`drop`) is neither waited for nor missing. The wall clock has no
+part in it.
 """
 
 from __future__ import annotations
@@ -52,8 +51,7 @@ from rpo_log.write.tick_messages import (
 class TickOrderer:
     """Orders the messages of topics with one message a tick; topic i is the i-th of a tick.
 
-    width : number of topics
-    events : indices of the event topics
+    width : number of topics; events : indices of the event topics
     awaited : index of the event topic whose first message is waited for; None: of none
     release : called with (tick, [(index, message), ...]) in the order of ticks. A second call with
         the same tick brings an event alone.
