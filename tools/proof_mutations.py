@@ -40,16 +40,8 @@ Arrays = dict[str, NDArray[Any]]
 NUMBERS = (0.0, -0.0, 1e-300, 1e300, float('inf'), -float('inf'), float('nan'), 1.0, -1.0, 1e9)
 SHARES = (-1.0, 0.0, 0.5, 0.9, 1.0 - 1e-9, 1.0 + 1e-9, 1.1, 2.0, 1e3, 20.0)
 WORDS = (
-    'proven',
-    'refuted',
-    'undecided',
-    'allround',
-    'robust',
-    'paper_test',
-    'mm',
-    'km',
-    'for ever',
-)
+    'proven', 'refuted', 'undecided', 'allround', 'robust', 'paper_test', 'mm', 'km', 'for ever',
+)  # fmt: skip
 VERSIONS = 'versions.yaml'
 LARGE = 1 << 22
 """A file that is larger is not taken apart."""
