@@ -45,13 +45,22 @@ REQUIRED = {
     statuses.RecorderStatus: ('recorder', 'run', 'reason'),
     statuses.Manifest: ('role',),
 }
-NO_TICKS = ('soon', '', '-1', '1.5', '+5', ' 5', '5 ', '1_000', '0x10', '٣', '²', '007', '9' * 5000)
-NO_FIGURES = ('soon', '', '-1.0', 'nan', 'inf', '1_0.0', ' 1.0', '1e999', '9' * 5000)
+NO_TICKS = ('soon', '', '-1', '1.5', '+5', ' 5', '5 ', '1_000', '0x10', '٣', '²', '007', '9' * 3000)
+NO_FIGURES = ('soon', '', '-1.0', 'nan', 'inf', '1_0.0', ' 1.0', '1e999', '9' * 3000)
 
 
 def changed(status: Status, **values: str) -> Status:
     """Return a status with some values changed, or added."""
     return status._replace(values=tuple({**dict(status.values), **values}.items()))
+
+
+@pytest.mark.parametrize('reader', [r for r in WHOLE if r is not statuses.Manifest])
+def test_a_text_that_would_fill_a_log_is_refused(reader):
+    for field in ('message', 'name'):
+        with pytest.raises(InputError, match='at most 4000 characters; got 200000'):
+            reader.of(WHOLE[reader]._replace(**{field: 'a' * 200_000}))
+    with pytest.raises(InputError, match="'reason' must have at most 4000 characters"):
+        reader.of(changed(WHOLE[reader], reason='a' * 200_000))
 
 
 def test_what_is_whole_is_taken():
@@ -116,7 +125,7 @@ def test_a_figure_of_a_run_is_a_number(wrong):
         (STAGE._replace(name=''), '`name` must be a text'),
         (changed(ASSURANCE, mode='shut'), '`mode` must be one of open'),
         (changed(ASSURANCE, margin_m='wide'), '`margin_m` must be a number'),
-        (changed(RECORDER, next_tick='9' * 5000), '`next_tick` must be a whole number'),
+        (changed(RECORDER, next_tick='9' * 3000), '`next_tick` must be a whole number'),
         (changed(RECORDER, recorder=''), '`recorder` must be a text'),
         (RECORDER._replace(message='shut'), '`message` must be one of waiting'),
         (changed(MANIFEST, role=' '), '`role` must be a text'),

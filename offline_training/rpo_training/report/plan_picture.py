@@ -11,6 +11,7 @@ import numpy as np
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_log.show import style
+from rpo_training import outputs
 from rpo_training.evaluation.plan_bound import Bound
 from rpo_training.report.run_plots import Drawn, draw_zones
 
@@ -35,4 +36,6 @@ def draw(found: Checked, bound: Bound, settings: Guidance, path: Path) -> None:
             axes.set_aspect('equal', adjustable='datalim')
         left.legend(loc='best')
         figure.suptitle(f'J = {bound.plan:.3f} N²s; best path found {bound.best:.3f} N²s')
-        figure.savefig(path)
+        with outputs.writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            figure.savefig(path)

@@ -31,6 +31,9 @@ REFUSED = 'refused'
 RECORDER_WAITS, READY, CLOSED, FAILED = 'waiting', 'ready', 'closed', 'failed'
 """What a recorder says of itself."""
 
+MOST_CHARACTERS = 4000
+"""Of one text of a status; only a manifest holds more, which are files."""
+
 _RUN_FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
 _MODES = ('open', 'approach', 'contact')
 _TICK = re.compile('0|[1-9][0-9]{0,17}')
@@ -51,6 +54,19 @@ def once(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
             raise InputError(f'{shown(key)} must come once; it comes twice')
         values[key] = value
     return values
+
+
+def _values(status: Status) -> dict[str, str]:
+    """Return values by key; raises InputError for a key that comes twice, or for a long text.
+
+    A log holds whole statuses: a reader refuses a chunk that grows a thousandfold.
+    """
+    for name, found in (*status.values, ('message', status.message), ('name', status.name)):
+        if len(found) > MOST_CHARACTERS or len(name) > MOST_CHARACTERS:
+            raise InputError(
+                f'{shown(name)} must have at most {MOST_CHARACTERS} characters; got {len(found)}'
+            )
+    return once(status.values)
 
 
 def _given(values: Mapping[str, str], name: str) -> str:
@@ -117,7 +133,7 @@ class RunStatus:
     @classmethod
     def of(cls, status: Status) -> RunStatus:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
+        values = _values(status)
         phase = choice('phase', _given(values, 'phase'), LEVELS)
         if status.level not in LEVELS[phase]:
             levels = ' or '.join(map(str, LEVELS[phase]))
@@ -158,7 +174,7 @@ class StageStatus:
     @classmethod
     def of(cls, status: Status) -> StageStatus:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
+        values = _values(status)
         stage, state = (text(name, _given(values, name)) for name in ('stage', 'state'))
         node = text('name', status.name)
         return cls(node, stage, state, _tick(values), printable(_given(values, 'reason')))
@@ -176,7 +192,7 @@ class GuidanceStatus:
     @classmethod
     def of(cls, status: Status) -> GuidanceStatus:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
+        values = _values(status)
         phase = text('phase', _given(values, 'phase'))
         return cls(phase, _tick(values), printable(_given(values, 'reason')))
 
@@ -200,7 +216,7 @@ class AssuranceStatus:
     @classmethod
     def of(cls, status: Status) -> AssuranceStatus:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
+        values = _values(status)
         for name in (f'{moment}_n.{axis}' for moment in ('before', 'after') for axis in 'xyz'):
             _number(values, name)
         constraint = _given(values, 'constraint')
@@ -233,7 +249,7 @@ class RecorderStatus:
     @classmethod
     def of(cls, status: Status) -> RecorderStatus:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
+        values = _values(status)
         says = choice('message', status.message, (RECORDER_WAITS, READY, CLOSED, FAILED))
         run = _given(values, 'run')
         return cls(
