@@ -41,7 +41,7 @@ from rpo_core.validation import InputError
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address
-from rpo_view.live import LiveRun
+from rpo_view.live import Effort, LiveRun
 from rpo_view.local import refusal
 from rpo_view.trail import Trail
 from rpo_view.visualizer_node import VisualizerNode, transform_of
@@ -584,3 +584,10 @@ def test_rviz_and_foxglove_look_at_topics_that_are_there():
 
     walk(layout['layout'])
     assert sorted(placed) == sorted(panels)
+
+
+def test_a_time_that_goes_back_takes_no_impulse_away():
+    effort = Effort()
+    for time_s in (0.0, 1.0, -1e300, -1e300 + 1.0, 2.0):
+        effort.add(time_s, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+    assert effort.known and effort.impulse_n_s >= 0.5

@@ -220,7 +220,8 @@ class StageNode(FlightNode):
         for read in reads:
             if self._source(read) == name:
                 part = values[width:] if interfaces.row_of(read).rides else values[:width]
-                self._take(read, stamp_ns, part)
+                if part:  # what came before the scenario may lack the rider: it is sent again
+                    self._take(read, stamp_ns, part)
 
     def _take(self, read: str, stamp_ns: int, values: Signal) -> None:
         """Take one of several inputs; answer if all of its tick are there."""

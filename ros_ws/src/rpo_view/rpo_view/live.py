@@ -88,7 +88,7 @@ class Effort:
 
     def add(self, time_s: float, error_m: Vector, force_n: Vector | None) -> None:
         """Take the position from the goal at a time, and the force since the time before."""
-        if self._last_s is not None and force_n is not None:
+        if self._last_s is not None and force_n is not None and time_s > self._last_s:
             self.impulse_n_s += sum(map(abs, force_n)) * (time_s - self._last_s)
             self.seconds += time_s - self._last_s
         self._last_s = time_s

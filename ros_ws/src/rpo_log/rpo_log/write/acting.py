@@ -69,7 +69,13 @@ class Acting:
             return self._consistent(index, tick - 1, candidates)
         if signal in map(self._source, self._inputs) and self.tells_states:
             return self._consistent(index, tick + self._late(signal), candidates)
-        return None
+        return self._only_plain(index, candidates(index, tick))
+
+    def _only_plain(self, index: int, found: Sequence[bytes]) -> bytes | None:
+        """Return the one message that holds its numbers and nothing else, as nodes publish it."""
+        row = self._topics[index].row
+        plain = [data for data in found if not _holds_more(row, data)]
+        return plain[0] if len(plain) == 1 else None
 
     def _source(self, name: str) -> str:
         """Return the topic that carries an input of the plant as it acted."""
