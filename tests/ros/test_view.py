@@ -185,7 +185,9 @@ def test_foreign_texts_are_shown_as_texts():
     run.on_manifest(manifest('controller', HOSTILE))
     with pytest.raises(InputError):
         status(phase=HOSTILE)
-    run.on_status(status(reason=HOSTILE))
+    with pytest.raises(InputError):
+        status(reason=HOSTILE)
+    run.on_status(status(reason=HOSTILE[:3000]))
     run.on_decision('x', HOSTILE, {f'rule.{HOSTILE}.{i}.Z': '0.5' for i in range(1000)})
     run.on_decision(HOSTILE, 'an axis that is none', {})
     console = Console(width=110, record=True, file=open('/dev/null', 'w'))  # noqa: SIM115

@@ -62,7 +62,8 @@ class Acting:
             start = tuple(map(float, self._scenario.start))
             return self._like(signal, candidates(index, 0), [start])
         if signal in self._before.outputs:
-            return self._navigated(index, tick, candidates)
+            made = self._navigated(index, tick, candidates)
+            return made or self._only_plain(index, candidates(index, tick))
         if signal in self._inputs and self._free:
             return self._applied(index, tick, candidates)
         if signal == RELATIVE_STATE:
