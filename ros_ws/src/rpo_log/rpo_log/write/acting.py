@@ -75,6 +75,8 @@ class Acting:
     def _only_plain(self, index: int, found: Sequence[bytes]) -> bytes | None:
         """Return the one message that holds its numbers and nothing else, as nodes publish it."""
         row = self._topics[index].row
+        if row.rider:  # its message has a covariance too
+            return None
         plain = [data for data in found if not _holds_more(row, data)]
         return plain[0] if len(plain) == 1 else None
 
