@@ -73,12 +73,11 @@ class PlantScenario:
             return
         text, mode = (manifest.values.get(key, '') for key in (SCENARIO_FILE, _MODE))
         run, now_s = manifest.run, time.monotonic()
-        second = self._run not in ('', run) and now_s - self._heard_s < ANEW_S
-        if second and text != self._text:
-            return
-        found = None
-        if (text, mode) != (self._text, self._mode):
-            found = _flown(text, mode)
+        other = (text, mode) != (self._text, self._mode)
+        heard = self._run != '' and now_s - self._heard_s < ANEW_S
+        if other and (heard or self._run == run != ''):
+            return  # while a plant is there, and within a run, neither changes
+        found = _flown(text, mode) if other else None
         self._run, self._heard_s = run, now_s
         if found is None:
             return
