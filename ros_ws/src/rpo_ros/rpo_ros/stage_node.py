@@ -212,12 +212,11 @@ class StageNode(FlightNode):
             else:
                 self._wait_for_scenario(name, stamp_ns, values)
             return
-        reads = self._reads
-        if reads == (name,):
+        if self._reads == (name,):
             self._ask(stamp_ns, {name: values})
             return
         width = len(interfaces.row_of(name).columns)
-        for read in reads:
+        for read in self._reads:
             if self._source(read) == name:
                 part = values[width:] if interfaces.row_of(read).rides else values[:width]
                 if part:  # what came before the scenario may lack the rider: it is sent again
