@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import multiprocessing
 import random
 import resource
 import shutil
@@ -37,6 +36,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ from rpo_training.proof.claims import Claim, values_of
 from rpo_training.proof.folder import TEXTS, Folder
 from rpo_training.proof.premises import origins, range_of, title_of
 from rpo_training.proof.problem import Problem, Settings
-from tools.mutate_runs import MOST_BYTES, MOST_S, failures
+from tools.mutate_runs import MOST_BYTES, MOST_S, add_options, judge_all
 from tools.proof_mutations import mutate
 
 KINDS = ('together', 'apart')
@@ -258,8 +258,8 @@ def run_cases(kinds: tuple[str, ...], seed: int, first: int, last: int) -> Count
     return found
 
 
-def _work(arguments: tuple[tuple[str, ...], int, int, int]) -> Counter[tuple[str, str]]:
-    return run_cases(*arguments)
+def _work(kinds: tuple[str, ...], seed: int, part: tuple[int, int]) -> Counter[tuple[str, str]]:
+    return run_cases(kinds, seed, *part)
 
 
 def main() -> int:
@@ -267,32 +267,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument('--cases', type=int, default=1000)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--first', type=int, default=0, help='number of the first case')
+    add_options(parser)
     parser.add_argument('--kind', choices=KINDS, action='append', help='may be repeated  [both]')
-    parser.add_argument('--workers', type=int, default=1, help='processes')
     options = parser.parse_args()
-    begun, size = time.monotonic(), 500
-    end = options.first + options.cases
-    kinds = tuple(options.kind or KINDS)
-    parts = [
-        (kinds, options.seed, first, min(first + size, end))
-        for first in range(options.first, end, size)
-    ]
-    found: Counter[tuple[str, str]] = Counter()
-    with multiprocessing.Pool(options.workers) as pool:
-        for part in pool.imap(_work, parts):
-            found += part
-            print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
-                  f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip
-    outcomes: Counter[str] = Counter()
-    for (outcome, _), count in found.items():
-        outcomes[outcome] += count
-    for outcome, count in outcomes.most_common():
-        print(f'{count:8d}  {outcome}')
-    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
-    return 1 if failures(found) else 0
+    work = partial(_work, tuple(options.kind or KINDS), options.seed)
+    return judge_all(work, options, size=500)
 
 
 if __name__ == '__main__':

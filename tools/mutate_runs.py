@@ -28,8 +28,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,9 @@ from tools.mutations import Parts, mutate
 
 MOST_S = 10.0
 MOST_BYTES = 1 << 30
+
+Work = Callable[[tuple[int, int]], Counter[tuple[str, str]]]
+"""Judges the cases from a first to before a last; returns how often each outcome came."""
 
 _WORDS = {ExitCode.DIFFERENT: 'different', ExitCode.INCOMPLETE: 'incomplete'}
 _ATTEMPTS = 100
@@ -225,8 +229,41 @@ def failures(found: Counter[tuple[str, str]]) -> int:
     return sum(count for (outcome, _), count in found.items() if outcome.split()[0].isupper())
 
 
-def _work(arguments: tuple[Path, int, int, int, bool, Path | None]) -> Counter[tuple[str, str]]:
-    return run_cases(*arguments)
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a bench: which cases, and on how many processes."""
+    parser.add_argument('--cases', type=int, default=1000)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--first', type=int, default=0, help='number of the first case')
+    parser.add_argument('--workers', type=int, default=1, help='processes')
+
+
+def judge_all(work: Work, options: argparse.Namespace, size: int) -> int:
+    """Judge the cases of a bench, print what came out; return its exit code.
+
+    work : gets the first case of a part and the one behind its last
+    size : cases of a part, each a task of a process
+    """
+    begun, end = time.monotonic(), options.first + options.cases
+    parts = [(first, min(first + size, end)) for first in range(options.first, end, size)]
+    found: Counter[tuple[str, str]] = Counter()
+    with multiprocessing.Pool(options.workers) as pool:
+        for part in pool.imap(work, parts):
+            found += part
+            print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
+                  f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip
+    outcomes: Counter[str] = Counter()
+    for (outcome, _), count in found.items():
+        outcomes[outcome] += count
+    for outcome, count in outcomes.most_common():
+        print(f'{count:8d}  {outcome}')
+    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
+    return 1 if failures(found) else 0
+
+
+def _work(
+    run: Path, seed: int, signed: bool, other: Path | None, part: tuple[int, int]
+) -> Counter[tuple[str, str]]:
+    return run_cases(run, seed, *part, signed, other)
 
 
 def main() -> int:
@@ -235,40 +272,12 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument('run', type=Path, help='run folder that verifies')
-    parser.add_argument('--cases', type=int, default=1000)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--first', type=int, default=0, help='number of the first case')
+    add_options(parser)
     parser.add_argument('--signed', action='store_true', help='sign the run; each case is a lie')
     parser.add_argument('--other', type=Path, help='run folder from which lies take files')
-    parser.add_argument('--workers', type=int, default=1, help='processes')
     options = parser.parse_args()
-    begun = time.monotonic()
-    size = 250
-    parts = [
-        (
-            options.run,
-            options.seed,
-            first,
-            min(first + size, options.first + options.cases),
-            options.signed,
-            options.other,
-        )
-        for first in range(options.first, options.first + options.cases, size)
-    ]
-    found: Counter[tuple[str, str]] = Counter()
-    with multiprocessing.Pool(options.workers) as pool:
-        for done, part in enumerate(pool.imap(_work, parts), 1):
-            found += part
-            print(f'{min(done * size, options.cases)} of {options.cases} cases, '
-                  f'{failures(found)} failures, {time.monotonic() - begun:.0f} s',
-                  file=sys.stderr, flush=True)  # fmt: skip
-    outcomes: Counter[str] = Counter()
-    for (outcome, _), count in found.items():
-        outcomes[outcome] += count
-    for outcome, count in outcomes.most_common():
-        print(f'{count:8d}  {outcome}')
-    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
-    return 1 if failures(found) else 0
+    work = partial(_work, options.run, options.seed, options.signed, options.other)
+    return judge_all(work, options, size=250)
 
 
 if __name__ == '__main__':

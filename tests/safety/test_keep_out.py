@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from vehicles import attack_vehicles
 
 from rpo_core import scenario, stage
 from rpo_core.disturbance import Disturbance
@@ -21,7 +22,7 @@ from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance, Corridor
 from rpo_sim.plant import Plant
-from rpo_training.safety import attack, hostile, vehicles
+from rpo_training.safety import attack, hostile
 
 PAPER = scenario.load_scenario('paper_test')
 DRIFT = {
@@ -75,7 +76,7 @@ def test_a_domain_that_cannot_be_kept_is_refused():
 
 def test_vehicles_that_are_not_refused_keep_all_limits():
     """Weak thrusters, small domains, large errors, every kind of hostile command."""
-    found = vehicles.attack_vehicles(120, 5, 300, LIMITS)
+    found = attack_vehicles(120, 5, 300, LIMITS)
     assert found.accepted > 15 and found.runs == found.accepted * len(hostile.KINDS)
     assert found.broken == []
 

@@ -29,7 +29,8 @@ from rpo_training.proof.claims import values_of
 from rpo_training.proof.folder import TEXTS, Folder
 from rpo_training.proof.problem import Problem, Settings
 from rpo_training.report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, Case, failures, proof_of, run_cases
+from tools.mutate_proofs import KINDS, SAMPLE, Case, proof_of, run_cases
+from tools.mutate_runs import failures
 
 
 @pytest.fixture(scope='module')

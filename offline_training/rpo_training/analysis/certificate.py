@@ -29,6 +29,14 @@ from rpo_training.analysis.surface import Boxes, Enclosure, Floats
 
 PROVEN, REFUTED, UNDECIDED = 'proven', 'refuted', 'undecided'
 
+
+def verdict_of(limit: float, bound: float, found: float) -> str:
+    """Return the verdict of a limit: no value exceeds `bound`, and `found` is one of them."""
+    if found > limit:
+        return REFUTED
+    return PROVEN if bound <= limit else UNDECIDED
+
+
 MAX_FALL = 0.1
 """Share of full output that the force may fall as an error grows, by default.
 

@@ -287,19 +287,9 @@ def _print(
     """Print what was computed in this call."""
     from rpo_training.display import print_table
     from rpo_training.proof.claims import unknown
-    from rpo_training.proof.premises import lower, number, range_of, title_of, upper
+    from rpo_training.proof.premises import cells_of, lower, range_of, title_of, upper
 
-    rows = [
-        (
-            claim.statement,
-            f'{number(claim.limit)} {claim.unit}',
-            upper(claim.bound),
-            lower(claim.found) if claim.start else '',
-            str(claim.open_cells),
-            claim.verdict,
-        )
-        for claim in claims
-    ]
+    rows = [cells_of(claim) for claim in claims]
     whole = checked is None or checked.whole
     verdict = '' if whole else 'if the cells that were not drawn are right'
     columns = 'claim', 'limit', 'proven', 'flown', 'open cells', verdict

@@ -19,7 +19,7 @@ from rpo_core import codec, files
 from rpo_core import controller as controllers
 from rpo_core.controller import FuzzyController
 from rpo_core.validation import InputError, mapping, shown
-from rpo_training.analysis.certificate import PROVEN, REFUTED
+from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_training.outputs import digest_of
 from rpo_training.search.conditions import PAPER, label
 
@@ -51,9 +51,8 @@ class ProvenClaim:
     @property
     def verdict(self) -> str:
         """What the numbers say."""
-        if self.found > self.limit:
-            return REFUTED
-        return PROVEN if self.bound <= self.limit else OPEN
+        found = verdict_of(self.limit, self.bound, self.found)
+        return OPEN if found == UNDECIDED else found
 
 
 @dataclass(frozen=True)

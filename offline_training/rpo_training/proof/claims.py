@@ -16,7 +16,7 @@ from rpo_core import metrics, verdicts
 from rpo_core.flight import Flight
 from rpo_core.requirements import Requirements
 from rpo_core.validation import InputError
-from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED
+from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_training.proof.cells import Found
 from rpo_training.proof.problem import HOLD, Problem
 from rpo_training.proof.sets import Rest
@@ -52,9 +52,7 @@ class Claim:
     @property
     def verdict(self) -> str:
         """`PROVEN`, `REFUTED` or `UNDECIDED`."""
-        if self.found > self.limit:
-            return REFUTED
-        return PROVEN if self.bound <= self.limit else UNDECIDED
+        return verdict_of(self.limit, self.bound, self.found)
 
 
 def main(groups: Groups) -> Found:

@@ -11,6 +11,7 @@ from rpo_core import controller as controllers
 from rpo_core import files, scenario
 from rpo_core.scenario import ScenarioSet
 from rpo_core.validation import quoted
+from rpo_training.proof.claims import Claim
 from rpo_training.proof.folder import Folder
 from rpo_training.proof.problem import Problem
 
@@ -32,6 +33,18 @@ def lower(value: float) -> str:
 
 def _rounded(value: float, way: str) -> str:
     return f'{float(Context(prec=4, rounding=way).create_decimal(repr(value))):.4g}'
+
+
+def cells_of(claim: Claim) -> tuple[str, ...]:
+    """Return a claim as tables show it: what, limit, proven, flown, open cells, verdict."""
+    return (
+        claim.statement,
+        f'{number(claim.limit)} {claim.unit}',
+        upper(claim.bound),
+        lower(claim.found) if claim.start else '',
+        str(claim.open_cells),
+        claim.verdict,
+    )
 
 
 def title_of(problem: Problem) -> str:

@@ -17,7 +17,7 @@ from rpo_training.proof.cells import Found
 from rpo_training.proof.check_claims import Written, flights_again, what_follows
 from rpo_training.proof.claims import Claim, Range, of_planar
 from rpo_training.proof.folder import TEXTS, Folder
-from rpo_training.proof.premises import lower, number, origins, range_of, title_of, upper
+from rpo_training.proof.premises import cells_of, lower, origins, range_of, title_of, upper
 from rpo_training.proof.sets import Rest
 from rpo_training.report import plane, proof_apart
 from rpo_training.report.blocks import Block, File, Picture, Report, Section, Table, Text
@@ -69,17 +69,7 @@ def report_of(path: Path) -> Report:
 
 
 def _table(claims: Sequence[Claim]) -> Table:
-    rows = tuple(
-        (
-            claim.statement,
-            f'{number(claim.limit)} {_unit(claim.unit)}',
-            upper(claim.bound),
-            lower(claim.found) if claim.start else '',
-            str(claim.open_cells),
-            claim.verdict,
-        )
-        for claim in claims
-    )
+    rows = tuple(tuple(map(_unit, cells_of(claim))) for claim in claims)
     columns = ('claim', 'limit', 'proven', 'flown', 'open cells', 'verdict')
     caption = (
         'If the cells are right, no start exceeds what is proven. A flight reaches what is flown.'
@@ -87,8 +77,8 @@ def _table(claims: Sequence[Claim]) -> Table:
     return Table(caption, columns, rows)
 
 
-def _unit(ascii_unit: str) -> str:
-    return ascii_unit.replace('N^2 s', 'N²s')
+def _unit(text: str) -> str:
+    return text.replace('N^2 s', 'N²s')
 
 
 def _refuted(folder: Folder, claims: Sequence[Claim]) -> list[Block]:
