@@ -13,6 +13,7 @@ from rpo_core.flight import fly
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from rpo_nav.navigation_node import NavigationNode
+from rpo_ros import patience
 from rpo_ros.signals import Outlet
 from rpo_ros.stage_node import WITHOUT_COMMAND
 from tools.node_processes import node_processes
@@ -99,6 +100,26 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
     assert states == [('estimator', WITHOUT_COMMAND, str(tick)) for tick in range(1, 6)]
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
+
+
+def test_copies_of_a_state_do_not_shorten_the_wait_for_a_command(ros_env, tmp_path, monkeypatch):
+    """Anybody can send them: on a busy machine they let a filter go on without a late command."""
+    flown, path = written(tmp_path, ticks=5)
+    monkeypatch.setattr(patience, 'LEAST_WAIT_S', 3600.0)
+    with inside() as inner:
+        node = inner.start(NavigationNode({'scenario': str(path)}))
+        states = Outlet(inner.user, 'relative_state')
+        inner.until(lambda: states.publisher.get_subscription_count())
+        state = tuple(map(float, flown.start))
+        states.publish(flown.stamp_ns(0), state)
+        inner.until(lambda: node.last_tick == 0)
+        for _ in range(2 * patience.MOST_REPEATS):
+            states.publish(flown.stamp_ns(1), state)
+        inner.until(lambda: node._patience._repeats > patience.MOST_REPEATS)
+        assert node.last_tick == 0
+        monkeypatch.setattr(patience, 'LEAST_WAIT_S', 0.0)
+        states.publish(flown.stamp_ns(1), state)
+        inner.until(lambda: node.last_tick == 1)
 
 
 def test_a_command_that_waits_is_not_replaced_and_answers_cause_no_answers(ros_env, tmp_path):

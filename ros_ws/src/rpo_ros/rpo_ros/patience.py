@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from math import inf
 
@@ -14,6 +15,10 @@ from rpo_core.stage import Stage
 MOST_REPEATS = 3
 """Without a command, of this tick or before, a state that was repeated so often is answered; in
 free running, one that is so many ticks newer than the last answer."""
+
+LEAST_WAIT_S = 0.6
+"""But not so soon after it first came, by the node's own clock: anybody can send copies of a state,
+and the plant needs 0.75 s for so many."""
 
 FAR_TICKS = 100
 """An input so many ticks ahead of the last answer is somebody else's, unless more follow it."""
@@ -34,7 +39,7 @@ class Patience:
 
     def forget(self) -> None:
         """Begin a run."""
-        self._stamp_ns, self._repeats = -1, 0
+        self._stamp_ns, self._repeats, self._came_s = -1, 0, 0.0
         self._far_ns, self._in_front = inf, 0
         self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
 
@@ -61,10 +66,11 @@ class Patience:
             if name in link.stage.may_miss and read in chain.inputs
         }
 
-    def repeated(self, stamp_ns: int) -> None:
-        """Count an input that came again."""
-        self._repeats = self._repeats + 1 if self._stamp_ns == stamp_ns else 1
-        self._stamp_ns = stamp_ns
+    def came(self, stamp_ns: int, again: bool) -> None:
+        """Note when an input of a tick first came, and count how often it came again."""
+        if self._stamp_ns != stamp_ns:
+            self._stamp_ns, self._repeats, self._came_s = stamp_ns, 0, time.monotonic()
+        self._repeats += again
 
     def is_over(
         self, missing: Sequence[str], tick: int, last_tick: int, stamp_ns: int, late: bool
@@ -81,8 +87,8 @@ class Patience:
         if not self.may_miss.keys() >= set(now) or (now and last_tick < 0):
             return False
         unread = all(self.may_miss[name].goes_without(tick) for name in now)
-        repeats = self._repeats if self._stamp_ns == stamp_ns else 0
-        over = last_tick < 0 or repeats >= MOST_REPEATS or late
+        waited = self._stamp_ns == stamp_ns and time.monotonic() - self._came_s >= LEAST_WAIT_S
+        over = last_tick < 0 or (waited and self._repeats >= MOST_REPEATS) or late
         follows = self._gone_on == tick - 1
         if over or (now and unread and follows and self._in_a_row >= LOST_TICKS):
             self._in_a_row = self._in_a_row + 1 if follows else 1

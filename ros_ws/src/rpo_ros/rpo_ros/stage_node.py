@@ -51,8 +51,8 @@ class StageNode(FlightNode):
 
     A stage that reads the command of the tick before waits for it. It takes zero at tick 0; from
     where the plant coasts; and, said on `stage_status`, where it began in flight or the state was
-    repeated `MOST_REPEATS` times. In free running it reads what the plant applied. A stage that
-    may miss a command of this tick waits as long, once a run has begun (`rpo_ros.patience`).
+    repeated for a while (`rpo_ros.patience`). In free running it reads what the plant applied. A
+    stage that may miss a command of this tick waits as long, once a run has begun.
 
     chain : the stages, None until the scenario is known
     """
@@ -229,8 +229,8 @@ class StageNode(FlightNode):
             answered = self._asked and stamp_ns <= self._asked[0]
             if answered or self.scenario.tick_of(stamp_ns) is None:
                 return  # it must not replace the one that waits: nobody sends that again
-        elif self._waiting.get(read) == (stamp_ns, values) and not interfaces.row_of(read).rides:
-            self._patience.repeated(stamp_ns)
+        elif not interfaces.row_of(read).rides:
+            self._patience.came(stamp_ns, again=self._waiting.get(read) == (stamp_ns, values))
         self._waiting[read] = stamp_ns, values
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
         missing = [name for name, found in inputs.items() if found is None]
