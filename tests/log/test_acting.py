@@ -9,15 +9,20 @@ from rpo_core.scenario import load_scenario
 from rpo_log.topics import Topic
 from rpo_log.write.acting import Acting
 
-SIGNALS = ('relative_state', 'estimated_disturbance', 'control_force', 'exerted_force')
+SIGNALS = (
+    'relative_state', 'navigation_state', 'estimated_disturbance', 'control_force', 'exerted_force'
+)  # fmt: skip
 
 
-@pytest.mark.parametrize('signal', ['estimated_disturbance', 'exerted_force'])
-def test_a_message_with_nothing_else_in_it_is_the_one_of_our_nodes(signal):
+@pytest.mark.parametrize(
+    ('signal', 'numbers'),
+    [('estimated_disturbance', 3), ('exerted_force', 3), ('navigation_state', 24)],
+)
+def test_a_message_with_nothing_else_in_it_is_the_one_of_our_nodes(signal, numbers):
     row = row_of(signal)
-    plain, other = (row.layout.encode(0, values) for values in ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
+    plain, other = (row.layout.encode(0, (value,) * numbers) for value in (1.0, 2.0))
     forged = bytearray(plain)
-    forged[-1] = 0x7F  # of the torque
+    forged[-1] = 0x7F  # of the torque, of the covariance of the rates
     acting = Acting(load_scenario('world_leo'), [Topic(name, row_of(name)) for name in SIGNALS])
     index = SIGNALS.index(signal)
     for found in ([bytes(forged), plain], [plain, bytes(forged)]):

@@ -202,3 +202,19 @@ def test_a_hostile_state_far_ahead_costs_no_time_and_no_memory():
         heard.say(1, tick)
     heard.orderer.close(last_tick=99)
     assert heard.ticks == list(range(100))
+
+
+def test_a_message_far_ahead_gives_way_to_one_that_comes_near_its_state():
+    """A forged one said tick 5000 at tick 0; the real one too came a moment before its state."""
+    heard = begun()
+    heard.say(1, 2 * WINDOW, 'forged')
+    heard.say(1, 2 * WINDOW, 'forged too')
+    for tick in range(1, 2 * WINDOW + 20):
+        heard.say(1, tick)
+        heard.say(0, tick)
+    heard.orderer.end(2 * WINDOW + 19)
+    heard.orderer.close(last_tick=2 * WINDOW + 19)
+    assert heard.ticks == list(range(2 * WINDOW + 20))
+    assert all(found[:2] == (b'0 at %d' % t, b'1 at %d' % t) for t, found in heard.out)
+    assert heard.orderer.counts[1].ignored == 2
+    assert heard.orderer.counts[1].conflicts == 0

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors and estimator as a node: the bits of the core, a log that verifies, a lost command."""
 
+import re
+
 import numpy as np
 import pytest
 from inside import inside
@@ -10,7 +12,7 @@ from nav_scenarios import LIDAR, make
 from rpo_core import scenario as scenarios
 from rpo_core.controller import load_controller
 from rpo_core.flight import fly
-from rpo_log.read.run_log import read_run
+from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import patience
@@ -100,6 +102,51 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
     assert states == [('estimator', WITHOUT_COMMAND, str(tick)) for tick in range(1, 6)]
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
+
+
+@pytest.mark.timeout(120)
+def test_a_command_that_was_lost_is_sent_again(ros_env, tmp_path):
+    """Half of the commands do not reach navigation; its repeated answers bring them again."""
+    flown, path = written(tmp_path, ticks=20)
+    folder = tmp_path / 'run'
+    with node_processes(ros_env, tmp_path) as ros:
+        ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')
+        heard = ('--ros-args', '-r', 'control_force:=control_force_heard')
+        ros.node('rpo_nav', 'navigation', *heard, scenario=path)
+        injector = ros.node(
+            'rpo_sim', 'fault_injector',
+            from_topic='control_force', to_topic='control_force_heard', drop=0.5, seed=1,
+        )  # fmt: skip
+        injector.says('faults between')
+        recorder = ros.node('rpo_log', 'recorder', output=str(folder))
+        plant = ros.node(
+            'rpo_sim', 'plant', scenario=path, wait_for_recorder='true', resend_after_s=0.02
+        )
+        for process in (plant, recorder):
+            assert process.wait() == 0, process.output
+        assert injector.stop() == 0
+        assert re.search(r'drop \d', injector.output), injector.output
+    assert not any(event.signal == 'stage_status' for event in read_run(folder).events)
+    assert verify(folder).exit_code == 0
+    expected = fly(flown, load_controller('handmade'))
+    assert np.array_equal(read_flight(folder).states, expected.states)
+
+
+def test_copies_of_an_input_far_ahead_are_stray_and_a_row_is_not(monkeypatch):
+    """While a flight stands, three copies made a stage that remembers deaf to its present."""
+    now_s = [0.0]
+    monkeypatch.setattr(patience.time, 'monotonic', lambda: now_s[0])
+    dt_ns, waits = 100_000_000, patience.Patience()
+    assert not waits.is_stray(5000 * dt_ns)  # nothing was answered yet
+    waits.answered(50 * dt_ns, dt_ns)
+    waits.answered(0, dt_ns)  # a state before changes nothing
+    assert all(waits.is_stray(5000 * dt_ns) for _ in range(10))
+    assert all(waits.is_stray((5000 + 300 * i) * dt_ns) for i in range(10))
+    found = [waits.is_stray((9000 + 2 * i) * dt_ns) for i in range(patience.ROW)]
+    assert found == [True, True, False]
+    assert not waits.is_stray(150 * dt_ns)
+    now_s[0] = 2.0 * patience.LONELY_S  # nothing else came: the plant went on without this node
+    assert [waits.is_stray(5000 * dt_ns) for _ in range(3)] == [True, True, False]
 
 
 def test_copies_of_a_state_do_not_shorten_the_wait_for_a_command(ros_env, tmp_path, monkeypatch):

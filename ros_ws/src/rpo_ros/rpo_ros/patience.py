@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from math import inf
 
 from rpo_core.chain import Chain
 from rpo_core.interfaces import current
@@ -21,7 +20,13 @@ LEAST_WAIT_S = 0.6
 and the plant needs 0.75 s for so many."""
 
 FAR_TICKS = 100
-"""An input so many ticks ahead of the last answer is somebody else's, unless more follow it."""
+"""An input so many ticks ahead of the last answer is somebody else's, unless a row begins there."""
+
+ROW = 3
+"""So many inputs, each of them one to `ROW` ticks after the one before, are a row."""
+
+LONELY_S = 3.0
+"""A plant that stands repeats its state more often than this."""
 
 LOST_TICKS = 5
 """A peer whose commands are missing at so many ticks in a row is lost."""
@@ -40,22 +45,27 @@ class Patience:
     def forget(self) -> None:
         """Begin a run."""
         self._stamp_ns, self._repeats, self._came_s = -1, 0, 0.0
-        self._far_ns, self._in_front = inf, 0
+        self._newest_ns, self._dt_ns, self._near_s = -1, 0, 0.0
+        self._row: list[int] = []
         self._gone_on, self._in_a_row = -1, 0  # newest tick without something, and how many
 
     def answered(self, stamp_ns: int, dt_ns: int) -> None:
-        """Note the stamp of the newest answer."""
-        self._far_ns, self._in_front = stamp_ns + FAR_TICKS * dt_ns, 0
+        """Note the stamp of an answer."""
+        self._newest_ns, self._dt_ns = max(stamp_ns, self._newest_ns), dt_ns
 
     def is_stray(self, stamp_ns: int) -> bool:
-        """Return whether an input is to be ignored: it is far ahead, and few such came in a row.
+        """Return whether an input is to be ignored: it is far ahead of the newest answer.
 
-        A stage with memory that took it could answer no tick before it any more.
+        A stage with memory that took it could answer no tick before it any more. It is not ignored
+        where a row of inputs begins, or where it comes again and for LONELY_S nothing else came.
         """
-        if stamp_ns <= self._far_ns:
+        if self._newest_ns < 0 or stamp_ns <= self._newest_ns + FAR_TICKS * self._dt_ns:
+            self._near_s, self._row = time.monotonic(), []
             return False
-        self._in_front += 1
-        return self._in_front < MOST_REPEATS
+        follows = self._row and 0 <= stamp_ns - self._row[-1] <= ROW * self._dt_ns
+        self._row = [*self._row[1 - ROW :], stamp_ns] if follows else [stamp_ns]
+        lonely = time.monotonic() - self._near_s > LONELY_S
+        return len(self._row) < ROW or (len(set(self._row)) < ROW and not lonely)
 
     def hear(self, chain: Chain) -> None:
         """Take the stages whose inputs are waited for."""

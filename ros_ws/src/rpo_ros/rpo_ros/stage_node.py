@@ -26,7 +26,7 @@ from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
 from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode
-from rpo_ros.signals import Outlet, hear, listen
+from rpo_ros.signals import Answer, Outlet, hear, listen
 
 FOREIGN, LATE = 'foreign_stamp', 'late'
 
@@ -81,7 +81,7 @@ class StageNode(FlightNode):
         self._asked: tuple[Any, ...] = ()
         self._signals: Signals = {}
         self._dropped: dict[str, int] = {}
-        self._answer: list[tuple[Outlet, bytes]] = []
+        self._answer = Answer()
         self._stage_status = self.create_publisher(
             DiagnosticStatus, names.STAGE_STATUS, qos.LATCHED
         )
@@ -224,13 +224,14 @@ class StageNode(FlightNode):
 
     def _take(self, read: str, stamp_ns: int, values: Signal) -> None:
         """Take one of several inputs; answer if all of its tick are there."""
+        again = interfaces.current(read) == read and self._waiting.get(read) == (stamp_ns, values)
         if interfaces.current(read) != read and self.scenario is not None:
             stamp_ns += self.scenario.dt_ns
             answered = self._asked and stamp_ns <= self._asked[0]
             if answered or self.scenario.tick_of(stamp_ns) is None:
                 return  # it must not replace the one that waits: nobody sends that again
         elif not interfaces.row_of(read).rides:
-            self._patience.came(stamp_ns, again=self._waiting.get(read) == (stamp_ns, values))
+            self._patience.came(stamp_ns, again)
         self._waiting[read] = stamp_ns, values
         inputs = {name: self._input(name, stamp_ns) for name in self._reads}
         missing = [name for name, found in inputs.items() if found is None]
@@ -242,6 +243,8 @@ class StageNode(FlightNode):
             missing = []
         if not missing:
             self._ask(stamp_ns, {name: found for name, found in inputs.items() if found})
+        elif again and any(interfaces.current(name) != name for name in missing):
+            self._answer.again()  # and so the command that was lost is sent again
 
     def _input(self, read: str, stamp_ns: int) -> Signal | None:
         """Return an input of a tick: that of the answer given before, or one that waits."""
@@ -302,8 +305,7 @@ class StageNode(FlightNode):
         if self._anew:
             self._begin_anew(stamp_ns)
         if asked == self._asked:
-            for outlet, data in self._answer:
-                outlet.publisher.publish(data)
+            self._answer.again()
             self.answered += 1
             self.after_answer(stamp_ns, self._signals)
             return
@@ -316,9 +318,7 @@ class StageNode(FlightNode):
                 return  # it joins in flight: the plant may fly another scenario
             self._say_begun(self.chain, tick)
         self.step(tick, signals)
-        self._answer = [
-            (outlet, outlet.publish_of(stamp_ns, signals)) for outlet in self._outlets.values()
-        ]
+        self._answer.publish(self._outlets.values(), stamp_ns, signals)
         self._asked, self._signals = asked, signals
         self.last_tick = max(tick, self.last_tick)
         if self.scenario is not None:

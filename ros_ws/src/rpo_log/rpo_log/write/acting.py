@@ -30,10 +30,12 @@ _APPLIED = {
 }
 
 
-def _holds_more(row: Interface, data: bytes) -> bool:
-    """Return whether a message holds more than its numbers: a torque, a covariance."""
+def _excess(row: Interface, data: bytes) -> int:
+    """Return what a message holds: 0: its numbers; 1: a covariance that rides too; 2: more."""
     stamp_ns, values, _ = row.layout.decode(data)
-    return data != row.layout.encode(stamp_ns, values[: len(row.columns)])
+    if data == row.layout.encode(stamp_ns, values[: len(row.columns)]):
+        return 0
+    return 1 if data == row.layout.encode(stamp_ns, values) else 2
 
 
 class Acting:
@@ -75,9 +77,7 @@ class Acting:
     def _only_plain(self, index: int, found: Sequence[bytes]) -> bytes | None:
         """Return the one message that holds its numbers and nothing else, as nodes publish it."""
         row = self._topics[index].row
-        if row.rider:  # its message has a covariance too
-            return None
-        plain = [data for data in found if not _holds_more(row, data)]
+        plain = [data for data in found if _excess(row, data) < 2]
         return plain[0] if len(plain) == 1 else None
 
     def _source(self, name: str) -> str:
@@ -95,7 +95,7 @@ class Acting:
     def _like(self, signal: str, found: Sequence[bytes], wanted: Sequence[Signal]) -> bytes | None:
         """Return the first message with one of some values; one with nothing else in it first."""
         row = self._topics[self._index[signal]].row
-        for data in sorted(found, key=partial(_holds_more, row)):
+        for data in sorted(found, key=partial(_excess, row)):
             if self._values(signal, data) in wanted:
                 return data
         return None
@@ -155,7 +155,7 @@ class Acting:
         if len(found) < 2:
             return found
         row = self._topics[self._index[signal]].row
-        return sorted(found, key=partial(_holds_more, row))
+        return sorted(found, key=partial(_excess, row))
 
     def _next_state(
         self, tick: int, state: bytes, answers: Sequence[bytes], candidates: Candidates

@@ -92,10 +92,7 @@ class TickOrderer:
     @property
     def waiting(self) -> int:
         """Number of messages of ticks that are not let go yet."""
-        return sum(
-            len(tick.events) + sum(data is not None for data in tick.messages)
-            for tick in self._pending.values()
-        )
+        return sum(tick.waiting for tick in self._pending.values())
 
     @property
     def latest(self) -> int:
@@ -184,11 +181,13 @@ class TickOrderer:
         return state is not None
 
     def _take(self, index: int, tick: int, data: bytes) -> None:
-        entry = self._pending.get(tick)
+        entry, near = self._pending.get(tick), tick <= self._latest + WINDOW
+        if entry is not None and near:  # nobody answers so far ahead
+            self.counts[index].ignored += entry.forget_far(index)
         if entry is not None and entry.messages[index] is None:
             self._keep(entry, index, tick, data)
         elif self._fresh(index, tick, data):
-            if tick > self._latest + WINDOW and len(self._pending) >= MOST_HELD:
+            if not near and len(self._pending) >= MOST_HELD:
                 self.counts[index].ignored += 1
                 return
             entry = self._pending[tick] = TickMessages([None] * self.width, len(self._regular))
@@ -198,7 +197,7 @@ class TickOrderer:
         entry.messages[index] = data
         entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
-            entry.early.add(index)
+            entry.came_ahead(index, far=tick > self._latest + WINDOW)
         elif tick <= self._latest and tick > self._newest[index]:
             self._newest[index] = tick
             self._silent[index] = False

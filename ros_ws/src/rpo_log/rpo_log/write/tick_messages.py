@@ -48,10 +48,35 @@ class Counts:
 
 @dataclass
 class TickMessages:
-    """Messages of a tick: the first of each topic, others, and which came before the state."""
+    """Messages of a tick: the first of each topic, and others.
+
+    early, far : topics whose messages came before the state, and more than `WINDOW` ticks before
+    """
 
     messages: list[bytes | None]
     missing: int
     events: list[tuple[int, bytes]] = field(default_factory=list)
     others: dict[int, list[bytes]] = field(default_factory=dict)
     early: set[int] = field(default_factory=set)
+    far: set[int] = field(default_factory=set)
+
+    @property
+    def waiting(self) -> int:
+        """Number of messages."""
+        return len(self.events) + sum(data is not None for data in self.messages)
+
+    def came_ahead(self, index: int, far: bool) -> None:
+        """Note that the message of a topic came before the state."""
+        self.early.add(index)
+        if far:
+            self.far.add(index)
+
+    def forget_far(self, index: int) -> int:
+        """Forget the messages of a topic that came far before the state; return how many."""
+        if index not in self.far:
+            return 0
+        self.far.discard(index)
+        self.early.discard(index)
+        self.messages[index] = None
+        self.missing += 1
+        return 1 + len(self.others.pop(index, ()))
