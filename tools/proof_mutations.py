@@ -126,7 +126,7 @@ def _write(rng: random.Random, path: Path, arrays: Arrays) -> None:
     np.savez(content, allow_pickle=True, **arrays)  # type: ignore[arg-type]
     if arrays and rng.random() < 0.02:  # an array twice: the true one, and another
         name, twice = rng.choice(sorted(arrays)), io.BytesIO()
-        np.lib.format.write_array(twice, arrays[name] * 0)
+        np.lib.format.write_array(twice, np.zeros_like(arrays[name]))
         with zipfile.ZipFile(content, 'a') as archived:
             archived.writestr(f'{name}.npy', twice.getvalue())
     path.write_bytes(content.getvalue())
