@@ -56,11 +56,14 @@ def changed(status: Status, **values: str) -> Status:
 
 @pytest.mark.parametrize('reader', [r for r in WHOLE if r is not statuses.Manifest])
 def test_a_text_that_would_fill_a_log_is_refused(reader):
-    for field in ('message', 'name'):
+    for field in ('message', 'name', 'hardware_id'):
         with pytest.raises(InputError, match='at most 4000 characters; got 200000'):
             reader.of(WHOLE[reader]._replace(**{field: 'a' * 200_000}))
     with pytest.raises(InputError, match="'reason' must have at most 4000 characters"):
         reader.of(changed(WHOLE[reader], reason='a' * 200_000))
+    many = {f'key_{i}': 'a' * 3000 for i in range(4)}
+    with pytest.raises(InputError, match='at most 10000 characters; got 12'):
+        reader.of(changed(WHOLE[reader], **many))
 
 
 def test_what_is_whole_is_taken():

@@ -33,6 +33,8 @@ RECORDER_WAITS, READY, CLOSED, FAILED = 'waiting', 'ready', 'closed', 'failed'
 
 MOST_CHARACTERS = 4000
 """Of one text of a status; only a manifest holds more, which are files."""
+MOST_IN_ALL = 10_000
+"""Of all its texts together."""
 
 _RUN_FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
 _MODES = ('open', 'approach', 'contact')
@@ -61,11 +63,18 @@ def _values(status: Status) -> dict[str, str]:
 
     A log holds whole statuses: a reader refuses a chunk that grows a thousandfold.
     """
-    for name, found in (*status.values, ('message', status.message), ('name', status.name)):
+    texts = [(name, getattr(status, name)) for name in ('name', 'message', 'hardware_id')]
+    texts += status.values
+    for name, found in texts:
         if len(found) > MOST_CHARACTERS or len(name) > MOST_CHARACTERS:
             raise InputError(
                 f'{shown(name)} must have at most {MOST_CHARACTERS} characters; got {len(found)}'
             )
+    total = sum(len(name) + len(found) for name, found in texts)
+    if total > MOST_IN_ALL:
+        raise InputError(
+            f'the texts of a status must have at most {MOST_IN_ALL} characters; got {total}'
+        )
     return once(status.values)
 
 
