@@ -65,9 +65,10 @@ def force(tick, frame='target_lvlh', x=0.1):
         (force(9), True),  # an estimator reads it
         (force(8), False),
         (force(10 + acts.FAR_TICKS), False),
+        (force(10)[:-4], False),
         (force(10, frame='chaser'), False),
         (force(10, x=float('nan')), False),
-        (force(10)[:-1], False),
+        (force(10)[:-1], True),  # the middleware fills words of four bytes with zeros
     ],
 )
 def test_a_valid_answer_for_the_present_is_an_act(data, act):
