@@ -65,6 +65,7 @@ class Verdict:
     """What came of a flight.
 
     drawn, cases : cases that were drawn, and that were sent: some draws give a valid act only
+    asked_again : calls that were answered only the second time
     deaths : a sentence for each node that ended or hung
     faults : other sentences: stack lines, changed bits, a log that does not verify
     warnings : node -> lines of warning and error
@@ -72,6 +73,7 @@ class Verdict:
 
     drawn: int = 0
     cases: int = 0
+    asked_again: int = 0
     deaths: list[str] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
     changed_bits: bool = False
@@ -214,6 +216,7 @@ class Flight:
                 done += size
                 self.verdict.drawn = done
             self.verdict.cases = sum(sender.cases.values())
+            self.verdict.asked_again = sender.asked_again.total()
             for name, number in sender.unanswered.items():
                 self.verdict.deaths.append(f'{name}: {number} calls without an answer')
             if not self.verdict.deaths:

@@ -88,7 +88,8 @@ class Sender:
     """A node beside those of the flight.
 
     cases : (topic or service) -> cases sent
-    unanswered : calls that got no answer in ANSWER_S
+    asked_again : calls that got no answer in ANSWER_S: ROS 2 may lose one
+    unanswered : of these, the calls that got none the second time either: the node hangs
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class Sender:
             name: {row.name: row for row in rows} for name, rows in parameters.items()
         }
         self.cases: Counter[str] = Counter()
+        self.asked_again: Counter[str] = Counter()
         self.unanswered: Counter[str] = Counter()
         self.last: list[str] = []
         self.tick = 0
@@ -110,7 +112,7 @@ class Sender:
         self._node = Node(_OWN)
         self._executor = new_executor()
         self._executor.add_node(self._node)
-        self._pending: list[tuple[str, Future]] = []
+        self._pending: list[tuple[str, Any, Future]] = []
 
     def connect(self, expected: int) -> None:
         """Find the topics and services of all nodes.
@@ -226,7 +228,7 @@ class Sender:
         else:
             return
         if client.service_is_ready():
-            self._pending.append((name, client.call_async(request)))
+            self._pending.append((name, request, client.call_async(request)))
             self._note(index, name, request)
 
     @staticmethod
@@ -239,12 +241,14 @@ class Sender:
 
     def _await(self) -> None:
         end = time.monotonic() + ANSWER_S
-        for name, future in self._pending:
+        for name, request, future in self._pending:
             left = max(0.0, end - time.monotonic())
             self._executor.spin_until_future_complete(future, timeout_sec=left)
             if not future.done():
-                self.unanswered[name] += 1
                 self.calls[name][1].remove_pending_request(future)
+                self.asked_again[name] += 1
+                if self.ask(name, request) is None:
+                    self.unanswered[name] += 1
         self._pending.clear()
 
     def ask(self, name: str, request: Any) -> Any:

@@ -91,7 +91,8 @@ def _line(first: int, verdict: Verdict) -> str:
     warnings = ', '.join(f'{name} {n}' for name, n in verdict.warnings.items() if n)
     return (
         f'flight from case {first}: {verdict.cases} cases, {len(verdict.deaths)} deaths, '
-        f'{verdict.of_the_log}; lines of warning: {warnings or "none"}'
+        f'{verdict.of_the_log}; {verdict.asked_again} calls asked again; '
+        f'lines of warning: {warnings or "none"}'
     )
 
 
@@ -99,8 +100,10 @@ def _sum_up(verdicts: Sequence[Verdict], cases: int, wall_s: float) -> int:
     deaths = sum(len(verdict.deaths) for verdict in verdicts)
     changed = sum(verdict.changed_bits for verdict in verdicts)
     unverified = sum(verdict.recorded and not verdict.verified for verdict in verdicts)
+    again = sum(verdict.asked_again for verdict in verdicts)
     print(
         f'{cases} cases in {len(verdicts)} flights, {wall_s:.0f} s: {deaths} deaths, '
-        f'{changed} flights with changed bits, {unverified} logs that do not verify'
+        f'{changed} flights with changed bits, {unverified} logs that do not verify; '
+        f'{again} calls asked again'
     )
     return int(any(verdict.deaths or verdict.faults for verdict in verdicts))
