@@ -218,3 +218,17 @@ def test_a_message_far_ahead_gives_way_to_one_that_comes_near_its_state():
     assert all(found[:2] == (b'0 at %d' % t, b'1 at %d' % t) for t, found in heard.out)
     assert heard.orderer.counts[1].ignored == 2
     assert heard.orderer.counts[1].conflicts == 0
+
+
+def test_a_message_that_came_a_little_early_does_not_give_way_to_a_late_one():
+    """A forged one had the numbers of five ticks after; the real one was heard before its state."""
+    heard = begun()
+    heard.orderer.wary = True
+    for tick in range(1, 30):
+        heard.say(1, tick)
+        heard.say(0, tick)
+        if tick > 6:
+            heard.say(1, tick - 5, 'forged')
+    heard.orderer.end(29)
+    heard.orderer.close(last_tick=29)
+    assert all(found[1] == b'1 at %d' % t for t, found in heard.out)

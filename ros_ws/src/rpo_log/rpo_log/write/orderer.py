@@ -260,7 +260,7 @@ class TickOrderer:
         if data in known:
             counts.duplicates += 1
             entry = self._pending.get(tick)
-            if entry is not None and index in entry.early and entry.messages[self.leader]:
+            if entry and entry.gives_way(index, self.leader, self._latest - tick):
                 self._prefer(entry, index, data)
             return False
         if known:
@@ -287,7 +287,7 @@ class TickOrderer:
             self.counts[index].ignored += 1
             return
         others.append(data)
-        if index in entry.early and not early:
+        if entry.gives_way(index, self.leader, self._latest - tick):
             self._prefer(entry, index, data)
 
     def _prefer(self, entry: TickMessages, index: int, data: bytes) -> None:

@@ -71,6 +71,13 @@ class TickMessages:
         if far:
             self.far.add(index)
 
+    def gives_way(self, index: int, leader: int, behind: int) -> bool:
+        """Return whether the message that came before its state gives way to one that comes now.
+
+        behind : ticks from its own to the newest state; what comes late is no answer either
+        """
+        return index in self.early and self.messages[leader] is not None and behind < REORDER
+
     def forget_far(self, index: int) -> int:
         """Forget the messages of a topic that came far before the state; return how many."""
         if index not in self.far:
