@@ -49,12 +49,12 @@ from rpo_core.flight import Flight, fly
 from rpo_core.requirements import Requirements
 from rpo_core.scenario import Scenario, load_set
 from rpo_core.validation import InputError
-from rpo_training.proof import probing, proving
-from rpo_training.proof.check import Checked, Sample, check
-from rpo_training.proof.claims import Claim, values_of
-from rpo_training.proof.folder import TEXTS, Folder
-from rpo_training.proof.premises import origins, range_of, title_of
-from rpo_training.proof.problem import Problem, Settings
+from rpo_proof import probing, proving
+from rpo_proof.check import Checked, Sample, check
+from rpo_proof.claims import Claim, values_of
+from rpo_proof.folder import TEXTS, Folder
+from rpo_proof.premises import origins, range_of, title_of
+from rpo_proof.problem import Problem, Settings
 from tools.mutate_runs import MOST_BYTES, MOST_S, add_options, judge_all
 from tools.proof_mutations import mutate
 

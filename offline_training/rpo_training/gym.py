@@ -35,8 +35,8 @@ from rpo_core.stage import Place, Signal
 from rpo_core.starts import MAX_POSITION_M
 from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.verdicts import verdicts
+from rpo_judge.scoring.conditions import LABELS, PAPER
 from rpo_safety.assurance import AssuranceStage
-from rpo_training.search.conditions import LABELS, PAPER
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ import rpo_core
 import rpo_guidance
 import rpo_nav
 import rpo_safety
-import rpo_training
+import rpo_judge
+import rpo_montecarlo
 
 pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
 
@@ -130,7 +131,7 @@ import numpy as np
 from rpo_core.controller import load_fuzzy
 from rpo_core.flight import fly
 from rpo_core.scenario import load_set
-from rpo_training.engine.flights import flights_of
+from rpo_montecarlo.engine.flights import flights_of
 found = load_set('least_energy_starts')
 controller = load_fuzzy('handmade')
 member = found.scenarios()[0]
@@ -141,7 +142,7 @@ print(next(flights_of(controller, found)).states[-1].tobytes().hex())
 
 @pytest.mark.slow
 def test_a_flipped_sign_of_the_plant_changes_the_chain_and_the_engine(tmp_path):
-    for package in (rpo_core, rpo_nav, rpo_guidance, rpo_safety, rpo_training):
+    for package in (rpo_core, rpo_nav, rpo_guidance, rpo_safety, rpo_judge, rpo_montecarlo):
         source = Path(package.__file__).parent
         shutil.copytree(
             source, tmp_path / source.name, ignore=shutil.ignore_patterns('__pycache__')

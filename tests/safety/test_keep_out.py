@@ -18,11 +18,11 @@ from rpo_core.thrusters import Thrusters
 from rpo_core.validation import InputError
 from rpo_core.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.zones import Zones
+from rpo_judge.safety import attack, hostile
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance, Corridor
 from rpo_sim.plant import Plant
-from rpo_training.safety import attack, hostile
 
 PAPER = scenario.load_scenario('paper_test')
 DRIFT = {

@@ -12,8 +12,8 @@ from scipy.linalg import expm
 
 from rpo_core import scenario
 from rpo_core.controller import load_controller
+from rpo_judge.safety.silence import silence
 from rpo_safety import passive
-from rpo_training.safety.silence import silence
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s
 TWO_ORBITS = 4.0 * math.pi / N

@@ -30,13 +30,13 @@ from doc_blocks import (
     run_line,
 )
 
+from rpo_cli.cli import app
 from rpo_core import baselines, controller, controller_file, missing
 from rpo_core.disturbance import Disturbance, Harmonic
 from rpo_core.fuzzy import MembershipFunctions
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import DISTURBANCES, Scenario
 from rpo_core.thrusters import Thrusters
-from rpo_training.cli import app
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [

@@ -14,7 +14,7 @@ from scipy import stats
 
 from rpo_core import metrics
 from rpo_core.flight import fly as fly_core
-from rpo_training.campaign import config, run_batch, sampling, single, statistics
+from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
     path = write(scenario=str(blink), runs=3)
     code = (
         'import hashlib, sys\n'
-        'from rpo_training.campaign import config, run_batch\n'
+        'from rpo_montecarlo.campaign import config, run_batch\n'
         'results = run_batch.fly_unit(config.load(sys.argv[1]), 0)\n'
         'print(hashlib.sha256(results.tobytes()).hexdigest())\n'
     )

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from rpo_core.controller import load_controller
 from rpo_core.fuzzy import MembershipFunctions, RuleTable
-from rpo_training.analysis import surface
-from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
-from rpo_training.analysis.surface import Boxes
+from rpo_judge.analysis import surface
+from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
+from rpo_judge.analysis.surface import Boxes
 
 
 def one_box(system, data, widest=0.3):

@@ -18,10 +18,10 @@ from rpo_core.navigation import Navigation
 from rpo_core.scenario import load_scenario, load_set
 from rpo_core.stage import Place, Section, Stage
 from rpo_core.starts import Cube
-from rpo_training.campaign import config, run_batch, single
-from rpo_training.engine import support
-from rpo_training.engine.cases import case_of_flights, case_of_set
-from rpo_training.engine.simulator import Simulator
+from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.engine import support
+from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.simulator import Simulator
 
 
 class LaggedStage(ControllerStage):
@@ -162,7 +162,7 @@ def test_both_ways_give_the_same_rows(elsewhere, tmp_path, monkeypatch):
 
     quickly = both()
     for module in ('campaign.run_batch', 'engine.simulator'):
-        monkeypatch.setattr(f'rpo_training.{module}.why_not', lambda *_: 'test')
+        monkeypatch.setattr(f'rpo_montecarlo.{module}.why_not', lambda *_: 'test')
     for ours, singly in zip(quickly, both(), strict=True):
         np.testing.assert_array_equal(ours, singly)
 

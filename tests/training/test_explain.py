@@ -11,6 +11,7 @@ import pytest
 from log_runs import FORCE, TOPICS, Run, make_run, rewrite
 from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core import cdr, files
 from rpo_core.controller import dumps, load_controller
 from rpo_core.explain import decisions
@@ -20,7 +21,6 @@ from rpo_core.fuzzy import RuleTable
 from rpo_core.scenario import parse
 from rpo_log.format.run import TimeBase
 from rpo_log.verify import verify
-from rpo_training.cli import app
 
 
 def run(*arguments):

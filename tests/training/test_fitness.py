@@ -10,6 +10,7 @@ import scipy.linalg
 import yaml
 from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core import metrics
 from rpo_core import scenario as scenarios
 from rpo_core.controller import load_controller
@@ -18,13 +19,12 @@ from rpo_core.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.scenario import load_set
 from rpo_core.starts import Cube
 from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation.assessment import assess
-from rpo_training.evaluation.optimal import least_energy
-from rpo_training.search import corners
-from rpo_training.search.fitness import Fitness, FitnessSettings, excess
+from rpo_judge.evaluation.assessment import assess
+from rpo_judge.evaluation.optimal import least_energy
+from rpo_judge.scoring import corners
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings, excess
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, starts=Cube((-50.0, 5.0, 100.0)))

@@ -10,19 +10,19 @@ import yaml
 from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.controller import load_controller
 from rpo_core.requirements import LIMITS
 from rpo_core.validation import InputError
 from rpo_core.verdicts import THRUST, verdicts
-from rpo_training.campaign import config, execution, judging
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.campaign.single import fly_run
-from rpo_training.campaign.statistics import kept, rate, rates
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.evaluation import provenance
-from rpo_training.evaluation.comparison import CONTROLLERS
-from rpo_training.report import campaign as report
+from rpo_judge.evaluation.comparison import CONTROLLERS
+from rpo_montecarlo.campaign import config, execution, judging
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.single import fly_run
+from rpo_montecarlo.campaign.statistics import kept, rate, rates
+from rpo_montecarlo.campaign.store import Store
+from rpo_report import campaign as report
+from rpo_training import provenance
 
 WIDE = {'COLUMNS': '300'}
 REQUIRED = {

@@ -13,22 +13,22 @@ import pytest
 from proofs import BOX, COARSE, problem_of, small_proof
 from typer.testing import CliRunner
 
-import rpo_training.proof
+import rpo_proof
+from rpo_cli.cli import app
 from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.flight import fly
 from rpo_core.fuzzy import RuleTable
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.proof import cells, check, check_ticks, kept, laws, probing, proving, tables
-from rpo_training.proof.claims import ranges_of
-from rpo_training.proof.estimating import estimate
-from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import GROUPS, Problem, Settings
-from rpo_training.proof.prover import Prover
-from rpo_training.proof.rest import rest_of
-from rpo_training.proof.sets import Rest
+from rpo_proof import cells, check, check_ticks, kept, laws, probing, proving, tables
+from rpo_proof.claims import ranges_of
+from rpo_proof.estimating import estimate
+from rpo_proof.folder import Folder
+from rpo_proof.problem import GROUPS, Problem, Settings
+from rpo_proof.prover import Prover
+from rpo_proof.rest import rest_of
+from rpo_proof.sets import Rest
 
 SHIPPED = ('robust', 'trained', 'handmade')
 NOWHERE = Rest(0.0, 0.06, 0.0)
@@ -304,8 +304,8 @@ def test_a_proof_of_one_claim(tmp_path):
 
 
 def test_the_package_names_modules_that_are_there():
-    named = set(re.findall(r'`([a-z_]+)`', str(rpo_training.proof.__doc__)))
-    folder = Path(rpo_training.proof.__file__).parent
+    named = set(re.findall(r'`([a-z_]+)`', str(rpo_proof.__doc__)))
+    folder = Path(rpo_proof.__file__).parent
     assert named and named <= {path.stem for path in folder.glob('*.py')}
 
 

@@ -14,21 +14,21 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.controller import dumps, load_controller
 from rpo_core.flight import fly
 from rpo_core.scenario import load_scenario
 from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.outputs import digest_of
-from rpo_training.proof import check as checker
-from rpo_training.proof import kept, probing, proving, reading
-from rpo_training.proof.cells import VALUES
-from rpo_training.proof.check import check
-from rpo_training.proof.check_claims import strayed
-from rpo_training.proof.claims import values_of
-from rpo_training.proof.folder import TEXTS, Folder
-from rpo_training.proof.problem import Problem, Settings
-from rpo_training.report.proof import report_of
+from rpo_montecarlo.outputs import digest_of
+from rpo_proof import check as checker
+from rpo_proof import kept, probing, proving, reading
+from rpo_proof.cells import VALUES
+from rpo_proof.check import check
+from rpo_proof.check_claims import strayed
+from rpo_proof.claims import values_of
+from rpo_proof.folder import TEXTS, Folder
+from rpo_proof.problem import Problem, Settings
+from rpo_report.proof import report_of
 from tools.mutate_proofs import KINDS, SAMPLE, Case, proof_of, run_cases
 from tools.mutate_runs import failures
 

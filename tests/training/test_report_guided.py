@@ -19,9 +19,9 @@ from rpo_guidance.stages import GuidanceStage
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_nav.estimator import EstimatorStage
+from rpo_report import approach, assured, guided, logged, navigation, page, run, run_plots
+from rpo_report.blocks import Table
 from rpo_safety.assurance import AssuranceStage
-from rpo_training.report import approach, assured, guided, logged, navigation, page, run, run_plots
-from rpo_training.report.blocks import Table
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 2.0, 'go': 'command', 'within_m': 3.0,

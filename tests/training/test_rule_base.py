@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rpo_core.controller import load_controller
 from rpo_core.fuzzy import WORDS, MembershipFunctions, RuleTable
-from rpo_training.analysis import rule_base
+from rpo_judge.analysis import rule_base
 
 
 @pytest.fixture
