@@ -14,10 +14,10 @@ import pytest
 
 import rpo_core
 import rpo_guidance
-import rpo_nav
-import rpo_safety
 import rpo_judge
 import rpo_montecarlo
+import rpo_nav
+import rpo_safety
 
 pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
 
