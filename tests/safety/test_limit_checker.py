@@ -52,6 +52,7 @@ def test_cleared_it_begins_anew():
     [
         ((0, 0, 0, 0, 0, 0), set()),
         ((399, 0, 0, 0, 0, 0), set()),
+        ((400, 0, 0, 0, 0, 0), set()),  # at a limit is within it
         ((401, 0, 0, 0, 0, 0), {'out_of_range'}),
         ((0, 0, 0, 0, 0.0999, 0), set()),
         ((0, 0, 0, 0, 0, -0.1001), {'too_fast'}),

@@ -76,3 +76,10 @@ def test_the_trained_controller_is_unprotected_in_most_flights():
     assert found.flights == 216
     assert 190 <= found.unprotected <= 216
     assert 0.25 < found.share < 0.5
+
+
+def test_the_moment_of_entry_is_not_passed_over():
+    """Across the orbit the bound of the speed is exact: a step too long ends inside, or beyond."""
+    for height, speed in ((30.0, 0.5), (45.0, 1.0), (200.0, 2.5)):
+        found = passive.clear_for((0.0, 0.0, height, 0.0, 0.0, -speed), 10.0, 1000.0, N, 0.0, 0.0)
+        assert 0.9 * (height - 10.0) / speed < found <= 1.01 * (height - 10.0) / speed

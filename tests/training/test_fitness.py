@@ -189,3 +189,15 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     assert evaluate('trained', '--scenario', 'paper_test').exit_code == 0
     none = evaluate('trained', '--scenario', 'quick')
     assert none.exit_code == 2 and 'scenario quick has no requirements' in none.output
+
+
+def test_the_weight_of_an_error_multiplies_the_penalties_of_error_and_arrival_alone():
+    plain, heavy = (FitnessSettings(error_weight=weight) for weight in (1.0, 3.0))
+    values = np.full((1, 2, 3), 1e3)  # everything is missed
+    for settings, late in ((plain, 1.0), (heavy, 3.0)):
+        fitness = Fitness(SMALL, settings, 1)
+        labels = fitness.conditions.labels
+        assert sorted(labels) == ['arrival', 'slew', 'speed']
+        with fitness.simulator:
+            found = fitness._penalties(values)
+        assert found.tolist() == [[settings.penalty_n2s * (2.0 + late)] * 2]

@@ -215,3 +215,12 @@ def test_the_table_says_whose_training_saw_the_dispersed_test():
 def test_what_a_file_does_not_say_is_not_known(claims, seen):
     posed = replace(load_controller('trained'), provenance=claims)
     assert provenance.saw(posed, 'paper_test') == seen
+
+
+def test_words_show_the_unit_of_a_column():
+    units = {
+        'slew_per_axis_n_s': 'N/s', 'peak_force_n': 'N', 'energy_n2s': 'N²s', 'speed_m_s': 'm/s',
+        'error_m': 'm', 'arrival_s': 's', 'mass_kg': 'kg',
+    }  # fmt: skip
+    for column, unit in units.items():
+        assert judging.words(column).endswith(f'[{unit}]')

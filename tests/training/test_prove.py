@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from rpo_core.fuzzy import RuleTable
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
-from rpo_proof import cells, check, check_ticks, kept, laws, probing, proving, tables
+from rpo_proof import cells, check, check_ticks, kept, laws, probing, proving, sets, tables
 from rpo_proof.claims import ranges_of
 from rpo_proof.estimating import estimate
 from rpo_proof.folder import Folder
@@ -375,3 +376,18 @@ def test_a_table_is_never_read_as_true(tmp_path):
     proving.prove(Folder.open(second.path), 1, '', lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
+
+
+def test_the_box_of_a_set_is_rounded_outwards():
+    """In exact numbers; a sum of floats alone is too small in half of the draws."""
+    random = np.random.default_rng(5)
+    for _ in range(50):
+        c, d = random.normal(size=2), np.abs(random.normal(size=2)) * 1e-3
+        g = random.normal(size=(2, 40)) * random.choice([1.0, 1e-8], 40)
+        low, high = np.zeros(2), np.zeros(2)
+        sets.box_of(c, g, d, 40, low, high)
+        for i in range(2):
+            radius = Fraction(d[i]) + sum(abs(Fraction(x)) for x in g[i])
+            assert Fraction(low[i]) <= Fraction(c[i]) - radius
+            assert Fraction(high[i]) >= Fraction(c[i]) + radius
+            assert high[i] - low[i] < float(2 * radius) * (1.0 + 1e-9) + 1e-12
