@@ -15,9 +15,8 @@ import numpy as np
 
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_proof.laws import law_of
-from rpo_proof.parts import slew_by_parts
 from rpo_proof.sets import ROUND, Rest, box_of, rests, strip_of, tidy, weigh
-from rpo_proof.slew import Strip, drift_of, pushed, slew_of
+from rpo_proof.slew import Strip, drift_of, pushed, slew_by_parts, slew_of
 from rpo_proof.tables import Table
 
 

@@ -22,7 +22,7 @@ from rpo_core.fuzzy import RuleTable
 from rpo_core.navigation import Navigation
 from rpo_core.scenario import load, load_scenario
 from rpo_core.validation import InputError
-from rpo_proof import cells, check, check_ticks, kept, laws, probing, proving, sets, tables
+from rpo_proof import cells, check, check_ticks, folder, laws, probing, proving, sets, tables
 from rpo_proof.claims import ranges_of
 from rpo_proof.estimating import estimate
 from rpo_proof.folder import Folder
@@ -372,7 +372,7 @@ def test_a_table_is_never_read_as_true(tmp_path):
     first = small_proof(tmp_path / 'first')
     second = Folder.create(tmp_path / 'second', problem_of('robust', half=BOX))
     forged = {name: 0.0 * values for name, values in first.table().items()}
-    kept.write_arrays(second.path / 'table.npz', forged)
+    folder.write_arrays(second.path / 'table.npz', forged)
     proving.prove(Folder.open(second.path), 1, '', lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()

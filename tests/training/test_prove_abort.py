@@ -17,8 +17,8 @@ from rpo_cli.cli import app
 from rpo_core.scenario import load_scenario
 from rpo_judge.safety import peers
 from rpo_proof import abort, rendezvous
+from rpo_proof.abort import exponential
 from rpo_proof.exact import exact
-from rpo_proof.exponential import exponential
 from rpo_proof.sets import box_of
 
 FILE = Path(__file__).parents[2] / 'offline_training/examples/benchmarks/arch_rendezvous.yaml'

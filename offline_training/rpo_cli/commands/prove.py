@@ -170,7 +170,7 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.claims import worst
-    from rpo_proof.progress import ProofDisplay
+    from rpo_proof.proving import ProofDisplay
     from rpo_proof.proving import prove as make
 
     problem = folder.problem
@@ -226,7 +226,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     from rpo_montecarlo.display import progress
     from rpo_proof.check import Sample, check
     from rpo_proof.claims import worst
-    from rpo_proof.kept import code_digest
+    from rpo_proof.folder import code_digest
 
     if folder.stamped['code_sha256'] != code_digest():
         echo(
@@ -249,7 +249,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
 
 
 def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
-    from rpo_proof.kept import code_digest
+    from rpo_proof.folder import code_digest
     from rpo_proof.premises import origins
 
     for line in origins(folder):
