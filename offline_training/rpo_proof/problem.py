@@ -30,7 +30,7 @@ from rpo_core.validation import (
     shown,
     text,
 )
-from rpo_proof import steep, tables
+from rpo_proof import tables
 from rpo_proof.tube import Motion
 
 Floats = NDArray[np.float64]
@@ -312,7 +312,7 @@ def _table(
     mass_kg: float,
 ) -> tables.Table:
     table = tables.table_of(controller, limit_n, coarseness)
-    return table if slew_n_s is None else steep.divided(controller, table, slew_n_s, mass_kg)
+    return table if slew_n_s is None else tables.divided(controller, table, slew_n_s, mass_kg)
 
 
 def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:

@@ -12,7 +12,7 @@ from rpo_core.disturbance import Harmonic
 from rpo_log.show import style
 from rpo_proof.cells import Found
 from rpo_proof.problem import APART, Problem
-from rpo_report import plane
+from rpo_report import proof
 from rpo_report.blocks import Picture
 
 _BEFORE_S = 50.0
@@ -63,14 +63,14 @@ def _constants(problem: Problem, groups: Mapping[str, Found]) -> list[Picture]:
             continue
         chosen = slice(place, place + 2)
         low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
-        a = plane.points(0.0, 1.0)
+        a = proof.points(0.0, 1.0)
         shares = found.column('hold_error_m') / problem.hold_error_m
-        planes.append((a, a, plane.greatest(a, a, low, high, shares).T))
+        planes.append((a, a, proof.greatest(a, a, low, high, shares).T))
         names.append(style.AXIS_NAMES[APART[group][0]])
     if not planes:
         return []
     figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
-    plane.draw(figure, every, planes)
+    proof.draw(figure, every, planes)
     for axes, name in zip(every, names, strict=True):
         axes.set(title=name, xlabel='share of the cosine')
     every[0].set_ylabel('share of the sine')

@@ -13,7 +13,7 @@ from rpo_core.controller import FuzzyController
 from rpo_judge.evaluation.sensitivity import effects
 from rpo_log.show import style
 from rpo_report import controller_plots
-from rpo_report.sensitivity_plot import draw_effects
+from rpo_report.controller_plots import draw_effects
 from rpo_training.training import FINALISTS, FRONT, HISTORY
 
 

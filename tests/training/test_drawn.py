@@ -13,9 +13,8 @@ from rpo_core.scenario import load_set
 from rpo_core.starts import Cube
 from rpo_core.validation import InputError
 from rpo_judge.scoring.conditions import PAPER
-from rpo_judge.scoring.damping import driving
 from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
-from rpo_judge.scoring.fitness import Fitness, FitnessSettings
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.engine.population import population_of

@@ -19,7 +19,7 @@ from rpo_judge.evaluation.everywhere import Demand
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.statistics import successes
-from rpo_report.sensitivity_plot import draw_effects
+from rpo_report.controller_plots import draw_effects
 
 ROBUST = load_controller('robust')
 

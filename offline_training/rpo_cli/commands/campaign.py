@@ -161,8 +161,7 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
-    from rpo_montecarlo.campaign.execution import fly
-    from rpo_montecarlo.campaign.progress import CampaignDisplay
+    from rpo_montecarlo.campaign.execution import CampaignDisplay, fly
 
     again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
     sentence = f'Interrupted; finished runs are saved. Go on with: {again}'

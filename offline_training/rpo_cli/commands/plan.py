@@ -91,7 +91,7 @@ def _compare(folder: Path, sample: int) -> None:
     """Print how the flown energy of some runs compares with other paths out of their zones."""
     import numpy as np
 
-    from rpo_judge.evaluation.plan_ratio import ratios
+    from rpo_judge.evaluation.plan_bound import ratios
     from rpo_montecarlo.campaign.store import Store
     from rpo_montecarlo.display import print_table, progress
 

@@ -10,6 +10,7 @@ of these: a lower bound, below all of them (`branching`), and the best that a se
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from typing import NamedTuple
@@ -19,12 +20,15 @@ from numpy.typing import NDArray
 
 from rpo_core.kernels import cw_step
 from rpo_core.scenario import Scenario
+from rpo_core.validation import InputError
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
 from rpo_judge.evaluation.best_path import Found, best_path
 from rpo_judge.evaluation.branching import lower_bound
 from rpo_judge.evaluation.bridge import Bridge
 from rpo_judge.evaluation.keep_out import KeepOut
+from rpo_montecarlo.campaign.single import scenario_of
+from rpo_montecarlo.campaign.store import Store
 
 Floats = NDArray[np.float64]
 
@@ -97,3 +101,33 @@ def rows(found: Checked, scenario: Scenario) -> list[tuple[str, ...]]:
         )
         table.append((change.phase, *numbers, change.reason))
     return table
+
+
+class Ratio(NamedTuple):
+    """Energies of one run [N^2 s]: flown, of its plan, of the best path found, lower bound."""
+
+    run: int
+    flown: float
+    plan: float
+    best: float
+    lower: float
+
+
+def ratios(store: Store, sample: int, advance: Callable[[int], None]) -> list[Ratio]:
+    """Return the energies of some runs, evenly spaced; raises InputError without a plan.
+
+    advance : gets how many are done
+    """
+    campaign, runs = store.campaign, store.campaign.config.runs
+    settings = campaign.scenario.section(Guidance)
+    if settings is None:
+        raise InputError(f'scenario {campaign.scenario.name} has no section `guidance`')
+    flown = store.column('energy_n2s')
+    found = []
+    for done, run in enumerate(np.linspace(0, runs - 1, min(sample, runs)).round().astype(int)):
+        scenario = scenario_of(campaign, int(run))
+        own = scenario.section(Guidance) or settings
+        _, energies = bound(own, scenario)
+        found.append(Ratio(int(run), float(flown[run]), *energies[:3]))
+        advance(done + 1)
+    return found

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.baselines import Baseline
+from rpo_core.fuzzy import DEFAULT_SAMPLES
 from rpo_core.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
@@ -48,9 +49,9 @@ from rpo_core.scenario import ScenarioSet, load_scenario
 from rpo_core.validation import InputError, choice, real, whole
 from rpo_judge.scoring import corners
 from rpo_judge.scoring.conditions import conditions_of
-from rpo_judge.scoring.damping import driving
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
+from rpo_montecarlo.engine.lanes import infer_many, make_scratch
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
 
@@ -381,3 +382,27 @@ class Fitness:
             excess(flights[..., LATE_POSITION], keep * CLAIM_POSITION_M)
             + excess(flights[..., LATE_SPEED], keep * CLAIM_VELOCITY_M_S)
         )
+
+
+POSITIONS, VELOCITIES = 41, 20
+"""Of the grid: position errors from -1 to 1, velocity errors from 0.05 to 1."""
+
+
+def driving(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
+    """Return the mean (n,) over the grid of the force that drives, as a share of full output.
+
+    Negative velocity errors need no grid of their own where the rules are odd; other rules are
+    checked with their mirror.
+    """
+    positions = np.linspace(-1.0, 1.0, POSITIONS)
+    velocities = np.linspace(0.0, 1.0, VELOCITIES + 1)
+    grid = np.stack(np.meshgrid(positions, velocities, indexing='ij')).reshape(2, -1)
+    scratch, found = make_scratch(), np.empty((len(population.scales), 2))
+    for index in range(len(population.scales)):
+        law = population.law(index, samples)
+        for side, sign in enumerate((1.0, -1.0)):
+            outputs = np.empty(grid.shape[1])
+            infer_many(sign * grid, law, scratch, outputs)
+            table = sign * outputs.reshape(POSITIONS, -1)
+            found[index, side] = np.maximum(table[:, :1] - table[:, 1:], 0.0).mean()
+    return found.max(axis=1)
