@@ -26,8 +26,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core.controller import dumps, load_controller
-from rpo_core.validation import InputError
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import digest_of
 from rpo_proof.cells import VALUES
 from rpo_proof.check_claims import Written, what_follows

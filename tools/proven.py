@@ -18,8 +18,8 @@ from pathlib import Path
 
 import yaml
 
-from rpo_core import controller as controllers
-from rpo_core.scenario import load_set
+from rpo_core.control import controller as controllers
+from rpo_core.files.scenario import load_set
 from rpo_judge.evaluation import proven
 from rpo_judge.evaluation.comparison_table import put_into
 from rpo_judge.evaluation.proven import Proof, ProvenClaim

@@ -29,7 +29,7 @@ from rpo_cli.commands import (
     tune,
     watch,
 )
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.errors import LogError
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 
-from rpo_core import missing
+from rpo_core.files import missing
 from rpo_montecarlo import processor
 
 # Module that is missing -> layer of `make setup` that brings it.

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compile the kernels ahead of their first use: `python -m rpo_cli.precompile`.
 
-What is compiled is kept beside the sources (`rpo_core.compile_cache`). Several processes that start
-on a fresh checkout at once would each compile the same kernels; one before them spares them that.
+What is compiled is kept beside the sources (`rpo_core.kernels.compile_cache`). Several processes
+that start on a fresh checkout at once would each compile the same kernels; one before them spares
+them that.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.flight import fly
-from rpo_core.scenario import Scenario, load_scenario, load_set
+from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.evaluation.comparison import metrics_of
 from rpo_judge.safety.attack import attack

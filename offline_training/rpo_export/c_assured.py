@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core import interfaces
-from rpo_core.chain import Chain
-from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.flight import fly
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place, section_of
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import cw_step
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, section_of
-from rpo_core.validation import InputError
+from rpo_core.wire import interfaces
 from rpo_export import c, parts
 from rpo_export.c_expressions import number
 from rpo_export.c_function import wrapped

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, NamedTuple, Protocol
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_export.kernel_source import Type, is_kernel
 
 _BINARY = {ast.Add: ('+', 9), ast.Sub: ('-', 9), ast.Mult: ('*', 10), ast.Div: ('/', 10)}

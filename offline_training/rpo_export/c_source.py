@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_export import parts
 from rpo_export.c_expressions import Written, number, own_name
 from rpo_export.c_function import Writer, wrapped

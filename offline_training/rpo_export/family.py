@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers of a family (`rpo_core.family`) as JSON, Python, C, and FuzzyLite's Takagi-Sugeno."""
+"""Controllers of a family (`rpo_core.control.family`) as JSON, Python, C, FuzzyLite Takagi-Sugeno."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core import baseline_kernels, kernels, more_words
-from rpo_core.controller import to_document
-from rpo_core.family import Family
-from rpo_core.more_words import MoreWords
-from rpo_core.pace import DISTANCES, PACES, Pace
-from rpo_core.time_to_go import TimeToGo
-from rpo_core.validation import InputError, choice
+from rpo_core import kernels
+from rpo_core.control import more_words
+from rpo_core.control.controller import to_document
+from rpo_core.control.family import Family
+from rpo_core.control.more_words import MoreWords
+from rpo_core.control.pace import DISTANCES, PACES, Pace
+from rpo_core.control.time_to_go import TimeToGo
+from rpo_core.files.validation import InputError, choice
+from rpo_core.kernels import baseline_kernels
 from rpo_export import c, parts
 from rpo_export.python import source
 

@@ -7,7 +7,7 @@ The standard leaves open how a tool samples the centre of gravity; expect differ
 
 from __future__ import annotations
 
-from rpo_core.controller import FuzzyController
+from rpo_core.control.controller import FuzzyController
 from rpo_export import parts
 from rpo_montecarlo.outputs import identifier
 

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import DEFAULT_SAMPLES, WORDS
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import DEFAULT_SAMPLES, WORDS
 from rpo_export import parts
 
 _HEAD = """[System]

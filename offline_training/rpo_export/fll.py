@@ -8,7 +8,7 @@ they are the kernel's samples, so that the centroids are equal but for rounding.
 
 from __future__ import annotations
 
-from rpo_core.controller import FuzzyController
+from rpo_core.control.controller import FuzzyController
 from rpo_export import parts
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import (
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import (
     DEFAULT_SAMPLES,
     WORDS,
     FuzzySystem,
@@ -27,7 +27,7 @@ from rpo_core.fuzzy import (
     RuleTable,
     odd_samples,
 )
-from rpo_core.validation import InputError, choice, quoted, shown, within
+from rpo_core.files.validation import InputError, choice, quoted, shown, within
 from rpo_export.parts import SCALES
 
 _SYMMETRY = 1e-9  # of a range: how far apart mirrored feet may be, for files with rounded numbers

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 
-from rpo_core.controller import FuzzyController, to_document
+from rpo_core.control.controller import FuzzyController, to_document
 from rpo_export import parts
 
 

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The source of a kernel, without what its constants exclude.
 
-A kernel (`rpo_core.jit`) is a function of floats, tuples of floats and tables, with annotations.
+A kernel (`rpo_core.kernels.jit`) is a function of floats, tuples of floats and tables, with
+annotations.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 Type = Any
 """'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats; a tuple of types; or a

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import WORDS, MembershipFunctions
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import WORDS, MembershipFunctions
 
 SCALES = ('position_scale_m', 'velocity_scale_m_s', 'force_scale_n')
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rpo_core import kernels
-from rpo_core.controller import FuzzyController
+from rpo_core.control.controller import FuzzyController
 from rpo_export import parts
 
 _KERNELS: tuple[Callable[..., Any], ...] = (

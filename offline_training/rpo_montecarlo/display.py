@@ -19,7 +19,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from rpo_core.validation import printable
+from rpo_core.files.validation import printable
 
 
 def plain_console(stderr: bool = False) -> Console:

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from rpo_core import files
-from rpo_core.validation import InputError, shown, text
+from rpo_core.files.validation import InputError, shown, text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from rpo_core.flight import Flight
+    from rpo_core.chain.flight import Flight
 
 END = '<!-- end -->'
 

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
-from rpo_core.disturbance import Disturbance, Harmonic
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_proof.problem import APART, Problem
 from rpo_proof.tube import Motion
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.metrics import windows_of
+from rpo_core.judge.metrics import windows_of
 from rpo_proof import apart
 from rpo_proof.problem import Problem
 from rpo_proof.sets import WORTH_S

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.flight import Flight
+from rpo_core.chain.flight import Flight
 from rpo_proof import apart, cells, probing, rest
 from rpo_proof.cells import Cell, Found
 from rpo_proof.check_apart import empty_faults, merging_faults

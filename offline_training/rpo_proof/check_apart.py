@@ -11,7 +11,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
+from rpo_core.world import cw
 from rpo_proof import apart
 from rpo_proof.cells import VALUES, Cell, Found
 from rpo_proof.check_ticks import set_faults

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rpo_core import scenario
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import fly
-from rpo_core.scenario import Scenario
-from rpo_core.validation import quoted, shown
+from rpo_core.chain.flight import fly
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import quoted, shown
+from rpo_core.world.disturbance import Disturbance
 from rpo_judge.analysis.certificate import REFUTED
 from rpo_proof.cells import Found
 from rpo_proof.claims import Claim, Range, claims_of, ranges_of, summary_of, values_of

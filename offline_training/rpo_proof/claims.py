@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics, verdicts
-from rpo_core.flight import Flight
-from rpo_core.requirements import Requirements
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import Flight
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics, verdicts
+from rpo_core.judge.requirements import Requirements
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_proof.cells import Found
 from rpo_proof.problem import HOLD, Problem
@@ -34,7 +34,7 @@ ROOM = 1e-9
 class Claim:
     """A claim over all starts of the box.
 
-    key : the requirement of `rpo_core.requirements` that it is
+    key : the requirement of `rpo_core.judge.requirements` that it is
     bound : no start exceeds it; infinite: none is known
     found : the greatest value that was flown, from `start` (6,) [m, m/s]
     open_cells : cells whose bound exceeds the limit

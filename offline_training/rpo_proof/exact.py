@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import MembershipFunctions
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_proof.laws import Law
 from rpo_proof.tables import Table
 

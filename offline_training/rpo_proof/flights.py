@@ -16,7 +16,7 @@ def fly(
 ) -> None:
     """Fill the states (N+1, 6) after the first, and the commands (N+1, 3) [N], of a flight.
 
-    disturbances : (N+1, 3) [N]; the bits are those of `rpo_core.flight.fly`
+    disturbances : (N+1, 3) [N]; the bits are those of `rpo_core.chain.flight.fly`
     """
     for tick in range(len(forces)):
         s, d = states[tick], disturbances[tick]

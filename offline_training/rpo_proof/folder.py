@@ -35,9 +35,10 @@ import rpo_core
 import rpo_judge.analysis
 import rpo_montecarlo.engine
 import rpo_proof
-from rpo_core import files, scenario
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError, mapping, real, shown, text, within
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, mapping, real, shown, text, within
 from rpo_montecarlo.cluster.pool import versions
 from rpo_montecarlo.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
 from rpo_proof import cells

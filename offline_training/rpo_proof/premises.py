@@ -7,10 +7,11 @@ from __future__ import annotations
 import hashlib
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 
-from rpo_core import controller as controllers
-from rpo_core import files, scenario
-from rpo_core.scenario import ScenarioSet
-from rpo_core.validation import quoted
+from rpo_core import files
+from rpo_core.control import controller as controllers
+from rpo_core.files import scenario
+from rpo_core.files.scenario import ScenarioSet
+from rpo_core.files.validation import quoted
 from rpo_proof.claims import Claim
 from rpo_proof.folder import Folder
 from rpo_proof.problem import Problem

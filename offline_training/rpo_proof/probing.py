@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import Flight
-from rpo_core.scenario import Scenario
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import Scenario
+from rpo_core.world.disturbance import Disturbance
 from rpo_proof import flights
 from rpo_proof.claims import Groups, of_planar, values_of
 from rpo_proof.problem import Problem

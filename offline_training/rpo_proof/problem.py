@@ -14,13 +14,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import controller as controllers
-from rpo_core import cw, files, scenario
-from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.disturbance import Harmonic
-from rpo_core.scenario import Scenario, ScenarioSet
-from rpo_core.stage import section_of
-from rpo_core.validation import (
+from rpo_core import files
+from rpo_core.chain.stage import section_of
+from rpo_core.control import controller as controllers
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.files.validation import (
     InputError,
     check_fields,
     flag,
@@ -30,6 +30,8 @@ from rpo_core.validation import (
     shown,
     text,
 )
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Harmonic
 from rpo_proof import tables
 from rpo_proof.tube import Motion
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.metrics import Windows, windows_of
+from rpo_core.judge.metrics import Windows, windows_of
 from rpo_proof import apart, merging
 from rpo_proof.apart import ALONE, Beside
 from rpo_proof.cells import (

@@ -12,7 +12,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
 from rpo_judge.safety import peers
 from rpo_proof.abort import (
     CAPACITY,

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import MembershipFunctions
-from rpo_core.validation import InputError
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import MembershipFunctions
+from rpo_core.files.validation import InputError
 from rpo_judge.analysis import surface
 
 Floats = NDArray[np.float64]

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.explain import AXES
-from rpo_core.flight import Flight
-from rpo_core.zones import Corridor, Zones
+from rpo_core.chain.flight import Flight
+from rpo_core.control.explain import AXES
+from rpo_core.judge.zones import Corridor, Zones
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_montecarlo.campaign import judging

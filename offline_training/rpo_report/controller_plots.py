@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import WORDS
-from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import WORDS
+from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 from rpo_judge.analysis import surface
 from rpo_judge.evaluation.assessment import Assessment
 from rpo_judge.evaluation.sensitivity import RUNS, STEP, Effect, Outcome

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.flight import Flight
-from rpo_core.interfaces import REFERENCE_STATE
-from rpo_core.zones import zones_of
+from rpo_core.chain.flight import Flight
+from rpo_core.judge.zones import zones_of
+from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_guidance.guidance import GuidanceStage
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style

@@ -11,11 +11,11 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
-from rpo_core.chain import Chain
-from rpo_core.flight import Flight
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Stage
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import Flight
+from rpo_core.chain.stage import Stage
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
 from rpo_log.read.run_log import RunLog, flight_of, other_signals, scenario_of
 from rpo_log.verify.recomputation import StageStates
 

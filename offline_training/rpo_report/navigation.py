@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.flight import Flight
+from rpo_core.chain.flight import Flight
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_log.show.report import by_axis

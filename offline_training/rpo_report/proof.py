@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_judge.analysis.certificate import PROVEN, REFUTED
 from rpo_log.show import style
 from rpo_proof.cells import Found

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.disturbance import Harmonic
+from rpo_core.world.disturbance import Harmonic
 from rpo_log.show import style
 from rpo_proof.cells import Found
 from rpo_proof.problem import APART, Problem

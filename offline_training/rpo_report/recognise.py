@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.format.run import log_files
 
 _CAMPAIGN, _PROOF = 'campaign.yaml', 'proof.yaml'

@@ -10,16 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rpo_core import metrics
-from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.controller_file import received
-from rpo_core.explain import decisions
-from rpo_core.flight import Flight
-from rpo_core.interfaces import RELATIVE_STATE
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
-from rpo_core.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.zones import zones_of
+from rpo_core.chain.flight import Flight
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.control.controller_file import received
+from rpo_core.control.explain import decisions
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
+from rpo_core.judge.zones import zones_of
+from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_judge.evaluation import optimal
 from rpo_log.errors import LogError
 from rpo_log.format.run import INFO_FILE

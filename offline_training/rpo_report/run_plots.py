@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics
-from rpo_core.controller import FuzzyController
-from rpo_core.flight import Flight
-from rpo_core.zones import Zones
+from rpo_core.chain.flight import Flight
+from rpo_core.control.controller import FuzzyController
+from rpo_core.judge import metrics
+from rpo_core.judge.zones import Zones
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, limit_lines
 from rpo_report.approach import circle, great_circles

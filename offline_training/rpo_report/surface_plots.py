@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import AnyController, FuzzyController
+from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_judge.analysis import surface
 from rpo_log.show import style
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.controller import FuzzyController
+from rpo_core.control.controller import FuzzyController
 from rpo_judge.evaluation.sensitivity import effects
 from rpo_log.show import style
 from rpo_report import controller_plots

@@ -22,7 +22,7 @@ from pymoo.core.problem import Problem
 from pymoo.core.termination import NoTermination
 from pymoo.problems.static import StaticProblem
 
-from rpo_core.validation import real, whole
+from rpo_core.files.validation import real, whole
 from rpo_training.genetic import GaSettings, PaperGa, first_generation, generator
 
 Floats = NDArray[np.float64]

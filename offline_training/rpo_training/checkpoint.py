@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_judge.scoring.fitness import Scores
 from rpo_montecarlo.outputs import digest_of, read_arrays, write_aside
 from rpo_training import __version__

@@ -12,8 +12,17 @@ from typing import Any, TypeVar
 import yaml
 
 from rpo_core import files
-from rpo_core.codec import to_mapping
-from rpo_core.validation import MOST_PATH, InputError, choice, mapping, real, shown, text, whole
+from rpo_core.files.codec import to_mapping
+from rpo_core.files.validation import (
+    MOST_PATH,
+    InputError,
+    choice,
+    mapping,
+    real,
+    shown,
+    text,
+    whole,
+)
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name

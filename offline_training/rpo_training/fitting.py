@@ -17,11 +17,11 @@ from math import floor, log10, sqrt
 
 import numpy as np
 
-from rpo_core.metrics import PENALTY
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import Scenario, ScenarioSet, load
-from rpo_core.starts import Grid
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import Scenario, ScenarioSet, load
+from rpo_core.files.starts import Grid
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import PENALTY
+from rpo_core.judge.requirements import Requirements
 from rpo_training.config import PRESETS, TrainingConfig
 
 AROUND = 0.1

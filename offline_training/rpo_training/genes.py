@@ -16,8 +16,8 @@ from math import floor, log10
 
 import numpy as np
 
-from rpo_core.controller import FuzzyController
-from rpo_core.validation import InputError, choice, real
+from rpo_core.control.controller import FuzzyController
+from rpo_core.files.validation import InputError, choice, real
 from rpo_montecarlo.engine.population import Floats, Ints, Population, functions_of
 
 RULES = ('free', 'odd', 'odd-monotone')

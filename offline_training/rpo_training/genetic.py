@@ -26,7 +26,7 @@ from pymoo.core.survival import Survival
 from pymoo.operators.crossover.pntx import TwoPointCrossover
 from pymoo.operators.selection.tournament import TournamentSelection
 
-from rpo_core.validation import InputError, real, whole
+from rpo_core.files.validation import InputError, real, whole
 
 Floats = NDArray[np.float64]
 

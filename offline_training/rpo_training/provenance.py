@@ -12,8 +12,8 @@ import shlex
 from itertools import pairwise
 from pathlib import Path
 
-from rpo_core.controller import AnyController, load_controller
-from rpo_core.validation import InputError
+from rpo_core.control.controller import AnyController, load_controller
+from rpo_core.files.validation import InputError
 from rpo_judge.scoring import fitness
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_training.config import PRESETS

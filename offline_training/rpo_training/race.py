@@ -21,7 +21,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import InputError, real, whole
+from rpo_core.files.validation import InputError, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_training.algorithms import Best, CmaSearch, CmaSettings, Script, ScriptedSearch, Stage
 from rpo_training.genes import GeneSpace

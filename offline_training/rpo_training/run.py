@@ -19,11 +19,11 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import controller as controllers
-from rpo_core.baselines import Baseline
-from rpo_core.controller import FuzzyController
-from rpo_core.family import Family
-from rpo_core.validation import InputError
+from rpo_core.control import controller as controllers
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.family import Family
+from rpo_core.files.validation import InputError
 from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo import processor
 from rpo_montecarlo.display import Display

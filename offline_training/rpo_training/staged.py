@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.validation import real, whole
+from rpo_core.files.validation import real, whole
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_training.algorithms import Best, CmaSearch, CmaSettings, Script, ScriptedSearch, Stage
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.controller import FuzzyController, load_fuzzy
+from rpo_core.control.controller import FuzzyController, load_fuzzy
 from rpo_judge.evaluation.assessment import PAPER, assess
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_judge.scoring.fitness import Fitness, Scores

@@ -9,8 +9,8 @@ import importlib.util
 import pytest
 from core_oracles import python
 
-from rpo_core import jit
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import jit
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 

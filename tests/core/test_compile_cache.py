@@ -149,7 +149,7 @@ def test_a_flipped_sign_of_the_plant_changes_the_chain_and_the_engine(tmp_path):
         )
     first = run(tmp_path, FLOWN).split()
     assert first[0] == first[1]
-    kernels = tmp_path / 'rpo_core' / 'kernels.py'
+    kernels = tmp_path / 'rpo_core' / 'kernels' / '__init__.py'
     edit(kernels, 'c.zz * z + c.zvz * vz + c.zfz', 'c.zz * z - c.zvz * vz + c.zfz')
     edit(kernels, 'c.xx * x + c.xvx * vx + c.xvy', 'c.xx * x - c.xvx * vx + c.xvy')
     second = run(tmp_path, FLOWN).split()

@@ -13,12 +13,15 @@ from core_documents import document, refusal
 from core_oracles import python
 from orbit_oracle import Inertial, kepler_start
 
-from rpo_core import cw, files, orbit_kernels, scenario
-from rpo_core.chain import Chain
-from rpo_core.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.interfaces import RELATIVE_STATE, THRUST_FORCE
-from rpo_core.stage import Place
+from rpo_core import files
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.chain.stage import Place
+from rpo_core.files import scenario
+from rpo_core.kernels import orbit_kernels
+from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
+from rpo_core.world import cw
+from rpo_core.world.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
 
 BASE = replace(
     scenario.load_scenario('approach'),

@@ -12,12 +12,14 @@ import pytest
 from core_documents import document, refusal
 from core_oracles import python
 
-from rpo_core import files, pulse_kernels, scenario
-from rpo_core.controller import load_controller
-from rpo_core.dynamics import Dynamics
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.interfaces import CHASER_MASS, EXERTED_FORCE
-from rpo_core.thrusters import (
+from rpo_core import files
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.kernels import pulse_kernels
+from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
+from rpo_core.world.dynamics import Dynamics
+from rpo_core.world.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,
     Propellant,

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.verdicts import verdicts
 from rpo_guidance.guidance import DOCKED, GuidanceStage
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.rehearsal import nominal

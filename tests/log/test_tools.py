@@ -22,7 +22,7 @@ from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log import commands
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read import stream

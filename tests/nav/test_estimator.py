@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_scenarios import LIDAR, PD, make, unmodelled
 
-from rpo_core import cw, jit
-from rpo_core.chain import Chain
-from rpo_core.flight import fly
-from rpo_core.validation import InputError
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import jit
+from rpo_core.world import cw
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS
 from rpo_nav.kalman import step_covariance, step_state, update

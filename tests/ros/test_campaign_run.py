@@ -11,7 +11,7 @@ from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import metrics
+from rpo_core.judge import metrics
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_montecarlo.campaign import config

@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import scenario
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
 from rpo_judge.safety import attack, hostile
 from rpo_judge.safety.quiet import quiet
 from rpo_safety.guard import proof_of

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rpo_core import scenario
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
 from rpo_judge.safety.silence import silence
 from rpo_safety import passive
 

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.disturbance import NONE
-from rpo_core.scenario import Scenario, load_scenario
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world.disturbance import NONE
+from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety.attack import Result, attack
 from rpo_judge.safety.hostile import KINDS
 from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Corridor, Speed

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
 
 CONFIGURATIONS = ('config.yaml', 'family.yaml', 'tuning.yaml')
 ENTRY = 'from rpo_cli.entry import main; main()'

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from functools import cache
 
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load
 from rpo_proof import proving
 from rpo_proof.folder import Folder
 from rpo_proof.problem import Problem, Settings

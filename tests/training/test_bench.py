@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from rpo_cli.bench import flying, ros, table
 from rpo_cli.cli import app
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo import machine, outputs
 
 ROWS = (

@@ -12,8 +12,8 @@ import pytest
 from campaign_documents import EVERYTHING, SHORT, write_campaign
 from scipy import stats
 
-from rpo_core import metrics
-from rpo_core.flight import fly as fly_core
+from rpo_core.chain.flight import fly as fly_core
+from rpo_core.judge import metrics
 from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
 
 

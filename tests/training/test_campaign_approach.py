@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config, run_batch
 from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
 from rpo_montecarlo.campaign.run_batch import fly_runs

@@ -8,7 +8,7 @@ from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
 from rpo_montecarlo.engine import parts
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE

@@ -23,9 +23,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.requirements import LIMITS
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST, verdicts
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import LIMITS
+from rpo_core.judge.verdicts import THRUST, verdicts
 from rpo_montecarlo.campaign import config, execution, run_batch, sampling
 from rpo_montecarlo.campaign.execution import CampaignDisplay, duration
 from rpo_montecarlo.campaign.run_batch import fly_runs

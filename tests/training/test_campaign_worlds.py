@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from campaign_documents import EVERYTHING, write_campaign
 
-from rpo_core import scenario
-from rpo_core.requirements import Requirements
-from rpo_core.thrusters import Propellant, Pulses, Thrusters
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
 from rpo_montecarlo.campaign import config, run_batch, sampling, single
 from rpo_montecarlo.engine import support
 from rpo_nav.estimator import Estimator

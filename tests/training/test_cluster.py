@@ -15,7 +15,7 @@ from clusters import cluster
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.cluster import pool

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.fuzzy import RuleTable
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
+from rpo_core.control.controller import load_controller
+from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
 from rpo_judge.scoring.conditions import PAPER
 from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving

@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from rpo_core import scenario
+from rpo_core.files import scenario
 from rpo_montecarlo.campaign.navigation import estimators_of
 from rpo_montecarlo.engine import navigation, parts
 from rpo_montecarlo.engine.lanes import make_scratch

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from rpo_cli.bench import table
 from rpo_cli.cli import app
 from rpo_cli.commands import searching
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_judge.safety import attack, peers
 from rpo_montecarlo import machine
 

@@ -18,11 +18,12 @@ from typer.testing import CliRunner
 
 import rpo_export as export
 from rpo_cli.cli import app
-from rpo_core import controller, metrics
-from rpo_core.baseline_kernels import pace_inputs
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario, load_set
+from rpo_core.chain.flight import fly
+from rpo_core.control import controller
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.judge import metrics
+from rpo_core.kernels.baseline_kernels import pace_inputs
 from rpo_judge.evaluation import robustness
 from rpo_judge.evaluation.comparison import Share
 from rpo_montecarlo.campaign import config, run_batch, single

@@ -11,14 +11,14 @@ import yaml
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import metrics
-from rpo_core import scenario as scenarios
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.metrics import LATE_POSITION, LATE_SPEED
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.evaluation.optimal import least_energy
 from rpo_judge.scoring import corners

@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_cli.commands.report import _folder
 from rpo_core import files
-from rpo_core import scenario as scenarios
-from rpo_core.controller import dumps, load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load, load_set
-from rpo_core.starts import Box, Grid
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import load, load_set
+from rpo_core.files.starts import Box, Grid
+from rpo_core.files.validation import InputError
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation.comparison import _labels
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings

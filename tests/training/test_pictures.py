@@ -13,8 +13,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load_scenario
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_judge.truth import picture, two_body
 from rpo_log.show import style
 from rpo_report import training

@@ -12,8 +12,8 @@ from scipy.optimize import minimize, nnls
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import cw
-from rpo_core.scenario import load_scenario
+from rpo_core.files.scenario import load_scenario
+from rpo_core.world import cw
 from rpo_guidance.plan import Guidance
 from rpo_judge.evaluation import plan_bound
 from rpo_judge.evaluation.best_path import best_path

@@ -16,12 +16,12 @@ from typer.testing import CliRunner
 
 import rpo_proof
 from rpo_cli.cli import app
-from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
-from rpo_core.flight import fly
-from rpo_core.fuzzy import RuleTable
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import load, load_scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files.scenario import load, load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world.navigation import Navigation
 from rpo_proof import cells, check, check_ticks, folder, laws, probing, proving, sets, tables
 from rpo_proof.claims import ranges_of
 from rpo_proof.estimating import estimate

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.scenario import load_scenario
+from rpo_core.files.scenario import load_scenario
 from rpo_judge.safety import peers
 from rpo_proof import abort, rendezvous
 from rpo_proof.abort import exponential

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from proofs import COARSE
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.requirements import Requirements
 from rpo_proof import apart, cells, check, check_apart, check_ticks, merging, probing, proving
 from rpo_proof.claims import nowhere
 from rpo_proof.corridor import around_of

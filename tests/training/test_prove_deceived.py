@@ -15,10 +15,10 @@ import yaml
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.controller import dumps, load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import digest_of
 from rpo_proof import check as checker
 from rpo_proof import probing, proving

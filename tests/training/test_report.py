@@ -20,10 +20,10 @@ from pages import Page
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import metrics
-from rpo_core.flight import Flight
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
 from rpo_judge.evaluation import optimal
 from rpo_log.errors import LogError
 from rpo_log.read.run_log import read_run

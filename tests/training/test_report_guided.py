@@ -12,9 +12,11 @@ import yaml
 from log_runs import chain_run
 from test_report import check_page, refuse_optima
 
-from rpo_core import cdr, files, scenario
-from rpo_core.controller import load_controller
-from rpo_core.zones import zones_of
+from rpo_core import files
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.judge.zones import zones_of
+from rpo_core.wire import cdr
 from rpo_guidance.stages import GuidanceStage
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify

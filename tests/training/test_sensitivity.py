@@ -10,10 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core import metrics
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_set
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_set
+from rpo_core.judge import metrics
 from rpo_judge.evaluation import everywhere, sensitivity
 from rpo_judge.evaluation.everywhere import Demand
 from rpo_montecarlo.campaign import config as campaigns

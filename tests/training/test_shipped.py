@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from processes import repeated
 
-from rpo_core.controller import load_controller
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.flight import fly
-from rpo_core.metrics import LATE_POSITION, LATE_SPEED
-from rpo_core.scenario import load_scenario
-from rpo_core.verdicts import verdicts
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation import everywhere, targets
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.scoring import corners

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
+from rpo_core.control.controller import load_controller
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import alone
 from rpo_training import checkpoint
 from rpo_training import config as configs

@@ -10,7 +10,7 @@ from clusters import cluster
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.cluster import pool
 from rpo_training import config as configs
 from rpo_training.training import Training

@@ -12,7 +12,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from rpo_core.scenario import load_set
+from rpo_core.files.scenario import load_set
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.campaign.execution import fly
 from rpo_montecarlo.campaign.store import Store

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import load_fuzzy
-from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
-from rpo_core.scenario import load_set
-from rpo_core.validation import InputError
+from rpo_core.control.controller import load_fuzzy
+from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
+from rpo_core.files.scenario import load_set
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.engine import lanes, parts, tick
 from rpo_montecarlo.engine.cases import Crossed, case_of_set
 from rpo_montecarlo.engine.population import population_of

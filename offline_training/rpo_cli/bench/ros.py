@@ -21,8 +21,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
 
 SCENARIO, FULL = 'paper_test', 'docking_leo'
 DOMAIN = '98'

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, Workers, end
-from rpo_core.validation import InputError, choice
+from rpo_core.files.validation import InputError, choice
 
 EXAMPLES = """
 Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluations 600` |

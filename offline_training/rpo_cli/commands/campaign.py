@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rpo_cli.commands.shared import Cluster, NoFail, Set, Workers, echo, end, interruptible
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
-    from rpo_core.flight import Flight
+    from rpo_core.chain.flight import Flight
     from rpo_montecarlo.campaign.config import Campaign
     from rpo_montecarlo.campaign.store import Store
 
@@ -228,7 +228,7 @@ def _for_ros(
     chosen: Campaign, source: Path, number: int, export: Path | None, sets: list[str]
 ) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
-    from rpo_core import scenario
+    from rpo_core.files import scenario
     from rpo_montecarlo.campaign.single import scenario_of
 
     if chosen.config.faults is not None:

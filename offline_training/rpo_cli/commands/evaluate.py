@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, Workers, end
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import writing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rpo_core.controller import AnyController, FuzzyController
+    from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_judge.evaluation.assessment import Assessment
     from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
@@ -70,7 +70,7 @@ def evaluate(
     estimates over many flights with the noise that it is told; those in its world are reported.
     Exit code 1: something that was judged is missed.
     """
-    from rpo_core.controller import load_controller, only_fuzzy
+    from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_judge.evaluation.assessment import PAPER, assess
     from rpo_judge.evaluation.judgement import trained_for
     from rpo_montecarlo.display import print_table
@@ -111,7 +111,7 @@ def evaluate(
 
 def _judge(controller: AnyController, name: str, scenario: str) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
-    from rpo_core.scenario import load
+    from rpo_core.files.scenario import load
     from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of
     from rpo_montecarlo.display import print_table, progress
 
@@ -129,9 +129,9 @@ def _judge_estimator(name: str, runs: int) -> bool:
     With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late: this is
     what is asked. Then, as the world is: this is reported.
     """
-    from rpo_core.controller import load_controller
+    from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
-    from rpo_core.scenario import load_scenario
+    from rpo_core.files.scenario import load_scenario
     from rpo_judge.evaluation.consistency import (
         HEADINGS,
         consistency,
@@ -258,7 +258,7 @@ def _sensitivity(controller: FuzzyController, workers: int) -> None:
 
 
 def _bindings(found: Assessment) -> str:
-    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
+    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     rows, bindings = found.metrics, found.binding
     worst = rows.max(axis=0)
@@ -288,7 +288,7 @@ _HEADINGS = (
 
 
 def _rows(found: Assessment) -> list[list[str]]:
-    from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
+    from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 
     return [
         [

@@ -13,16 +13,16 @@ import typer
 
 from rpo_cli.commands.shared import NoFail, end
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.validation import InputError, printable
+from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
 
-    from rpo_core.controller import AnyController, FuzzyController
-    from rpo_core.controller_file import Reason
-    from rpo_core.explain import Decision, FiredRule
+    from rpo_core.control.controller import AnyController, FuzzyController
+    from rpo_core.control.controller_file import Reason
+    from rpo_core.control.explain import Decision, FiredRule
     from rpo_judge.analysis.certificate import Certificate
 
 EXAMPLES = """
@@ -59,9 +59,9 @@ def explain(
     Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
     """
     from rpo_cli.commands import explain_family
-    from rpo_core.controller import load_controller, only_fuzzy
-    from rpo_core.explain import decisions, state_of
-    from rpo_core.family import Family
+    from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_core.control.explain import decisions, state_of
+    from rpo_core.control.family import Family
     from rpo_montecarlo.display import plain_console
 
     console = plain_console()
@@ -114,7 +114,7 @@ def _from_goal(
     console: Console, controller: AnyController, state: Sequence[float], scenario: str
 ) -> Sequence[float]:
     """Return a state relative to the goal of a scenario, of what it was trained for by default."""
-    from rpo_core.scenario import ScenarioSet, load
+    from rpo_core.files.scenario import ScenarioSet, load
     from rpo_judge.evaluation.judgement import trained_for
 
     name = scenario or trained_for(controller)
@@ -138,11 +138,11 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     import numpy as np
 
     from rpo_cli.commands import explain_family
-    from rpo_core.controller import only_fuzzy
-    from rpo_core.controller_file import received
-    from rpo_core.explain import decisions
-    from rpo_core.family import Family
-    from rpo_core.interfaces import ESTIMATED_DISTURBANCE
+    from rpo_core.control.controller import only_fuzzy
+    from rpo_core.control.controller_file import received
+    from rpo_core.control.explain import decisions
+    from rpo_core.control.family import Family
+    from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
 
     log = read_run(path)
@@ -210,7 +210,7 @@ def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequenc
 
 
 def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
-    from rpo_core.fuzzy import WORDS
+    from rpo_core.control.fuzzy import WORDS
     from rpo_montecarlo.display import print_table
 
     def error(value: float, saturated: bool) -> str:

@@ -7,13 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rpo_core.family import Family
-from rpo_core.validation import InputError, printable
+from rpo_core.control.family import Family
+from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rpo_core.controller_file import Reason
+    from rpo_core.control.controller_file import Reason
     from rpo_core.kernels import Vector
 
 
@@ -40,7 +40,7 @@ def print_at(
     console: Console, controller: Family, state: Sequence[float], tick: int
 ) -> tuple[Sequence[Reason], Vector]:
     """Print the reasons of a state at a tick; return them and the force [N]."""
-    from rpo_core.explain import in_words
+    from rpo_core.control.explain import in_words
 
     x, y, z, vx, vy, vz = state
     reasons = controller.reasons((x, y, z, vx, vy, vz), tick)

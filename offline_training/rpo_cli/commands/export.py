@@ -43,9 +43,9 @@ def export(
     The Python and the C function need nothing else, and give the bits of the flown controller. The
     header beside the C file shows how to call and compile it.
     """
-    from rpo_core.controller import load_controller
-    from rpo_core.scenario import load_scenario
-    from rpo_core.validation import InputError
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import InputError
     from rpo_export import SUFFIXES, c, c_assured, text_of
     from rpo_montecarlo.outputs import identifier, make_folder, writing
 

@@ -32,7 +32,7 @@ def import_controller(
     """
     from dataclasses import replace
 
-    from rpo_core.controller import dumps
+    from rpo_core.control.controller import dumps
     from rpo_export.importing import load
     from rpo_judge.analysis.rule_base import warnings
     from rpo_montecarlo.outputs import writing

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_core.validation import InputError, shown
+from rpo_core.files.validation import InputError, shown
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
-    from rpo_core.flight import Flight
-    from rpo_core.scenario import Scenario, ScenarioSet
+    from rpo_core.chain.flight import Flight
+    from rpo_core.files.scenario import Scenario, ScenarioSet
 
 EXAMPLES = """
 Examples: `rpo optimal --start 100,100,100` | `rpo optimal --start 10,60,-40 --controller handmade`
@@ -49,7 +49,7 @@ def optimal(
     """
     from dataclasses import replace
 
-    from rpo_core.scenario import ScenarioSet, load, load_set
+    from rpo_core.files.scenario import ScenarioSet, load, load_set
 
     if whole_set:
         if any(option is not None for option in (start, duration, controller, csv)):
@@ -87,8 +87,8 @@ def _with_start(base: Scenario, text: str) -> Scenario:
 
 
 def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, margin: float) -> None:
-    from rpo_core.controller import load_controller
-    from rpo_core.flight import fly
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
     from rpo_judge.evaluation import optimal as limits
 
     coast = limits.COAST_S
@@ -104,7 +104,7 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
 
 
 def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
-    from rpo_core import metrics
+    from rpo_core.judge import metrics
     from rpo_montecarlo.display import print_table
 
     best = metrics.of_flight(flights[_BEST]).energy_n2s

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import Set
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
     from rpo_judge.evaluation.keep_out import KeepOut
@@ -38,7 +38,7 @@ def plan(
     Others have the same begin, end and time: the best that is found, and a bound that is below all.
     For the folder of a campaign: the energy that its runs flew, beside others.
     """
-    from rpo_core import overrides
+    from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.evaluation import plan_bound
     from rpo_judge.evaluation.keep_out import KeepOut

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
-from rpo_core.validation import InputError, printable
+from rpo_core.files.validation import InputError, printable
 
 if TYPE_CHECKING:
     from rpo_proof.check import Checked, Sample
@@ -142,8 +142,8 @@ def _problem(
     velocity: float,
     options: dict[str, Any],
 ) -> Problem:
-    from rpo_core.controller import load_controller
-    from rpo_core.scenario import ScenarioSet, load
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import ScenarioSet, load
     from rpo_proof.claims import asked_of
     from rpo_proof.problem import Problem, Settings
 

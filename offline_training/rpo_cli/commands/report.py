@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rpo_cli.commands.shared import NoFail, echo, end
-from rpo_core.validation import InputError, printable, within
+from rpo_core.files.validation import InputError, printable, within
 
 if TYPE_CHECKING:
     from rpo_report.blocks import Report

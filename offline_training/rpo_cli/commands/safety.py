@@ -11,7 +11,7 @@ import typer
 
 from rpo_cli.commands.shared import NoFail, Set, end, interruptible
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 safety = typer.Typer(
     name='safety',
@@ -62,7 +62,7 @@ def show(scenario: Name, changes: Set = None) -> None:
 
     With `RPO_JIT=0` in the environment, the time is that of plain Python.
     """
-    from rpo_core import overrides
+    from rpo_core.files import overrides
     from rpo_judge.safety.quiet import speeds
     from rpo_montecarlo.display import print_table
     from rpo_safety.guard import proof_of
@@ -94,7 +94,7 @@ def attack(
     Starts, errors of navigation, disturbance and thrust are at the edge of what the section
     `assurance` assumes. The path is looked at between the ticks, too.
     """
-    from rpo_core import overrides
+    from rpo_core.files import overrides
     from rpo_judge.safety import attack as attacks
     from rpo_judge.safety import hostile
     from rpo_montecarlo.display import print_table, progress
@@ -148,8 +148,8 @@ def quiet(
     speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
-    from rpo_core.controller import load_controller
-    from rpo_core.scenario import load
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load
     from rpo_judge.safety import quiet as counting
     from rpo_montecarlo.display import print_table
     from rpo_safety.settings import Assurance
@@ -178,8 +178,8 @@ def drift(
     ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
-    from rpo_core.controller import load_controller
-    from rpo_core.scenario import load
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load
     from rpo_judge.safety.silence import silence
     from rpo_montecarlo.display import print_table
 
@@ -203,8 +203,8 @@ def abort(
     changes: Set = None,
 ) -> None:
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
-    from rpo_core import overrides
-    from rpo_core.controller import load_controller
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.safety import leaving
     from rpo_montecarlo.display import print_table
@@ -253,9 +253,9 @@ def peers(
     if prove:
         end(not _prove_peers(files), no_fail)
         return
-    from rpo_core.controller import load_controller
-    from rpo_core.scenario import load_scenario
-    from rpo_core.validation import choice
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import choice
     from rpo_judge.safety import peers as benchmarks
     from rpo_montecarlo.display import print_table
 
@@ -272,8 +272,8 @@ def peers(
 
 def _prove_peers(files: list[str]) -> bool:
     """Print what is proven of ARCH-COMP's instances; return whether all is as they say."""
-    from rpo_core.scenario import load_scenario
-    from rpo_core.validation import choice
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import choice
     from rpo_judge.safety import peers as benchmarks
     from rpo_montecarlo.display import print_table, progress
     from rpo_proof import rendezvous

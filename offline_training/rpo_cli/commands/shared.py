@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_core.validation import printable
+from rpo_core.files.validation import printable
 
 
 def echo(text: object, err: bool = False) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from rpo_cli.commands.shared import NoFail, Set, end
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 EXAMPLES = """
@@ -32,10 +32,10 @@ def simulate(
 
     Exit code 1: a requirement of the scenario is missed.
     """
-    from rpo_core import overrides
-    from rpo_core.controller import load_controller
-    from rpo_core.flight import fly
-    from rpo_core.verdicts import missed
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files import overrides
+    from rpo_core.judge.verdicts import missed
     from rpo_log.show.report import print_table
 
     if scenario and named:

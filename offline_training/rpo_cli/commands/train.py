@@ -11,10 +11,10 @@ import typer
 
 from rpo_cli.commands.searching import end, fly
 from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo
-from rpo_core.validation import InputError, choice
+from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
-    from rpo_core.controller import FuzzyController
+    from rpo_core.control.controller import FuzzyController
     from rpo_training.config import TrainingConfig
     from rpo_training.family_training import FamilyTraining
     from rpo_training.training import Training

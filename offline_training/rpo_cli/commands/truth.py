@@ -15,7 +15,7 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
-    from rpo_core.flight import Flight
+    from rpo_core.chain.flight import Flight
     from rpo_judge.truth.two_body import Comparison
 
 EXAMPLES = """
@@ -59,9 +59,9 @@ def truth(
 
 
 def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, str]:
-    from rpo_core.controller import load_controller
-    from rpo_core.flight import fly
-    from rpo_core.scenario import load_scenario
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
     from rpo_log.read.run_log import read_flight
 
     if run is not None:

@@ -11,7 +11,7 @@ import typer
 
 from rpo_cli.commands.searching import end, fly
 from rpo_cli.commands.shared import NoFail, Workers
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 EXAMPLES = """
 Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |

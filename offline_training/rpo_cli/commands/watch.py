@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 EXAMPLES = 'Example: `rpo watch` beside `ros2 run rpo_sim plant`'
 

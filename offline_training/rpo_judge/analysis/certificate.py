@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A certificate of the control surface: claims proven over the whole input square, or refuted.
 
-The square is covered by boxes on which `rpo_core.surface` bounds the output and its slopes; boxes
+The square is covered by boxes on which `rpo_judge.analysis.surface` bounds the output and its slopes; boxes
 are divided where the bounds do not decide. A claim is
 
 - proven: it holds at every point of the square;
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.fuzzy import FuzzySystem
+from rpo_core.control.fuzzy import FuzzySystem
 from rpo_judge.analysis import damping, surface
 from rpo_judge.analysis.surface import Boxes, Enclosure, Floats
 

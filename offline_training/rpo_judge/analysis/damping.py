@@ -13,7 +13,7 @@ import itertools
 
 import numpy as np
 
-from rpo_core.fuzzy import FuzzySystem
+from rpo_core.control.fuzzy import FuzzySystem
 from rpo_judge.analysis import surface
 from rpo_judge.analysis.surface import Boxes, Floats
 

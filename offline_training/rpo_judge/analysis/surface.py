@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.fuzzy import FuzzySystem, MembershipFunctions
+from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions
 from rpo_core.kernels import LN, LP, SN, SP, Z
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import FuzzyController
-from rpo_core.metrics import (
+from rpo_core.control.controller import FuzzyController
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
     ENERGY,
@@ -21,7 +22,6 @@ from rpo_core.metrics import (
     LATE_SPEED,
     SLEW,
 )
-from rpo_core.scenario import load_scenario, load_set
 from rpo_judge.evaluation.optimal import least_energy
 from rpo_judge.evaluation.targets import Asked, asked_of
 from rpo_judge.scoring import fitness
@@ -61,9 +61,9 @@ class Target(NamedTuple):
 class Assessment:
     """The results of one controller.
 
-    starts : (n, 3) initial positions [m]; metrics : (n, columns), see `rpo_core.metrics.UNITS`
-    least : (n,) least energy possible [N^2 s]
-    tests : (2, columns) metrics of the paper's test, offset and phase reading
+    starts : (n, 3) initial positions [m]; metrics : (n, columns), see
+    `rpo_core.judge.metrics.UNITS` least : (n,) least energy possible [N^2 s] tests : (2, columns)
+    metrics of the paper's test, offset and phase reading
     """
 
     controller: FuzzyController

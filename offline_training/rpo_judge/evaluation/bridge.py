@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from rpo_core import cw
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import CwStep
-from rpo_core.validation import InputError
+from rpo_core.world import cw
 from rpo_guidance.transfer_kernels import path_of
 
 Floats = NDArray[np.float64]

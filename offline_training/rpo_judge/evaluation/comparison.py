@@ -22,15 +22,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import controller as controllers
-from rpo_core import files, metrics
-from rpo_core.baselines import Mpc
-from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.flight import Flight, fly
-from rpo_core.interfaces import NAVIGATION_STATE
-from rpo_core.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
-from rpo_core.scenario import Scenario, load_scenario, load_set
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control import controller as controllers
+from rpo_core.control.baselines import Mpc
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.scenario import Scenario, load_scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
+from rpo_core.wire.interfaces import NAVIGATION_STATE
 from rpo_judge.evaluation import plans, proven, robustness
 from rpo_judge.evaluation.optimal import least_constrained
 from rpo_judge.evaluation.robustness import RANDOM, Robustness
@@ -331,7 +332,7 @@ def _seen(flights: Sequence[Flight]) -> Floats:
 
 
 def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
-    """Return the metrics (starts, columns) of a controller, see `rpo_core.metrics.UNITS`."""
+    """Return the metrics (starts, columns) of a controller, see `rpo_core.judge.metrics.UNITS`."""
     with Simulator([case], workers) as simulator:
         return np.asarray(simulator.fly([controller])[0][0])
 

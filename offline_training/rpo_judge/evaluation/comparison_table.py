@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from rpo_core import files
-from rpo_core.metrics import CLAIM_WINDOW_S
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import CLAIM_WINDOW_S
 from rpo_judge.evaluation.comparison import (
     PLANS_EVERY,
     PLANS_RUNS,

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import AnyController
-from rpo_core.flight import fly
-from rpo_core.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
-from rpo_core.jit import kernel
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import State, Vector, cw_step, saturate
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core.kernels.jit import kernel
+from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import Filter, Memory, estimate
 from rpo_nav.sensor_kernels import sense, three_normals

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core.controller import AnyController
+from rpo_core.control.controller import AnyController
 from rpo_montecarlo.campaign.config import Campaign, find, load
 from rpo_montecarlo.campaign.execution import on_threads
 from rpo_montecarlo.campaign.judging import MOTION, motion, sentence

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from statistics import fmean
 from typing import NamedTuple
 
-from rpo_core.controller import AnyController
-from rpo_core.metrics import of_flight
-from rpo_core.scenario import Scenario, ScenarioSet
-from rpo_core.validation import InputError
-from rpo_core.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import of_flight
+from rpo_core.judge.verdicts import HOLDS, MISSED, NOT_JUDGED, Verdict, verdicts
 from rpo_log.show.report import shown
 from rpo_montecarlo.engine.flights import flights_of
 

@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw, metrics
-from rpo_core.flight import Flight, OpenLoop, fly
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError, real
+from rpo_core.chain.flight import Flight, OpenLoop, fly
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, real
+from rpo_core.judge import metrics
+from rpo_core.world import cw
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class InfeasibleError(InputError):
 
 @dataclass(frozen=True)
 class Conditions:
-    """Limits of an optimum, as `rpo_core.metrics` judges them.
+    """Limits of an optimum, as `rpo_core.judge.metrics` judges them.
 
     force : largest |f| of an axis [N]
     slew : largest |df/dt| of an axis [N/s], the step from rest not counted

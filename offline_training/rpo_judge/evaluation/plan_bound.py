@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import cw_step
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
 from rpo_judge.evaluation.best_path import Found, best_path

@@ -15,10 +15,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from rpo_core import codec, files
-from rpo_core import controller as controllers
-from rpo_core.controller import FuzzyController
-from rpo_core.validation import InputError, mapping, shown
+from rpo_core import files
+from rpo_core.control import controller as controllers
+from rpo_core.control.controller import FuzzyController
+from rpo_core.files import codec
+from rpo_core.files.validation import InputError, mapping, shown
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
 from rpo_judge.scoring.conditions import PAPER, label
 from rpo_montecarlo.outputs import digest_of

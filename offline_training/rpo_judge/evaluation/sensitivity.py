@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import WORDS, RuleTable
-from rpo_core.metrics import ENERGY
-from rpo_core.scenario import load_set
-from rpo_core.validation import InputError
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import WORDS, RuleTable
+from rpo_core.files.scenario import load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import ENERGY
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
 from rpo_montecarlo.engine.cases import Case, case_of_set

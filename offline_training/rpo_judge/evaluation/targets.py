@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rpo_core.controller import FuzzyController, load_controller
+from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_judge.evaluation.proven import numbers_of
 
 QUESTIONS = (

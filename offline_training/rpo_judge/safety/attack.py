@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world import cw
 from rpo_judge.safety import hostile
 from rpo_judge.safety.hostile import COLUMNS, KINDS, LONGEST_DELAY, PARTS, World
 from rpo_safety.guard import Proof, proof_of

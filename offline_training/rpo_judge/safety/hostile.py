@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core.kernels import CwStep, cw_step, exerted_force
-from rpo_core.noise import philox
+from rpo_core.kernels.noise import philox
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_safety.corridor import approach_margins, in_corridor
 from rpo_safety.filters import assure

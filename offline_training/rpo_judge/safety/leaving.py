@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.controller import AnyController
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import State
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import nominal
 from rpo_safety.abort import AbortMachine

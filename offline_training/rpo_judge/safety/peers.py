@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.controller import AnyController, only_fuzzy
-from rpo_core.controller_file import ControllerStage
-from rpo_core.flight import Flight, fly
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Signal, Stage
-from rpo_core.thrusters import ZERO
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.stage import Signal, Stage
+from rpo_core.control.controller import AnyController, only_fuzzy
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.files.scenario import Scenario
+from rpo_core.world.thrusters import ZERO
 from rpo_guidance.plan import Guidance
 from rpo_safety.passive import clear_for, drifted
 

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.controller import AnyController
-from rpo_core.jit import as_table
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.kernels import CwStep
-from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.kernels.jit import as_table
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_safety.filters import assure

@@ -7,8 +7,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from rpo_core.controller import AnyController
-from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_safety.passive import clear_for

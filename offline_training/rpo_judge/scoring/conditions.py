@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a search judges a flight by: the requirements of its scenario, as columns of rows.
 
-They are the values of `rpo_core.verdicts`, of all requirements.
+They are the values of `rpo_core.judge.verdicts`, of all requirements.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import THRUST
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.judged import VALUES, judged_by
 

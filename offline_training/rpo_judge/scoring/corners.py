@@ -14,8 +14,8 @@ import math
 from dataclasses import replace
 from itertools import product
 
-from rpo_core.metrics import CLAIM_WINDOW_S
-from rpo_core.scenario import Scenario, load_scenario
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.judge.metrics import CLAIM_WINDOW_S
 from rpo_montecarlo.engine.cases import Case, case_of_flights
 
 POSITION_M, VELOCITY_M_S = 5.0, 0.04

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics
-from rpo_core.requirements import LIMITS
-from rpo_core.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
+from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import LIMITS
 from rpo_montecarlo.campaign.config import THRUSTER_METRICS, Campaign, find, load
 from rpo_montecarlo.campaign.run_batch import is_together, make_batch, windows_within
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw

@@ -27,9 +27,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.baselines import Baseline
-from rpo_core.fuzzy import DEFAULT_SAMPLES
-from rpo_core.metrics import (
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.fuzzy import DEFAULT_SAMPLES
+from rpo_core.files.scenario import ScenarioSet, load_scenario
+from rpo_core.files.validation import InputError, choice, real, whole
+from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
     ARRIVAL_SPEED,
     ARRIVAL_TIME,
@@ -45,8 +47,6 @@ from rpo_core.metrics import (
     PENALTY,
     SLEW,
 )
-from rpo_core.scenario import ScenarioSet, load_scenario
-from rpo_core.validation import InputError, choice, real, whole
 from rpo_judge.scoring import corners
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings

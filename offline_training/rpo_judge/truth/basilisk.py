@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
 from rpo_judge.truth.inertial import World, cross
 
 Floats = NDArray[np.float64]

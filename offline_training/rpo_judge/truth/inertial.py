@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The world of a scenario in inertial axes, in NumPy: what pulls, where LVLH is.
 
-It shares no code with `rpo_core.dynamics`. z is the pole of the body, x the ascending node. Without
-section `dynamics` the target is on a circle in the plane of x and y. Gravity is always true.
+It shares no code with `rpo_core.world.dynamics`. z is the pole of the body, x the ascending node.
+Without section `dynamics` the target is on a circle in the plane of x and y. Gravity is always
+true.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
-from rpo_core import cw
-from rpo_core.dynamics import Drag, Dynamics
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.world import cw
+from rpo_core.world.dynamics import Drag, Dynamics
 
 Floats = NDArray[np.float64]
 

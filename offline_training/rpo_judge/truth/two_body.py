@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw
-from rpo_core.flight import Flight
-from rpo_core.scenario import Scenario
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import Scenario
+from rpo_core.world import cw
 from rpo_judge.truth import basilisk
 from rpo_judge.truth.inertial import World, integrate
 

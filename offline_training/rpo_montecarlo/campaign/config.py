@@ -12,17 +12,15 @@ from typing import Any
 
 import yaml
 
-from rpo_core import files, metrics, overrides, verdicts
-from rpo_core.codec import to_mapping
-from rpo_core.controller import AnyController
-from rpo_core.controller import parse as parse_controller
-from rpo_core.controller_file import ControllerFile
-from rpo_core.dynamics import CLOHESSY_WILTSHIRE
-from rpo_core.requirements import LIMITS, Requirements
-from rpo_core.scenario import Scenario, ScenarioSet
-from rpo_core.scenario import parse as parse_scenario
-from rpo_core.thrusters import IDENTITY, Thrusters
-from rpo_core.validation import (
+from rpo_core import files
+from rpo_core.control.controller import AnyController
+from rpo_core.control.controller import parse as parse_controller
+from rpo_core.control.controller_file import ControllerFile
+from rpo_core.files import overrides
+from rpo_core.files.codec import to_mapping
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.files.scenario import parse as parse_scenario
+from rpo_core.files.validation import (
     MOST_PATH,
     InputError,
     choice,
@@ -33,7 +31,11 @@ from rpo_core.validation import (
     whole,
     within,
 )
-from rpo_core.verdicts import unit_of
+from rpo_core.judge import metrics, verdicts
+from rpo_core.judge.requirements import LIMITS, Requirements
+from rpo_core.judge.verdicts import unit_of
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
+from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_montecarlo.campaign import faults
 from rpo_montecarlo.campaign.faults import Faults
 from rpo_montecarlo.campaign.quantities import QUANTITIES, SHELL, Dispersion, dispersion
@@ -298,7 +300,7 @@ def find(name: str) -> Path:
 def load(path: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
     """Return the campaign of a YAML file, with some fields changed; raises InputError.
 
-    overridden : fields of the scenario, see `rpo_core.overrides`
+    overridden : fields of the scenario, see `rpo_core.files.overrides`
     """
     found = files.load(Path(path), parse)
     if changes:

@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rpo_core.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.chain.stage import Signal, Stage
+from rpo_core.files.validation import InputError, mapping, real, whole
 from rpo_core.kernels import Vector
-from rpo_core.link import Hits, Link
-from rpo_core.stage import Signal, Stage
-from rpo_core.validation import InputError, mapping, real, whole
+from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.world.link import Hits, Link
 from rpo_montecarlo.engine.parts import Fates, hits
 
 STALE_AFTER_TICKS = 10

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core import verdicts
+from rpo_core.judge import verdicts
 from rpo_montecarlo.campaign.config import METRICS, SHARE, Campaign
 
 EFFORT = (

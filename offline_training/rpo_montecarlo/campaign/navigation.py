@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
 from rpo_montecarlo.engine import navigation
 from rpo_montecarlo.engine.parts import RUNS
 from rpo_montecarlo.engine.parts import Estimators as Part

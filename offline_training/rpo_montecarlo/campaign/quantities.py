@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from rpo_core.validation import InputError, mapping, real, shown, whole
+from rpo_core.files.validation import InputError, mapping, real, shown, whole
 
 CUT = 3.0
 """Normal dispersions are cut at so many standard deviations."""

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import metrics
-from rpo_core.baselines import Baseline
-from rpo_core.controller import AnyController, only_fuzzy
-from rpo_core.metrics import row_of, windows_of
-from rpo_core.scenario import Scenario
-from rpo_core.stage import section_of
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.stage import section_of
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import AnyController, only_fuzzy
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import row_of, windows_of
+from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_montecarlo.campaign.navigation import estimators_of
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
@@ -90,7 +90,7 @@ def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
 def _fly_singly(
     campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
 ) -> None:
-    """Fly run after run through `rpo_core.flight.fly`."""
+    """Fly run after run through `rpo_core.chain.flight.fly`."""
     for i, number in enumerate(drawn.numbers.tolist()):
         flight = fly_run(campaign, number)
         rows[i] = row_of(flight)

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from rpo_core import cw
-from rpo_core.disturbance import Disturbance
+from rpo_core.files.scenario import Scenario
 from rpo_core.kernels import CwStep, Vector
-from rpo_core.scenario import Scenario
-from rpo_core.thrusters import rotation
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import rotation
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
 from rpo_nav.sensors import Sensors

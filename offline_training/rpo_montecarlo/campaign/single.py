@@ -7,13 +7,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from rpo_core.dynamics import Dynamics
-from rpo_core.flight import Flight, fly
-from rpo_core.interfaces import APPLIED_FORCE
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
-from rpo_core.thrusters import Failure, Thrusters, valve_names
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire.interfaces import APPLIED_FORCE
+from rpo_core.world.dynamics import Dynamics
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import Failure, Thrusters, valve_names
 from rpo_guidance.plan import Guidance
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.faults import LinkStage

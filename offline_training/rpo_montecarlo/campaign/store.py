@@ -31,7 +31,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.validation import InputError, mapping
+from rpo_core.files.validation import InputError, mapping
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import UNIT, columns_of, units
 from rpo_montecarlo.cluster.pool import versions

@@ -11,16 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import verdicts
-from rpo_core.dynamics import (
-    CLOHESSY_WILTSHIRE,
-    steps_per_tick,
-    target_start,
-    world_of,
-)
-from rpo_core.pulse_kernels import MEMORY
-from rpo_core.scenario import Scenario
-from rpo_core.thrusters import tank_of, valves_of
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge import verdicts
+from rpo_core.kernels.pulse_kernels import MEMORY
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, steps_per_tick, target_start, world_of
+from rpo_core.world.thrusters import tank_of, valves_of
 from rpo_montecarlo.campaign.sampling import DrawnRuns
 from rpo_montecarlo.engine import worlds as worlds_in_lanes
 from rpo_montecarlo.engine.parts import RUNS, Firing, Orbits

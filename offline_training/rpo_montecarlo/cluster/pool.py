@@ -19,7 +19,7 @@ from itertools import islice
 from typing import Any
 from uuid import uuid4
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 AHEAD = 3
 """Tasks under way per thread of a worker."""

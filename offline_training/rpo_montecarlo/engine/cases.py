@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.disturbance import Disturbance
-from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
-from rpo_core.scenario import Scenario, ScenarioSet
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
+from rpo_core.world.disturbance import Disturbance
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.judged import JudgedTogether
 from rpo_montecarlo.engine.parts import RUNS, Goal, Plant, Runs

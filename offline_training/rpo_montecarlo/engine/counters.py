@@ -1,13 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The metrics of `rpo_core.metrics`, counted in lanes at each tick, combined at the end."""
+"""The metrics of `rpo_core.judge.metrics`, counted in lanes at each tick, combined at the end."""
 
 from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core import metrics
-from rpo_core.metrics import AxisSums, fill_row, larger, last_outside, norm, with_square
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import AxisSums, fill_row, larger, last_outside, norm, with_square
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import (
     BEFORE,

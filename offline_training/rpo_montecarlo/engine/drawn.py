@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.metrics import Windows
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge.metrics import Windows
 from rpo_montecarlo.engine.judged import JudgedTogether
 from rpo_montecarlo.engine.parts import Plant, Runs
 from rpo_montecarlo.engine.worlds import THRUST

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whole flights of a set from the engine: the bits of `rpo_core.flight.fly`, many at a time."""
+"""Whole flights of a set from the engine: the bits of `rpo_core.chain.flight.fly`, many at once."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import AnyController, FuzzyController
-from rpo_core.flight import Flight, fly
-from rpo_core.scenario import SET_SECTIONS, Scenario, ScenarioSet
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.scenario import SET_SECTIONS, Scenario, ScenarioSet
 from rpo_guidance.plan import Guidance
 from rpo_montecarlo.engine import lanes, parts, tick
 from rpo_montecarlo.engine.cases import Case, Crossed, case_of_set

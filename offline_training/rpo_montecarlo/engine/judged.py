@@ -4,7 +4,7 @@
 
 `counters` counts axis by axis, and keeps no flight. For a norm over time, for a contact and for the
 last state, the states of all lanes are kept (`tick.fly`, trace) and read three at a time: the bits
-of `rpo_core.verdicts`.
+of `rpo_core.judge.verdicts`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.contact import Port, contact_speeds, depth_m, port_of, touches
-from rpo_core.metrics import hold_tick, larger, norm
-from rpo_core.scenario import NANOSECONDS, Scenario
+from rpo_core.files.scenario import NANOSECONDS, Scenario
+from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
+from rpo_core.judge.metrics import hold_tick, larger, norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import LEVELS

@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core import jit
-from rpo_core.jit import Kernel
-from rpo_core.kernels import LANES, memberships
+from rpo_core.kernels import LANES, jit, memberships
+from rpo_core.kernels.jit import Kernel
 
 STRIDE = 136
 """Lanes at most. 17 cache lines, an odd number, so that the rows do not contend for the same lines

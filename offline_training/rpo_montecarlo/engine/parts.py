@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import inlined
 from rpo_core.kernels import CwStep
-from rpo_core.noise import philox
+from rpo_core.kernels.jit import inlined
+from rpo_core.kernels.noise import philox
 from rpo_montecarlo.engine.lanes import FIRST_FREE, STRIDE, compiled
 
 LOST = -1
@@ -144,7 +144,7 @@ class Waves(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """A goal away from the target, as `rpo_core.controller_file.GoalStage` flies to it.
+    """A goal away from the target, as `rpo_core.control.controller_file.GoalStage` flies to it.
 
     position, force : (2 P + Q,) lanes x..., y..., z...: the goal [m], and the force [N] on top of
         the command
@@ -155,7 +155,7 @@ class Goal(NamedTuple):
 
 
 class Firing(NamedTuple):
-    """Thrusters that fire in pulses, or spend propellant without (`rpo_core.pulse_kernels`).
+    """Thrusters that fire in pulses, or spend propellant without: `rpo_core.kernels.pulse_kernels`.
 
     shared : `Valves`, what is the same in all runs; None without pulses
     directions, failures : (40, valves, 3), (40, n, 5) of each run, with its matrix
@@ -171,7 +171,7 @@ class Firing(NamedTuple):
 
 
 class Orbits(NamedTuple):
-    """True dynamics (`rpo_core.orbit_kernels`).
+    """True dynamics (`rpo_core.kernels.orbit_kernels`).
 
     shared : `World`, what is the same in all runs
     table : flat rows of 40 lanes, see `worlds`: targets, what differs from run to run, orbits

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rpo_core.chain import Chain
-from rpo_core.interfaces import RELATIVE_STATE
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
 from rpo_core.kernels import State
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
+from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.plan import Guidance
 from rpo_montecarlo.engine.parts import RUNS, Assured, Guiding

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
 from rpo_montecarlo.engine.lanes import Law, make_law, set_law
 
 Floats = NDArray[np.float64]

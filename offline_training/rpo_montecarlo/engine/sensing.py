@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from rpo_core.noise import normal_pair, philox
+from rpo_core.kernels.noise import normal_pair, philox
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import RUNS, R, V
 from rpo_nav.sensor_kernels import (

@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.baselines import Baseline
-from rpo_core.controller import Controller, FuzzyController
-from rpo_core.flight import fly
-from rpo_core.fuzzy import DEFAULT_SAMPLES
-from rpo_core.metrics import row_of
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.flight import fly
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import Controller, FuzzyController
+from rpo_core.control.fuzzy import DEFAULT_SAMPLES
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import row_of
+from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.engine import counters, lanes, parts, tick
 from rpo_montecarlo.engine.cases import Case, Crossed
 from rpo_montecarlo.engine.drawn import DrawnCase, with_own_memory
@@ -176,7 +176,7 @@ class Simulator:
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:
-    """Fly start after start through `rpo_core.flight.fly`."""
+    """Fly start after start through `rpo_core.chain.flight.fly`."""
     for row, scenario in zip(rows, case.scenarios(), strict=True):
         flight = fly(scenario, controller)
         row[: counters.COLUMNS] = row_of(flight, case.windows)

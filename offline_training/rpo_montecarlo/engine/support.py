@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the engine knows; other flights run one by one through `rpo_core.flight.fly`."""
+"""What the engine knows; other flights run one by one through `rpo_core.chain.flight.fly`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import sys
 import threading
 from collections.abc import Collection
 
-from rpo_core.baselines import Baseline
-from rpo_core.controller import Controller, FuzzyController
-from rpo_core.scenario import Scenario
-from rpo_core.stage import section_of
+from rpo_core.chain.stage import section_of
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import Controller, FuzzyController
+from rpo_core.files.scenario import Scenario
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_safety.settings import Assurance
 

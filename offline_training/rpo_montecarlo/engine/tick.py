@@ -1,16 +1,16 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The tick of many flights side by side, lane by lane: the bits of `rpo_core.flight.fly`.
+"""The tick of many flights side by side, lane by lane: the bits of `rpo_core.chain.flight.fly`.
 
 `fly` shows the tick; each kernel is one part of it. Nothing is allocated while flying.
 """
 
 from __future__ import annotations
 
-from rpo_core.baseline_kernels import axis_force, baseline_force
+from rpo_core.judge.metrics import larger
 from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
-from rpo_core.metrics import larger
-from rpo_core.noise import six_normals
+from rpo_core.kernels.baseline_kernels import axis_force, baseline_force
+from rpo_core.kernels.noise import six_normals
 from rpo_montecarlo.engine.approach import (
     add_feed_forward,
     assure_all,

@@ -7,7 +7,7 @@ The kernels are those of the core: motion in loops over lanes, which become SIMD
 
 from __future__ import annotations
 
-from rpo_core.orbit_kernels import (
+from rpo_core.kernels.orbit_kernels import (
     COLUMNS,
     World,
     inertial,
@@ -18,7 +18,7 @@ from rpo_core.orbit_kernels import (
     target_step,
     turning,
 )
-from rpo_core.pulse_kernels import DELTA_V, OPENINGS, SPENT, Tank, Valves, burn, fire
+from rpo_core.kernels.pulse_kernels import DELTA_V, OPENINGS, SPENT, Tank, Valves, burn, fire
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import BEFORE, FORCE, MASS, PUSH, RUNS, R, V
 
