@@ -23,7 +23,7 @@ pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
 
 LOW = """
 from typing import NamedTuple
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 GAIN = 2.0
 
@@ -37,7 +37,7 @@ def signed(x):
 """
 MIDDLE = """
 from small.low import GAIN, signed
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def step(x, pair):
@@ -45,7 +45,7 @@ def step(x, pair):
 """
 TOP = """
 from small import low, middle
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def twice(x):
@@ -128,9 +128,9 @@ import small.top
 
 FLOWN = """
 import numpy as np
-from rpo_core.controller import load_fuzzy
-from rpo_core.flight import fly
-from rpo_core.scenario import load_set
+from rpo_core.control.controller import load_fuzzy
+from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_set
 from rpo_montecarlo.engine.flights import flights_of
 found = load_set('least_energy_starts')
 controller = load_fuzzy('handmade')

@@ -222,11 +222,11 @@ def test_a_reset_stage_has_forgotten():
 
 DIGEST = """
 import hashlib
-from rpo_core import jit
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
+from rpo_core.kernels import jit
+from rpo_core.control.controller import load_controller
+from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_scenario
+from rpo_core.world.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 on = Failure(thruster='x+a', stuck='on', from_s=1.0, until_s=2.0, known=True)
 off = Failure(thruster='y-b', stuck='off', from_s=1.5)
 askew = ThrusterError(thruster='z+a', magnitude_share=0.02, misalignment_deg=(1.0, 2.0, 3.0))

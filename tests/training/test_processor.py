@@ -32,7 +32,7 @@ PIN = (
 )
 
 ON_A_WORKER = """
-from rpo_training import processor
+from rpo_montecarlo import processor
 processor.restart_pinned()
 from rpo_montecarlo.cluster import pool
 with pool.connected('local', 1) as client:
