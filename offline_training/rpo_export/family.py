@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers of a family (`rpo_core.control.family`) as JSON, Python, C, FuzzyLite Takagi-Sugeno."""
+"""Controllers of a family (`rpo_core.control.family`) as JSON, Python, C and FuzzyLite."""
 
 from __future__ import annotations
 

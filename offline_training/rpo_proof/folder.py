@@ -192,8 +192,10 @@ def code_digest() -> str:
     found = hashlib.sha256()
     packages = rpo_core, rpo_judge.analysis, rpo_montecarlo.engine, rpo_proof
     for package in packages:
-        for path in sorted(Path(str(package.__file__)).parent.glob('*.py')):
-            found.update(f'{package.__name__} {path.name} '.encode() + path.read_bytes())
+        base = Path(str(package.__file__)).parent
+        for path in sorted(base.rglob('*.py')):
+            name = f'{package.__name__} {path.relative_to(base)} '
+            found.update(name.encode() + path.read_bytes())
     return found.hexdigest()
 
 

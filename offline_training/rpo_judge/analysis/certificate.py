@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A certificate of the control surface: claims proven over the whole input square, or refuted.
 
-The square is covered by boxes on which `rpo_judge.analysis.surface` bounds the output and its slopes; boxes
-are divided where the bounds do not decide. A claim is
+The square is covered by boxes on which `surface` bounds the output and its slopes; boxes are
+divided where the bounds do not decide. A claim is
 
 - proven: it holds at every point of the square;
 - refuted: it fails at a point, which is named and where the kernel was evaluated;
