@@ -390,7 +390,7 @@ def test_a_report_flies_the_flights_again(copy_of, lie):
 def test_units_of_an_earlier_call_are_not_checked(proofs, tmp_path):
     """Who goes on with a folder is told what of it was there."""
     folder = Folder.create(tmp_path / 'proof', proofs['together'].problem)
-    folder.write_arrays(
+    write_arrays(
         folder.path / 'parts' / 'planar_0000.npz', vars(proofs['together'].cells('planar'))
     )
     outcome = proving.prove(Folder.open(folder.path), 1, '', lambda *_: None, probes=20)
@@ -402,9 +402,9 @@ def test_a_damaged_unit_is_made_again(proofs, tmp_path):
     part = folder.path / 'parts' / 'planar_0000.npz'
     forged = dict(vars(proofs['together'].cells('planar')))
     forged['values'] = forged['values'] * np.nan
-    folder.write_arrays(part, forged)
+    write_arrays(part, forged)
     with pytest.raises(InputError):
-        folder.cells_of(part, folder.problem, 'planar')
+        cells_of(part, folder.problem, 'planar')
     assert folder.done('planar', 0) is None
 
 
