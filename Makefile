@@ -49,7 +49,7 @@ docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and
 
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
-	$(ENV) python -m rpo_training.precompile
+	$(ENV) python -m rpo_cli.precompile
 
 # Once, on the core that the linters leave, what each test worker would else do for itself: bytecode
 # of all that the tests import. What is wrong with a test, the tests themselves say.

@@ -16,8 +16,8 @@ what is printed true. So a case that is accepted (no fault) is judged by what th
   be one, if the flights below keep it.
 - Where they mean something else, it must name other digests, and not call anything shipped that is
   not. Limits and units must be those of its requirements. Flights from the ends of its box, under
-  the ends of its disturbance and mass, flown by `rpo_core.flight` and for twice the time where a
-  claim is for ever, must keep every bound and range that is printed.
+  the ends of its disturbance and mass, flown by `rpo_core.chain.flight` and for twice the time
+  where a claim is for ever, must keep every bound and range that is printed.
 
 Anything else is ACCEPTED. A case also fails if anything but one sentence comes out, or if it takes
 more than 10 s of CPU time, or the process more than 1 GB.
@@ -42,19 +42,19 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core import metrics
-from rpo_core.controller import load_controller
-from rpo_core.disturbance import Disturbance, Harmonic
-from rpo_core.flight import Flight, fly
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import Scenario, load_set
-from rpo_core.validation import InputError
-from rpo_training.proof import probing, proving
-from rpo_training.proof.check import Checked, Sample, check
-from rpo_training.proof.claims import Claim, values_of
-from rpo_training.proof.folder import TEXTS, Folder
-from rpo_training.proof.premises import origins, range_of, title_of
-from rpo_training.proof.problem import Problem, Settings
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import Scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import Requirements
+from rpo_core.world.disturbance import Disturbance, Harmonic
+from rpo_proof import probing, proving
+from rpo_proof.check import Checked, Sample, check
+from rpo_proof.claims import Claim, values_of
+from rpo_proof.folder import TEXTS, Folder
+from rpo_proof.premises import origins, range_of, title_of
+from rpo_proof.problem import Problem, Settings
 from tools.mutate_runs import MOST_BYTES, MOST_S, add_options, judge_all
 from tools.proof_mutations import mutate
 

@@ -34,7 +34,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log import signature
 from rpo_log.errors import ExitCode
 from rpo_log.format import sums

@@ -10,7 +10,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_ros import names
 from rpo_ros.parameter_rows import ParameterRow
 

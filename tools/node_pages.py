@@ -20,8 +20,11 @@ import rclpy
 from rclpy.qos import QoSProfile
 from rclpy.utilities import remove_ros_args
 
-from rpo_core import cdr, controller, files, scenario
-from rpo_core.flight import fly
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control import controller
+from rpo_core.files import scenario
+from rpo_core.wire import cdr
 from rpo_log.format import run
 from rpo_log.write.writer import RunLogWriter
 from rpo_ros import names, qos

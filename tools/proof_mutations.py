@@ -26,14 +26,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core.controller import dumps, load_controller
-from rpo_core.validation import InputError
-from rpo_training.outputs import digest_of
-from rpo_training.proof.cells import VALUES
-from rpo_training.proof.check_claims import Written, what_follows
-from rpo_training.proof.claims import summary_of
-from rpo_training.proof.folder import SUMMARY, TEXTS, Folder
-from rpo_training.proof.problem import Problem
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.outputs import digest_of
+from rpo_proof.cells import VALUES
+from rpo_proof.check_claims import Written, what_follows
+from rpo_proof.claims import summary_of
+from rpo_proof.folder import SUMMARY, TEXTS, Folder
+from rpo_proof.problem import Problem
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -18,14 +18,14 @@ from pathlib import Path
 
 import yaml
 
-from rpo_core import controller as controllers
-from rpo_core.scenario import load_set
-from rpo_training.evaluation import proven
-from rpo_training.evaluation.comparison_table import put_into
-from rpo_training.evaluation.proven import Proof, ProvenClaim
-from rpo_training.outputs import write_text
-from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import Settings
+from rpo_core.control import controller as controllers
+from rpo_core.files.scenario import load_set
+from rpo_judge.evaluation import proven
+from rpo_judge.evaluation.comparison_table import put_into
+from rpo_judge.evaluation.proven import Proof, ProvenClaim
+from rpo_montecarlo.outputs import write_text
+from rpo_proof.folder import Folder
+from rpo_proof.problem import Settings
 
 PAGE = Path(__file__).parents[1] / 'docs' / 'proof.md'
 

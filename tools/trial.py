@@ -9,7 +9,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.errors import LogError
 from tools.node_processes import NodeProcessError
 from tools.trials import fuzz, latency, losses, soak

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rpo_training.gym
-from rpo_core.controller import load_controller
-from rpo_core.metrics import PENALTY, window
-from rpo_training.search.fitness import AT_LIMIT, LIMITS, TEST_WINDOW_S, excess
+from rpo_core.control.controller import load_controller
+from rpo_core.judge.metrics import PENALTY, window
+from rpo_judge.scoring.fitness import AT_LIMIT, LIMITS, TEST_WINDOW_S, excess
 
 Floats = NDArray[np.float64]
 Policy = Callable[[Floats, dict[str, Any]], Floats]

@@ -1,11 +1,9 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Offline training, campaigns and reports of the final-approach controller: the command `rpo`.
+"""Search of controllers: genes, searches by ask and tell, runs in folders, tuning of baselines.
 
-Rooms, from what they stand on to what they show: `engine` flies many flights side by side; `search`
-and `baselines` look for controllers, `cluster` with the help of others; `evaluation`, `campaign`,
-`analysis` and `truth` judge them; `report`, `export` and `bench` show them; `commands` are what a
-user types. `gym` is the environment for learning controllers. None of it is in a flight.
+Add a search to `algorithms` (ask, tell, stopped) and `config`. A new baseline needs its law in
+`rpo_core` and its space in `tuning_spaces`. `gym` is the environment for learning controllers.
 """
 
 __version__ = '0.1.0'

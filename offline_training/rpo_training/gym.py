@@ -3,8 +3,8 @@
 """The final approach as a Gymnasium environment, for controllers that learn.
 
 Importing this module registers `rpo/FinalApproach-v0`. One step is one tick of the core's plant
-(`rpo_core.chain`), so a policy with the forces of a controller has the bits of its flight. The
-return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
+(`rpo_core.chain.chain`), so a policy with the forces of a controller has the bits of its flight.
+The return of an episode is minus its fitness, -(J + 100 for each condition missed), AAS 23-199.
 
 Needs NumPy, PyYAML and gymnasium (layer `gym`).
 """
@@ -20,23 +20,23 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain import Chain, Signals
-from rpo_core.flight import Flight
-from rpo_core.interfaces import (
+from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.flight import Flight
+from rpo_core.chain.stage import Place, Signal
+from rpo_core.files.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
+from rpo_core.files.starts import MAX_POSITION_M
+from rpo_core.files.validation import InputError, mapping, real, shown, vector3, whole, within
+from rpo_core.judge.metrics import PENALTY, of_flight
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.kernels import Vector, saturate
+from rpo_core.wire.interfaces import (
     CONTROL_FORCE,
     NAVIGATION_STATE,
     RELATIVE_STATE,
     SATURATED_FORCE,
 )
-from rpo_core.kernels import Vector, saturate
-from rpo_core.metrics import PENALTY, of_flight
-from rpo_core.scenario import MAX_VELOCITY_M_S, Scenario, ScenarioSet, load
-from rpo_core.stage import Place, Signal
-from rpo_core.starts import MAX_POSITION_M
-from rpo_core.validation import InputError, mapping, real, shown, vector3, whole, within
-from rpo_core.verdicts import verdicts
+from rpo_judge.scoring.conditions import LABELS, PAPER
 from rpo_safety.assurance import AssuranceStage
-from rpo_training.search.conditions import LABELS, PAPER
 
 Floats = NDArray[np.float64]
 

@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 import yaml
 
-from rpo_core import controller, files, scenario
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.control import controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 
 PARSERS = {'scenario': scenario.parse, 'controller': controller.parse}
 

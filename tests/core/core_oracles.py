@@ -16,7 +16,7 @@ import mpmath
 import numpy as np
 
 import rpo_core
-from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions
+from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 
 MP = mpmath.mp.clone()
 MP.dps = 50

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from rpo_core.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions, RuleTable
 
 unit = st.floats(-1.0, 1.0)
 """A normalised error."""

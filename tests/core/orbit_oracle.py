@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Target and chaser in inertial axes, by SciPy's DOP853: nothing of `rpo_core.orbit_kernels`."""
+"""Target and chaser in inertial axes, by SciPy's DOP853: nothing of our orbit kernels."""
 
 from __future__ import annotations
 

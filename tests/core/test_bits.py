@@ -9,20 +9,22 @@ import importlib.util
 import pytest
 from core_oracles import python
 
-from rpo_core import jit
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import jit
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 
 DIGESTS = """
 import hashlib
 import numpy as np
-from rpo_core import cw, jit, kernels
-from rpo_core.flight import fly
-from rpo_core.controller import FuzzyController
-from rpo_core.fuzzy import FuzzySystem
-from rpo_core.baselines import Mpc, PotentialField
-from rpo_core.scenario import load_scenario
+from rpo_core import kernels
+from rpo_core.kernels import jit
+from rpo_core.world import cw
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import FuzzySystem
+from rpo_core.control.baselines import Mpc, PotentialField
+from rpo_core.files.scenario import load_scenario
 
 def digest(name, *values):
     joined = b''.join(np.ascontiguousarray(value).tobytes() for value in values)
@@ -104,16 +106,19 @@ def test_bits_are_those_of_every_other_machine(interpreted):
 
 def test_unset_takes_numba_where_it_is():
     installed = importlib.util.find_spec('numba') is not None
-    assert python('from rpo_core import jit; print(jit.COMPILED)', RPO_JIT='') == f'{installed}\n'
+    assert (
+        python('from rpo_core.kernels import jit; print(jit.COMPILED)', RPO_JIT='')
+        == f'{installed}\n'
+    )
 
 
 WITHOUT_NUMBA = """
 import importlib.util
 find_spec = importlib.util.find_spec
 importlib.util.find_spec = lambda name: None if name == 'numba' else find_spec(name)
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 try:
-    from rpo_core import jit
+    from rpo_core.kernels import jit
     print(jit.COMPILED)
 except InputError as error:
     print(error)

@@ -15,7 +15,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
-from rpo_core import cdr, interfaces
+from rpo_core.wire import cdr, interfaces
 from rpo_log.format import schemas
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

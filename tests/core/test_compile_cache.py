@@ -14,15 +14,16 @@ import pytest
 
 import rpo_core
 import rpo_guidance
+import rpo_judge
+import rpo_montecarlo
 import rpo_nav
 import rpo_safety
-import rpo_training
 
 pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
 
 LOW = """
 from typing import NamedTuple
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 GAIN = 2.0
 
@@ -36,7 +37,7 @@ def signed(x):
 """
 MIDDLE = """
 from small.low import GAIN, signed
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def step(x, pair):
@@ -44,7 +45,7 @@ def step(x, pair):
 """
 TOP = """
 from small import low, middle
-from rpo_core.jit import kernel
+from rpo_core.kernels.jit import kernel
 
 @kernel
 def twice(x):
@@ -127,10 +128,10 @@ import small.top
 
 FLOWN = """
 import numpy as np
-from rpo_core.controller import load_fuzzy
-from rpo_core.flight import fly
-from rpo_core.scenario import load_set
-from rpo_training.engine.flights import flights_of
+from rpo_core.control.controller import load_fuzzy
+from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_set
+from rpo_montecarlo.engine.flights import flights_of
 found = load_set('least_energy_starts')
 controller = load_fuzzy('handmade')
 member = found.scenarios()[0]
@@ -141,14 +142,14 @@ print(next(flights_of(controller, found)).states[-1].tobytes().hex())
 
 @pytest.mark.slow
 def test_a_flipped_sign_of_the_plant_changes_the_chain_and_the_engine(tmp_path):
-    for package in (rpo_core, rpo_nav, rpo_guidance, rpo_safety, rpo_training):
+    for package in (rpo_core, rpo_nav, rpo_guidance, rpo_safety, rpo_judge, rpo_montecarlo):
         source = Path(package.__file__).parent
         shutil.copytree(
             source, tmp_path / source.name, ignore=shutil.ignore_patterns('__pycache__')
         )
     first = run(tmp_path, FLOWN).split()
     assert first[0] == first[1]
-    kernels = tmp_path / 'rpo_core' / 'kernels.py'
+    kernels = tmp_path / 'rpo_core' / 'kernels' / '__init__.py'
     edit(kernels, 'c.zz * z + c.zvz * vz + c.zfz', 'c.zz * z - c.zvz * vz + c.zfz')
     edit(kernels, 'c.xx * x + c.xvx * vx + c.xvy', 'c.xx * x - c.xvx * vx + c.xvy')
     second = run(tmp_path, FLOWN).split()

@@ -12,9 +12,10 @@ from core_strategies import functions, odd_rules, systems
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import controller, files
-from rpo_core.controller import FuzzyController, dumps, load_controller
-from rpo_core.fuzzy import WORDS
+from rpo_core import files
+from rpo_core.control import controller
+from rpo_core.control.controller import FuzzyController, dumps, load_controller
+from rpo_core.control.fuzzy import WORDS
 
 HANDMADE = document('controller', 'handmade')
 FIELDS = [path for path in keys(HANDMADE) if path[0] != 'provenance' or len(path) == 1]

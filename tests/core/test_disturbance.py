@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import cw
-from rpo_core.disturbance import NONE, Disturbance, Harmonic, paper
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.world import cw
+from rpo_core.world.disturbance import NONE, Disturbance, Harmonic, paper
 
 N = cw.mean_motion(6.678e6)
 TIMES_S = np.arange(4001) * 0.1
@@ -45,7 +45,7 @@ def test_readings_at_the_start():
 
 
 def test_scenarios_carry_the_readings(paper_test):
-    from rpo_core.scenario import load_scenario
+    from rpo_core.files.scenario import load_scenario
 
     assert paper_test.disturbance == paper('offset', paper_test.mean_motion_rad_s)
     phase = load_scenario('paper_test_phase')

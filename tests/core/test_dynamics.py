@@ -13,12 +13,15 @@ from core_documents import document, refusal
 from core_oracles import python
 from orbit_oracle import Inertial, kepler_start
 
-from rpo_core import cw, files, orbit_kernels, scenario
-from rpo_core.chain import Chain
-from rpo_core.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.interfaces import RELATIVE_STATE, THRUST_FORCE
-from rpo_core.stage import Place
+from rpo_core import files
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.chain.stage import Place
+from rpo_core.files import scenario
+from rpo_core.kernels import orbit_kernels
+from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
+from rpo_core.world import cw
+from rpo_core.world.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -257,11 +260,11 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
 
 DIGEST = """
 import hashlib
-from rpo_core import jit
-from rpo_core.flight import fly
-from rpo_core.controller import load_controller
-from rpo_core.dynamics import Drag, Dynamics
-from rpo_core.scenario import load_scenario
+from rpo_core.kernels import jit
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.world.dynamics import Drag, Dynamics
+from rpo_core.files.scenario import load_scenario
 air = Drag(density_kg_m3=2e-11, target_ballistic_coefficient_kg_m2=150.0, scale_height_m=5e4,
            chaser_ballistic_coefficient_kg_m2=110.0, atmosphere_rate_rad_s=7e-5)
 world = Dynamics(kind='two_body', eccentricity=0.02, inclination_deg=51.6, j2=True, drag=air)

@@ -14,15 +14,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from rpo_core import controller, cw, metrics
-from rpo_core.baseline_kernels import axis_force, baseline_force
-from rpo_core.baselines import Model, Mpc
-from rpo_core.explain import in_words, reasons
-from rpo_core.family import Gene, Mission, family_of
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.time_to_go import WORDS, Rule, TimeToGo
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control import controller
+from rpo_core.control.baselines import Model, Mpc
+from rpo_core.control.explain import in_words, reasons
+from rpo_core.control.family import Gene, Mission, family_of
+from rpo_core.control.time_to_go import WORDS, Rule, TimeToGo
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.kernels.baseline_kernels import axis_force, baseline_force
+from rpo_core.world import cw
 
 PAPER = Mission((1.0, 1.0, 1.0), 0.5, 0.1)
 FAMILIES = ('pace', 'time_to_go', 'more_words')

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import files
-from rpo_core.requirements import Requirements
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import THRUST
 from rpo_safety import limit_checker
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}

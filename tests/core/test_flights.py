@@ -14,14 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from rpo_core import cw, kernels, metrics
-from rpo_core.chain import Chain
-from rpo_core.controller import FuzzyController, load_controller
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.scenario import load_scenario, load_set
-from rpo_core.stage import Place
-from rpo_core.verdicts import verdicts
+from rpo_core import kernels
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import FuzzyController, load_controller
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance
 
 
 @pytest.mark.parametrize('name', ['paper_test', 'paper_test_phase'])

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rpo_core import files
-from rpo_core.controller import FuzzyController
-from rpo_core.flight import fly
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 
 MANY = settings(max_examples=10_000)
 DOCUMENTS = {

@@ -18,7 +18,7 @@ from core_strategies import functions, grid_functions, systems, unit
 from hypothesis import assume, given
 from skfuzzy import control
 
-from rpo_core.fuzzy import FuzzySystem
+from rpo_core.control.fuzzy import FuzzySystem
 
 POINTS = np.random.default_rng(7).uniform(-1, 1, (60, 2))
 
@@ -113,7 +113,7 @@ def sampling_bounds(system, points, step):
 
 @pytest.fixture(scope='module')
 def handmade_system():
-    from rpo_core.controller import load_controller
+    from rpo_core.control.controller import load_controller
 
     return load_controller('handmade').system
 

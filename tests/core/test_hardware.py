@@ -7,12 +7,14 @@ import pytest
 from core_documents import document
 from scipy.linalg import expm
 
-from rpo_core import files, noise, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.navigation import Navigation
-from rpo_core.thrusters import IDENTITY, Thrusters
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import noise
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import IDENTITY, Thrusters
 
 QUICK = scenario.load_scenario('quick')
 MATRIX = ((0.9, 0.1, 0.0), (0.0, 1.1, -0.2), (0.05, 0.0, 1.0))

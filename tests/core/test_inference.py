@@ -22,8 +22,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rpo_core import kernels
-from rpo_core.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
-from rpo_core.validation import InputError
+from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
+from rpo_core.files.validation import InputError
 
 TEXTBOOK = MembershipFunctions(0.5, 0.0, 0.5, 1.0, 0.5)
 """Five triangles half as wide as the range: grades add to 1 everywhere."""

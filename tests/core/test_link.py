@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core.link import CORRUPTIONS, KINDS, FaultRates, Schedule, SeededLink
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.world.link import CORRUPTIONS, KINDS, FaultRates, Schedule, SeededLink
 
 RATES = st.builds(FaultRates, **{kind: st.floats(0.0, 1.0) for kind in KINDS})
 SEEDS = st.integers(0, 2**32)

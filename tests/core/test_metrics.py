@@ -11,11 +11,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rpo_core import metrics
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import Flight
-from rpo_core.metrics import Metrics
-from rpo_core.thrusters import Thrusters
+from rpo_core.chain.flight import Flight
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import Metrics
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import Thrusters
 
 
 def flight(paper_test, states, forces, dt_s=1.0, disturbance=None, **changes):

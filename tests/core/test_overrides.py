@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import pytest
 
-from rpo_core import files, overrides
-from rpo_core.scenario import load_scenario, parse
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.files import overrides
+from rpo_core.files.scenario import load_scenario, parse
+from rpo_core.files.validation import InputError
+from rpo_core.world.thrusters import Thrusters
 
 
 def test_changed_fields_are_those_of_a_file_with_them():

@@ -12,12 +12,14 @@ import pytest
 from core_documents import document, refusal
 from core_oracles import python
 
-from rpo_core import files, pulse_kernels, scenario
-from rpo_core.controller import load_controller
-from rpo_core.dynamics import Dynamics
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.interfaces import CHASER_MASS, EXERTED_FORCE
-from rpo_core.thrusters import (
+from rpo_core import files
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.kernels import pulse_kernels
+from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
+from rpo_core.world.dynamics import Dynamics
+from rpo_core.world.thrusters import (
     STANDARD_GRAVITY_M_S2,
     Failure,
     Propellant,
@@ -220,11 +222,11 @@ def test_a_reset_stage_has_forgotten():
 
 DIGEST = """
 import hashlib
-from rpo_core import jit
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
+from rpo_core.kernels import jit
+from rpo_core.control.controller import load_controller
+from rpo_core.chain.flight import fly
+from rpo_core.files.scenario import load_scenario
+from rpo_core.world.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
 on = Failure(thruster='x+a', stuck='on', from_s=1.0, until_s=2.0, known=True)
 off = Failure(thruster='y-b', stuck='off', from_s=1.5)
 askew = ThrusterError(thruster='z+a', magnitude_share=0.02, misalignment_deg=(1.0, 2.0, 3.0))

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from core_documents import document
 
-from rpo_core import files, metrics
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import Flight
-from rpo_core.requirements import LIMITS, Requirements
-from rpo_core.scenario import dumps, load, load_scenario, parse
-from rpo_core.thrusters import Propellant, Thrusters
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST, verdicts
+from rpo_core import files
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import dumps, load, load_scenario, parse
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import LIMITS, Requirements
+from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import Propellant, Thrusters
 
 
 def required(**limits):

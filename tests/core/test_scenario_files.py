@@ -13,9 +13,11 @@ import pytest
 from core_documents import MISSING, assert_names, changed, document, keys, refusal, renamed
 from core_documents import with_harmonics as written_out
 
-from rpo_core import cw, files, scenario
-from rpo_core.disturbance import Disturbance, Harmonic, paper
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance, Harmonic, paper
 
 SINGLE = document('scenario', 'paper_test')
 SET = document('scenario', 'paper_training')

@@ -4,9 +4,9 @@
 
 import pytest
 
-from rpo_core import interfaces, statuses
-from rpo_core.cdr import Status
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces, statuses
+from rpo_core.wire.cdr import Status
 
 RUN = Status(0, 'run', 'flying', 'none', (
     ('phase', 'running'), ('tick', '7'), ('time_s', '0.7'), ('energy_n2s', '1e-05'),

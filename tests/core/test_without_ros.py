@@ -38,9 +38,9 @@ import importlib, pkgutil
 import rpo_core
 for module in pkgutil.iter_modules(rpo_core.__path__, 'rpo_core.'):
     importlib.import_module(module.name)
-from rpo_core.flight import fly
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 print(fly(load_scenario('quick'), load_controller('trained')).states.shape)
 """
 

@@ -11,8 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core import controller, files, scenario
-from rpo_core.validation import InputError, printable
+from rpo_core import files
+from rpo_core.control import controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError, printable
 
 LOADERS = {'scenario': scenario.load, 'controller': controller.load_controller}
 

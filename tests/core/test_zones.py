@@ -12,8 +12,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rpo_core.scenario import load_scenario
-from rpo_core.zones import Corridor, Zones, zones_of
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.zones import Corridor, Zones, zones_of
 from rpo_guidance.plan import Guidance
 
 near = st.floats(-50.0, 50.0)

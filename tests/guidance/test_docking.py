@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.verdicts import verdicts
 from rpo_guidance.guidance import DOCKED, GuidanceStage
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.rehearsal import nominal
@@ -117,7 +117,7 @@ def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
 
 def test_the_passive_approach_is_protected_until_it_commits():
     """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
-    from rpo_training.safety.silence import silence
+    from rpo_judge.safety.silence import silence
 
     scenario = load_scenario('passive_approach')
     found = silence(scenario, load_controller('allround'), 10.0, 20.0, 2.0, (-1.8e-6, 0.0))

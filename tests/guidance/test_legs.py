@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpo_core import cw, kernels
+from rpo_core import kernels
+from rpo_core.world import cw
 from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle
 from rpo_guidance.transfers import Zones
 

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 import yaml
 
-from rpo_core import files, scenario
-from rpo_core.chain import Chain
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.interfaces import REFERENCE_STATE, RELATIVE_STATE
-from rpo_core.stage import Place
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire.interfaces import REFERENCE_STATE, RELATIVE_STATE
 from rpo_guidance import guidance, plan, rehearsal, transfers
 
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])

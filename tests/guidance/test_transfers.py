@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from rpo_core import cw
+from rpo_core.world import cw
 from rpo_guidance import transfers
 from rpo_guidance.transfers import Zones
 

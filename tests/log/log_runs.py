@@ -19,9 +19,12 @@ import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_core import cdr, controller, explain, files, interfaces, scenario
-from rpo_core.flight import Flight, fly
-from rpo_core.stage import Place, Stage
+from rpo_core import files
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.chain.stage import Place, Stage
+from rpo_core.control import controller, explain
+from rpo_core.files import scenario
+from rpo_core.wire import cdr, interfaces
 from rpo_log.format import sums
 from rpo_log.format.run import RunSummary, TimeBase
 from rpo_log.write.mcap_file import McapFile

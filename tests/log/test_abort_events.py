@@ -9,11 +9,12 @@ from dataclasses import replace
 import pytest
 from log_runs import chain_run
 
-from rpo_core import cdr, scenario
-from rpo_core.chain import Chain
-from rpo_core.controller import load_controller
-from rpo_core.disturbance import NONE
-from rpo_core.interfaces import RELATIVE_STATE
+from rpo_core.chain.chain import Chain
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExitCode
 from rpo_log.read import stream
 from rpo_log.verify import verify

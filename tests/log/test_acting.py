@@ -4,8 +4,8 @@
 
 import pytest
 
-from rpo_core.interfaces import row_of
-from rpo_core.scenario import load_scenario
+from rpo_core.files.scenario import load_scenario
+from rpo_core.wire.interfaces import row_of
 from rpo_log.topics import Topic
 from rpo_log.write.acting import Acting
 

@@ -15,7 +15,7 @@ from mcap import records as mcap_records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_log.format import rosbag2, schemas
 from rpo_log.tools.repair import repair
 from rpo_log.write.side_file import HealthLogWriter

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
-from rpo_core import cdr
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
+from rpo_core.wire import cdr
 from rpo_log.read.run_log import read_flight
 from rpo_log.read.stream import RunReader
 from rpo_log.tools.diff import diff

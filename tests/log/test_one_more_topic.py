@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from log_runs import TOPICS, Run, make_run, rewrite
 
-from rpo_core import cdr, interfaces
-from rpo_core.interfaces import Interface
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_log.errors import ExitCode
 from rpo_log.read.run_log import read_run
 from rpo_log.read.stream import RunReader

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from log_runs import STATUS, TOPICS, Run, make_run
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.format import sums
 from rpo_log.read.stream import RunReader

@@ -23,7 +23,7 @@ from log_runs import FORCE, STATE, STATUS, make_run, rewrite
 from mcap.opcode import Opcode
 from mcap.writer import Writer
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.format import schemas
 from rpo_log.format.run import TimeBase

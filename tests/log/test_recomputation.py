@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpo_core import interfaces
-from rpo_core.stage import Stage
+from rpo_core.chain.stage import Stage
+from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import Recomputation
 
 

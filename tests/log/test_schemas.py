@@ -9,7 +9,7 @@ import re
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import schemas
 

@@ -15,7 +15,7 @@ import pytest
 from log_runs import record
 
 from rpo_core import files
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log import signature
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.format import sums

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, make_run
 
-from rpo_core import cdr
-from rpo_core.controller import load_controller
-from rpo_core.controller_file import ControllerStage
-from rpo_core.disturbance import NONE
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.wire import cdr
+from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExitCode
 from rpo_log.read import stream
 from rpo_log.read.run_log import read_run

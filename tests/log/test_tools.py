@@ -21,7 +21,8 @@ from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_ru
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
-from rpo_core import cdr
+from rpo_cli.cli import app
+from rpo_core.wire import cdr
 from rpo_log import commands
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read import stream
@@ -31,7 +32,6 @@ from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
 from rpo_log.write.run_info import machine_facts, write_run_info
 from rpo_log.write.side_file import HealthLogWriter
-from rpo_training.cli import app
 
 
 @pytest.fixture(scope='module')

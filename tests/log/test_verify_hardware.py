@@ -8,11 +8,12 @@ from dataclasses import replace
 import pytest
 from log_runs import DISTURBANCE, FORCE, STATE, TOPICS, Run, make_run, rewrite
 
-from rpo_core import cdr, interfaces, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.navigation import Navigation
-from rpo_core.thrusters import Thrusters
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire import cdr, interfaces
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import Thrusters
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read import stream
 from rpo_log.verify import verify

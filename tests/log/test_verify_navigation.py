@@ -11,11 +11,12 @@ import pytest
 from log_runs import FORCE, STATE, STATUS, TOPICS, Run, make_run, rewrite
 from nav_scenarios import LIDAR, make
 
-from rpo_core import interfaces, scenario
-from rpo_core.chain import Chain
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.stage import Place
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire import interfaces
 from rpo_log.format.run import TimeBase
 from rpo_log.read import stream
 from rpo_log.read.run_log import read_run

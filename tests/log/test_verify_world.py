@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from log_runs import FORCE, STATE, STATUS, TOPICS, Run, make_run, rewrite
 
-from rpo_core import cdr, interfaces, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.thrusters import Propellant
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire import cdr, interfaces
+from rpo_core.world.thrusters import Propellant
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.read import stream
 from rpo_log.verify import verify

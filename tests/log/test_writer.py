@@ -28,12 +28,13 @@ from log_runs import (
     make_run,
 )  # fmt: skip
 
-from rpo_core import cdr, files
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.interfaces import MOST_AHEAD_TICKS
-from rpo_core.scenario import load_scenario
-from rpo_core.thrusters import Thrusters
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import MOST_AHEAD_TICKS
+from rpo_core.world.thrusters import Thrusters
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests

@@ -7,11 +7,12 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from typing import Any
 
-from rpo_core import interfaces, scenario
-from rpo_core.baselines import Pd
-from rpo_core.noise import six_normals
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, Stage
+from rpo_core.chain.stage import Place, Stage
+from rpo_core.control.baselines import Pd
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.kernels.noise import six_normals
+from rpo_core.wire import interfaces
 from rpo_nav.estimator import Estimator
 
 LIDAR = {

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav_scenarios import LIDAR, PD, make, unmodelled
 
-from rpo_core import cw, jit
-from rpo_core.chain import Chain
-from rpo_core.flight import fly
-from rpo_core.validation import InputError
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import jit
+from rpo_core.world import cw
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS
 from rpo_nav.kalman import step_covariance, step_state, update
@@ -297,3 +298,19 @@ def test_bad_input_is_one_sentence(changes, sentence):
     with pytest.raises(InputError, match=r'^[^\n]*$') as error:
         make(**changes)
     assert sentence in str(error.value)
+
+
+def test_the_gate_decides_at_its_own_value():
+    """A first measurement is taken if its NIS is within the gate, and not if it is just beyond."""
+    unit = {'kind': 'relative_position', 'noise_floor_m': 0.5}
+    flown = make([unit], estimator={'gate_sigmas': 4.0, 'position_sigma_m': 1e-4})
+    found = []
+    for off in np.linspace(0.0, 5.0, 101):
+        stage = EstimatorStage(flown.section(Estimator), flown)
+        x, y, z = flown.initial_position_m
+        stage.step(0, (0.0, 0.0, 0.0), (x + off, y, z, 0.0, 0.0, 0.0, 0.0))
+        numbers, nis = stage.memory.tested[0][:2]
+        assert numbers == 3
+        assert stage.memory.counts[IN_A_ROW] == (nis > gate(3, 4.0))
+        found.append(nis / gate(3, 4.0))
+    assert any(0.8 < share < 1.0 for share in found) and any(1.0 < share < 1.3 for share in found)

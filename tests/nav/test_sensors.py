@@ -153,8 +153,8 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
 DIGEST = """
 import hashlib, numpy as np
 from nav_scenarios import LIDAR, PD, make
-from rpo_core import jit
-from rpo_core.flight import fly
+from rpo_core.kernels import jit
+from rpo_core.chain.flight import fly
 units = [
     {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,
      'outlier_size_m': 9.0},

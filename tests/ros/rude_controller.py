@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
 from rpo_ros import conversions, qos
 
 WRONG = (9.0, 9.0, 9.0)

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 from inside import inside
 
-from rpo_core import metrics, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.judge import metrics
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode

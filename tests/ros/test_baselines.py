@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_flight
 from rpo_log.verify import ExitCode, verify
 from tools.node_processes import node_processes

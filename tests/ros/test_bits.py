@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import yaml
 
-from rpo_core import overrides
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import overrides
+from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_flight
 from rpo_log.verify import verify
 from tools.node_processes import NodeProcesses, node_processes

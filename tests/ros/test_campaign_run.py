@@ -10,12 +10,12 @@ import pytest
 from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
-from rpo_core import metrics
+from rpo_cli.cli import app
+from rpo_core.judge import metrics
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
-from rpo_training.campaign import config
-from rpo_training.campaign.run_batch import FINAL, fly_runs
-from rpo_training.cli import app
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
 from tools.node_processes import node_processes
 
 RUN = 7

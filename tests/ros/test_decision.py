@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from inside import inside
 from nav_msgs.msg import Odometry
 
-from rpo_core.explain import decisions
+from rpo_core.control.explain import decisions
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.decisions import read_decisions
@@ -47,7 +47,7 @@ def test_it_says_what_it_does_once_a_period(ros_env):
     assert sorted(set(ticks)) == [0, 2, 4, 6, 8, 10]
     node_said = {(s.name, s.message, tuple((v.key, v.value) for v in s.values))
                  for m in said for s in m.status}  # fmt: skip
-    from rpo_core.controller import load_controller
+    from rpo_core.control.controller import load_controller
 
     expected = {
         (f'decision: {d.axis}', d.strongest, tuple((k, repr(x)) for k, x in d.pairs()))

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_sim import plant as kinds
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.timing import MOST_CATCH_UP, Histogram, Latency, Pace

@@ -16,9 +16,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
-from rpo_core import cdr, interfaces, statuses
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces, statuses
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_ros import conversions, names, qos
 from rpo_ros.running import FlightNode

@@ -9,7 +9,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
 from std_srvs.srv import Trigger
 
-from rpo_core import files, interfaces, scenario
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_guidance.operator_node import OperatorNode

@@ -18,9 +18,10 @@ from nav_msgs.msg import Odometry
 from scenarios import lasting
 from test_guidance import written
 
-from rpo_core import files, interfaces
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.errors import Fault, LogError

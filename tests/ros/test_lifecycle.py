@@ -10,8 +10,8 @@ from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
+from rpo_core.control.controller import load_controller
+from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import read_run
 from rpo_ros import conversions, qos

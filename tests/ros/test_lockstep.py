@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import Scenario, load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_sim import lockstep
 from rpo_sim.lockstep import LockstepPlant
 

@@ -9,9 +9,9 @@ import pytest
 from inside import inside
 from nav_scenarios import LIDAR, make
 
-from rpo_core import scenario as scenarios
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario as scenarios
 from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
 from rpo_nav.navigation_node import NavigationNode

@@ -7,8 +7,8 @@ import pytest
 from inside import inside
 from scenarios import lasting
 
-from rpo_core import interfaces
-from rpo_core.interfaces import Interface
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode

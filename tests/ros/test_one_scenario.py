@@ -8,9 +8,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
 from scenarios import lasting
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from rpo_ros import conversions, names, qos

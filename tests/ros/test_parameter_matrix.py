@@ -11,7 +11,7 @@ import pytest
 from inside import inside
 from rclpy.parameter import Parameter
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.recorder_node import RecorderNode
 from rpo_ros.parameter_rows import ParameterRow as Row
 from rpo_ros.parameters import declare

@@ -11,7 +11,7 @@ from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.zones import Zones
+from rpo_core.judge.zones import Zones
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify

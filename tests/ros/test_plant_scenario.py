@@ -5,7 +5,7 @@
 import pytest
 
 from rpo_core import files
-from rpo_core.statuses import Manifest
+from rpo_core.wire.statuses import Manifest
 from rpo_ros import plant_scenario
 from rpo_ros.plant_scenario import PlantScenario
 

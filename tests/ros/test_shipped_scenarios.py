@@ -10,10 +10,11 @@ import pytest
 from test_report import refuse_optima
 from typer.testing import CliRunner
 
-from rpo_core import files, scenario
-from rpo_core.scenario import ScenarioSet
+from rpo_cli.cli import app
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import ScenarioSet
 from rpo_log.verify import verify
-from rpo_training.cli import app
 from tools.node_processes import node_processes
 
 QUICK = ('quick',)

@@ -9,9 +9,9 @@ import pytest
 from links import ADDRESSES, LinkError, hosts
 from scenarios import lasting
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_run
 from tools.node_processes import node_processes
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from rpo_core import scenario
-from rpo_core.requirements import Requirements
+from rpo_core.files import scenario
+from rpo_core.judge.requirements import Requirements
 from tools.node_processes import node_processes
 
 

@@ -33,11 +33,12 @@ from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core import explain, files
-from rpo_core.cdr import Status
-from rpo_core.controller import load_fuzzy
-from rpo_core.statuses import Manifest, RunStatus
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.control import explain
+from rpo_core.control.controller import load_fuzzy
+from rpo_core.files.validation import InputError
+from rpo_core.wire.cdr import Status
+from rpo_core.wire.statuses import Manifest, RunStatus
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address

@@ -26,12 +26,13 @@ from test_view import FORCE, HOSTILE, START_NS, STATE, heard
 from test_view import manifest as manifest_of
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core import files, interfaces
-from rpo_core.cdr import Status
-from rpo_core.scenario import load_scenario
-from rpo_core.statuses import AssuranceStatus, GuidanceStatus
-from rpo_core.validation import InputError
-from rpo_core.zones import zones_of
+from rpo_core import files
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge.zones import zones_of
+from rpo_core.wire import interfaces
+from rpo_core.wire.cdr import Status
+from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.listening import ListeningNode

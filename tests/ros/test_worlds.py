@@ -5,9 +5,9 @@
 import numpy as np
 import pytest
 
-from rpo_core import overrides, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import overrides, scenario
 from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
 from tools.node_processes import node_processes

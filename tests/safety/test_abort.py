@@ -12,14 +12,15 @@ import pytest
 import yaml
 from scipy.linalg import expm
 
-from rpo_core import files, scenario
-from rpo_core.chain import Chain
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.interfaces import COMMAND, RELATIVE_STATE
-from rpo_core.stage import WITHOUT_COMMAND, Place
-from rpo_core.thrusters import Failure, Pulses, Thrusters
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import WITHOUT_COMMAND, Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
+from rpo_core.world.thrusters import Failure, Pulses, Thrusters
 from rpo_safety.abort import Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE

@@ -9,13 +9,13 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from rpo_core import scenario
-from rpo_core.controller import load_controller
+from rpo_cli.cli import app
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_judge.safety import attack, hostile
+from rpo_judge.safety.quiet import quiet
 from rpo_safety.guard import proof_of
 from rpo_safety.settings import Assurance
-from rpo_training.cli import app
-from rpo_training.safety import attack, hostile
-from rpo_training.safety.quiet import quiet
 
 ASSURED = scenario.load_scenario('assured')
 

@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rpo_core import scenario
-from rpo_core.chain import Chain
-from rpo_core.controller import load_controller
-from rpo_core.interfaces import NAVIGATION_COVARIANCE, RELATIVE_STATE
-from rpo_core.stage import Place
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, RELATIVE_STATE
 from rpo_nav.sensors import Sensors
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import AssuranceStage

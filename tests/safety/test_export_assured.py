@@ -12,16 +12,16 @@ import pytest
 from c_programs import bits, compiled, driven
 from typer.testing import CliRunner
 
-from rpo_core import interfaces
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
+from rpo_core.world.thrusters import Thrusters
+from rpo_export import c_assured
 from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
 from rpo_safety.settings import Assurance
-from rpo_training.cli import app
-from rpo_training.export import c_assured
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

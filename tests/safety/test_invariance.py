@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rpo_core import scenario
-from rpo_core.thrusters import Thrusters
+from rpo_core.files import scenario
+from rpo_core.world.thrusters import Thrusters
 from rpo_safety import filters, kernels
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.corridor import approach_margins

@@ -10,19 +10,20 @@ import numpy as np
 import pytest
 from vehicles import attack_vehicles
 
-from rpo_core import scenario, stage
-from rpo_core.disturbance import Disturbance
-from rpo_core.flight import OpenLoop, fly
-from rpo_core.stage import Place, Section, Stage
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
-from rpo_core.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.zones import Zones
+from rpo_core.chain import stage
+from rpo_core.chain.flight import OpenLoop, fly
+from rpo_core.chain.stage import Place, Section, Stage
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
+from rpo_core.judge.zones import Zones
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import Thrusters
+from rpo_judge.safety import attack, hostile
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance, Corridor
 from rpo_sim.plant import Plant
-from rpo_training.safety import attack, hostile
 
 PAPER = scenario.load_scenario('paper_test')
 DRIFT = {

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpo_core import overrides, scenario
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
-from rpo_training.safety import leaving
+from rpo_core.control.controller import load_controller
+from rpo_core.files import overrides, scenario
+from rpo_core.files.validation import InputError
+from rpo_judge.safety import leaving
 
 GUARDED = scenario.load_scenario('guarded')
 

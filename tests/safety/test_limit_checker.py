@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
 from rpo_safety import limit_checker
 from rpo_safety.limit_checker import ABORT, LimitChecker, Rule, load_monitor
 
@@ -52,6 +52,7 @@ def test_cleared_it_begins_anew():
     [
         ((0, 0, 0, 0, 0, 0), set()),
         ((399, 0, 0, 0, 0, 0), set()),
+        ((400, 0, 0, 0, 0, 0), set()),  # at a limit is within it
         ((401, 0, 0, 0, 0, 0), {'out_of_range'}),
         ((0, 0, 0, 0, 0.0999, 0), set()),
         ((0, 0, 0, 0, 0, -0.1001), {'too_fast'}),

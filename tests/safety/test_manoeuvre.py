@@ -11,9 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from rpo_core import cw, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.world import cw
 from rpo_safety import manoeuvre
 from rpo_safety.manoeuvre import World
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from rpo_core import scenario
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_judge.safety.silence import silence
 from rpo_safety import passive
-from rpo_training.safety.silence import silence
 
 N = scenario.load_scenario('paper_test').mean_motion_rad_s
 TWO_ORBITS = 4.0 * math.pi / N
@@ -76,3 +76,10 @@ def test_the_trained_controller_is_unprotected_in_most_flights():
     assert found.flights == 216
     assert 190 <= found.unprotected <= 216
     assert 0.25 < found.share < 0.5
+
+
+def test_the_moment_of_entry_is_not_passed_over():
+    """Across the orbit the bound of the speed is exact: a step too long ends inside, or beyond."""
+    for height, speed in ((30.0, 0.5), (45.0, 1.0), (200.0, 2.5)):
+        found = passive.clear_for((0.0, 0.0, height, 0.0, 0.0, -speed), 10.0, 1000.0, N, 0.0, 0.0)
+        assert 0.9 * (height - 10.0) / speed < found <= 1.01 * (height - 10.0) / speed

@@ -13,11 +13,11 @@ import pytest
 from scipy.linalg import expm
 from typer.testing import CliRunner
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import Flight, fly
-from rpo_core.scenario import load_scenario
-from rpo_training.cli import app
-from rpo_training.safety import peers
+from rpo_cli.cli import app
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_judge.safety import peers
 
 FOLDER = Path(__file__).parents[2] / 'offline_training' / 'examples' / 'benchmarks'
 ARCH = load_scenario(FOLDER / 'arch_rendezvous.yaml')

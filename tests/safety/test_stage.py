@@ -14,13 +14,14 @@ import yaml
 from scipy import optimize
 
 import rpo_training.gym
-from rpo_core import metrics, scenario
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.interfaces import EXERTED_FORCE
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
 from rpo_core.kernels import cw_step
-from rpo_core.thrusters import Pulses, Thrusters
-from rpo_core.validation import InputError
+from rpo_core.wire.interfaces import EXERTED_FORCE
+from rpo_core.world.thrusters import Pulses, Thrusters
 from rpo_safety import filters
 from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.guard import guard_of

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core.disturbance import NONE
-from rpo_core.scenario import Scenario, load_scenario
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world.disturbance import NONE
+from rpo_core.world.thrusters import Thrusters
+from rpo_judge.safety.attack import Result, attack
+from rpo_judge.safety.hostile import KINDS
 from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Corridor, Speed
-from rpo_training.safety.attack import Result, attack
-from rpo_training.safety.hostile import KINDS
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 
@@ -48,7 +48,7 @@ def attack_vehicles(
 ) -> Attacked:
     """Draw vehicles, and fly one run of each kind of command with those that are not refused.
 
-    limits : columns of `rpo_training.safety.hostile` that must be zero
+    limits : columns of `rpo_judge.safety.hostile` that must be zero
     advance : gets how many vehicles are done
     """
     refused: dict[str, int] = {}

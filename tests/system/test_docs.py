@@ -30,13 +30,14 @@ from doc_blocks import (
     run_line,
 )
 
-from rpo_core import baselines, controller, controller_file, missing
-from rpo_core.disturbance import Disturbance, Harmonic
-from rpo_core.fuzzy import MembershipFunctions
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import DISTURBANCES, Scenario
-from rpo_core.thrusters import Thrusters
-from rpo_training.cli import app
+from rpo_cli.cli import app
+from rpo_core.control import baselines, controller, controller_file
+from rpo_core.control.fuzzy import MembershipFunctions
+from rpo_core.files import missing
+from rpo_core.files.scenario import DISTURBANCES, Scenario
+from rpo_core.world.disturbance import Disturbance, Harmonic
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import Thrusters
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [
@@ -233,9 +234,9 @@ def test_every_target_has_a_row():
 
 
 def test_a_name_that_does_not_exist_is_noticed():
-    assert holds_symbol('rpo_core.fuzzy.FuzzySystem.from_vector')
-    assert holds_symbol('rpo_core.metrics.PENALTY')
-    assert not holds_symbol('rpo_core.fuzzy.FuzzySystem.from_victor')
+    assert holds_symbol('rpo_core.control.fuzzy.FuzzySystem.from_vector')
+    assert holds_symbol('rpo_core.judge.metrics.PENALTY')
+    assert not holds_symbol('rpo_core.control.fuzzy.FuzzySystem.from_victor')
     assert not holds_symbol('rpo_core.fuzy')
 
 

@@ -111,8 +111,8 @@ WITHOUT_MCAP = [
     ('rpo_log.commands', 'info', ('runs/demo',)),
     ('rpo_log.commands', 'repair', ('runs/demo',)),
     ('rpo_bringup.commands', 'final_approach', ('--scenario', 'quick')),
-    ('rpo_training.entry', 'main', ('verify', 'runs/demo')),
-    ('rpo_training.entry', 'main', ('log', 'info', 'runs/demo')),
+    ('rpo_cli.entry', 'main', ('verify', 'runs/demo')),
+    ('rpo_cli.entry', 'main', ('log', 'info', 'runs/demo')),
 ]
 
 
@@ -125,7 +125,7 @@ def test_without_mcap_one_sentence_names_the_command_that_installs_it(module, fu
 
 
 def test_the_version_names_the_code():
-    main = 'from rpo_training.entry import main; main()'
+    main = 'from rpo_cli.entry import main; main()'
     command = [sys.executable, '-c', f'import sys; sys.argv[:] = ["rpo", "--version"]; {main}']
     done = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert done.returncode == 0, done.stderr
@@ -134,4 +134,4 @@ def test_the_version_names_the_code():
 
 @pytest.mark.parametrize('words', [(), ('train',), ('report',), ('log',)])
 def test_rpo(words):
-    assert 'Usage' in help_of('rpo_training.entry', 'main', 'rpo', *words)
+    assert 'Usage' in help_of('rpo_cli.entry', 'main', 'rpo', *words)

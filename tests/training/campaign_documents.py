@@ -4,7 +4,7 @@
 
 import yaml
 
-from rpo_training.campaign import config
+from rpo_montecarlo.campaign import config
 
 SHORT = """
 schema: rpo/scenario/1

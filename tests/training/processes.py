@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
 
 CONFIGURATIONS = ('config.yaml', 'family.yaml', 'tuning.yaml')
-ENTRY = 'from rpo_training.entry import main; main()'
+ENTRY = 'from rpo_cli.entry import main; main()'
 
 ANOTHER = {'OPENBLAS_CORETYPE': 'Haswell', 'NPY_DISABLE_CPU_FEATURES': 'AVX512_ICL'}
 """What a processor without AVX-512 would choose; any with AVX2 can compute so."""

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from functools import cache
 
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load
-from rpo_training.proof import proving
-from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import Problem, Settings
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load
+from rpo_proof import proving
+from rpo_proof.folder import Folder
+from rpo_proof.problem import Problem, Settings
 
 COARSE = 4.0
 """Cells of the table beside the default ones: a sixteenth of the time."""

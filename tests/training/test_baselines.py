@@ -12,19 +12,19 @@ from campaign_documents import SHORT, write_campaign
 from processes import repeated
 from typer.testing import CliRunner
 
-from rpo_core import metrics
-from rpo_core.baselines import PAPER_MODEL, Mpc
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario, load_set
-from rpo_core.validation import InputError
-from rpo_training.baselines import tuning_spaces
-from rpo_training.baselines.tuning import BUDGET, Tuning, TuningConfig
-from rpo_training.campaign import config, run_batch, single
-from rpo_training.cli import app
-from rpo_training.engine.cases import case_of_flights, case_of_set
-from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import comparison, comparison_table, optimal, plans
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.baselines import PAPER_MODEL, Mpc
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_judge.evaluation import comparison, comparison_table, optimal, plans
+from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_training import tuning_spaces
+from rpo_training.tuning import BUDGET, Tuning, TuningConfig
 
 TRAINING = load_set('paper_training')
 NAMES = ('pd', 'lqr', 'mpc', 'apf_smc', 'drift')
@@ -279,7 +279,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
 
 @pytest.mark.parametrize('kept', ['', '[', '[' * 100_000, '3', '{"result": {"mean": 1.0}}', None])
 def test_a_kept_result_that_was_changed_is_computed_anew(kept, tmp_path):
-    made = comparison.Comparison([], tmp_path, tmp_path)
+    made = comparison.Comparison([], tmp_path, tmp_path, lambda *_: '')
     assert made._kept('../[/x]', ['text'], lambda: {'mean': 1.0}) == {'mean': 1.0}
     (path,) = tmp_path.iterdir()  # a name is no way out of the folder
     path.write_text(path.read_text().replace('1.0', '9.0') if kept is None else kept)

@@ -12,9 +12,9 @@ import pytest
 from campaign_documents import EVERYTHING, SHORT, write_campaign
 from scipy import stats
 
-from rpo_core import metrics
-from rpo_core.flight import fly as fly_core
-from rpo_training.campaign import config, run_batch, sampling, single, statistics
+from rpo_core.chain.flight import fly as fly_core
+from rpo_core.judge import metrics
+from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_interpreted_and_compiled_fly_the_same_bits(write, tmp_path):
     path = write(scenario=str(blink), runs=3)
     code = (
         'import hashlib, sys\n'
-        'from rpo_training.campaign import config, run_batch\n'
+        'from rpo_montecarlo.campaign import config, run_batch\n'
         'results = run_batch.fly_unit(config.load(sys.argv[1]), 0)\n'
         'print(hashlib.sha256(results.tobytes()).hexdigest())\n'
     )
@@ -189,3 +189,14 @@ def test_a_figure_that_is_not_a_number_is_no_success(write):
     settings = config.load(write()).config
     kept = statistics.successes(settings, {'hold_error_per_axis_m': np.array([1.0, np.nan, 61.0])})
     assert kept.tolist() == [True, False, False]
+
+
+def test_quantiles_are_those_of_the_values_also_where_some_are_infinite():
+    values = np.arange(1001.0)
+    found = statistics.spread('x', 'm', values[::-1].copy())
+    assert found.quantiles == (500.0, 950.0, 990.0)
+    assert (found.worst, found.worst_run, found.mean) == (1000.0, 0, 500.0)
+    values[-40:] = np.inf  # 4 % never arrive: half and 95 % of the runs did, 99 % did not
+    assert statistics.spread('x', 's', values).quantiles == (500.0, 950.0, np.inf)
+    few = np.array([1.0, 2.0, np.inf])
+    assert statistics.spread('x', 's', few).quantiles == (2.0, np.inf, np.inf)

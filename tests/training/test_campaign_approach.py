@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rpo_core.validation import InputError
-from rpo_training.campaign import config, run_batch
-from rpo_training.campaign.quantities import Dispersion, dispersion
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.campaign.sampling import draw
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.campaign import config, run_batch
+from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.sampling import draw
 
 
 @pytest.fixture(scope='module', params=['latin_hypercube', 'random'])

@@ -7,12 +7,12 @@ import pytest
 from campaign_documents import write_campaign
 from typer.testing import CliRunner
 
-from rpo_core.validation import InputError
+from rpo_cli.cli import app
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
+from rpo_montecarlo.engine import parts
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.free_running import FreeRunningPlant
-from rpo_training.campaign import config, faults, run_batch, sampling, single, sweep
-from rpo_training.cli import app
-from rpo_training.engine import parts
 
 LOSSY = {
     'state_loss': 0.3,

@@ -22,17 +22,17 @@ from campaign_documents import SHORT, write_campaign
 from rich.console import Console
 from typer.testing import CliRunner
 
-from rpo_core.requirements import LIMITS
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST, verdicts
-from rpo_training.campaign import config, execution, run_batch, sampling
-from rpo_training.campaign.progress import CampaignDisplay, duration
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.campaign.single import fly_run
-from rpo_training.campaign.statistics import kept, successes
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.display import COMPILING
+from rpo_cli.cli import app
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import LIMITS
+from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_montecarlo.campaign import config, execution, run_batch, sampling
+from rpo_montecarlo.campaign.execution import CampaignDisplay, duration
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.single import fly_run
+from rpo_montecarlo.campaign.statistics import kept, successes
+from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.display import COMPILING
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDE = {'COLUMNS': '300'}
@@ -74,7 +74,7 @@ def test_the_folder_is_the_same_on_any_threads_interrupted_or_not(write, tmp_pat
 def test_a_killed_campaign_goes_on(write, tmp_path):
     folder = tmp_path / 'killed'
     path = write(runs=20000)
-    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
     process = subprocess.Popen([*command, str(path), '-o', str(folder)], stderr=subprocess.PIPE)
     deadline = time.monotonic() + 40.0
     while time.monotonic() < deadline:
@@ -95,7 +95,7 @@ def test_a_killed_campaign_goes_on(write, tmp_path):
 @pytest.mark.slow
 def test_ctrl_c_stops_cleanly_and_says_how_to_go_on(write, tmp_path):
     folder = tmp_path / 'stopped'
-    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
     process = subprocess.Popen(
         [*command, str(write(runs=1000000)), '-o', str(folder)],
         stderr=subprocess.PIPE,
@@ -124,8 +124,8 @@ def test_memory_is_flat(tmp_path, write):
     code = (
         'import resource, sys\n'
         'from pathlib import Path\n'
-        'from rpo_training.campaign import config, execution\n'
-        'from rpo_training.campaign.store import Store\n'
+        'from rpo_montecarlo.campaign import config, execution\n'
+        'from rpo_montecarlo.campaign.store import Store\n'
         'campaign = config.load(sys.argv[1], runs=int(sys.argv[2]))\n'
         'execution.fly(Store.create(Path(sys.argv[3]), campaign), 2)\n'
         'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n'
@@ -443,9 +443,9 @@ def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
     """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_training.campaign.progress.time', clock)
-    monkeypatch.setattr('rpo_training.display.EVERY_S', -1.0)
-    monkeypatch.setattr('rpo_training.display.PATIENCE_S', 0.01)
+    monkeypatch.setattr('rpo_montecarlo.campaign.execution.time', clock)
+    monkeypatch.setattr('rpo_montecarlo.display.EVERY_S', -1.0)
+    monkeypatch.setattr('rpo_montecarlo.display.PATIENCE_S', 0.01)
     out = io.StringIO()
     store = Store.create(tmp_path / 'flown', config.load(write(runs=900)))
     with CampaignDisplay(store, Console(file=out, width=200)) as display:
@@ -463,7 +463,7 @@ def test_a_long_campaign_is_announced_after_a_short_batch(write, tmp_path, monke
     """A million runs took half an hour, unannounced; it is told once, and of no short campaign."""
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_training.campaign.progress.time', clock)
+    monkeypatch.setattr('rpo_montecarlo.campaign.execution.time', clock)
     for runs, told in ((1_000_000, 'about 83 min to go, at 200 runs/s'), (2000, '')):
         out = io.StringIO()
         campaign = config.load(write(runs=runs))

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from campaign_documents import EVERYTHING, write_campaign
 
-from rpo_core import scenario
-from rpo_core.requirements import Requirements
-from rpo_core.thrusters import Propellant, Pulses, Thrusters
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
+from rpo_montecarlo.campaign import config, run_batch, sampling, single
+from rpo_montecarlo.engine import support
 from rpo_nav.estimator import Estimator
-from rpo_training.campaign import config, run_batch, sampling, single
-from rpo_training.engine import support
 
 pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
 
@@ -79,7 +79,7 @@ def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypa
     campaign = write(flown, dispersions=dispersions, controller=controller)
     assert support.why_not(campaign.scenario, campaign.controller, support.IN_PAIRS) == ''
     found = run_batch.fly_runs(campaign, 0, 45)
-    monkeypatch.setattr('rpo_training.campaign.run_batch.why_not', lambda *_: 'test')
+    monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')
     for number in (0, 39, 44):
         single_run = run_batch.fly_runs(campaign, number, 1)
         assert list(single_run) == list(found)
@@ -158,7 +158,7 @@ def test_a_scenario_may_require_what_thrusters_spend(write, monkeypatch, singly)
     campaign = write(required, dispersions=SOME, success=None)
     assert campaign.config.success == limits
     if singly:
-        monkeypatch.setattr('rpo_training.campaign.run_batch.why_not', lambda *_: 'test')
+        monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')
     columns = run_batch.fly_runs(campaign, 0, 3)
     for number in range(3):
         found = {v.key: v.value for v in verdicts(single.fly_run(campaign, number))}

@@ -14,11 +14,11 @@ from core_strategies import functions, smooth_functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core.controller import load_controller
-from rpo_core.fuzzy import MembershipFunctions, RuleTable
-from rpo_training.analysis import surface
-from rpo_training.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
-from rpo_training.analysis.surface import Boxes
+from rpo_core.control.controller import load_controller
+from rpo_core.control.fuzzy import MembershipFunctions, RuleTable
+from rpo_judge.analysis import surface
+from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, certify
+from rpo_judge.analysis.surface import Boxes
 
 
 def one_box(system, data, widest=0.3):

@@ -14,11 +14,11 @@ import pytest
 from clusters import cluster
 from typer.testing import CliRunner
 
-from rpo_core.validation import InputError
-from rpo_training.campaign import config, execution
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.cluster import pool
+from rpo_cli.cli import app
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.campaign import config, execution
+from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.cluster import pool
 
 CAMPAIGN = """
 schema: rpo/campaign/1
@@ -145,7 +145,7 @@ def test_a_local_cluster_flies_the_same_bytes(campaign, tmp_path):
 def test_ctrl_c_on_a_local_cluster_leaves_no_traceback_and_no_process(tmp_path):
     path, folder = tmp_path / 'campaign.yaml', tmp_path / 'f'
     path.write_text(CAMPAIGN.replace('12000', '1000000'))
-    command = [sys.executable, '-c', 'from rpo_training.cli import app; app()', 'campaign']
+    command = [sys.executable, '-c', 'from rpo_cli.cli import app; app()', 'campaign']
     process = subprocess.Popen(
         [*command, str(path), '-o', str(folder), '--cluster', 'local', '--workers', '2'],
         stderr=subprocess.PIPE,

@@ -12,14 +12,14 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_judge.evaluation.consistency import consistency, in_its_world, sigmas_at_goal, told
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
-from rpo_training.cli import app
-from rpo_training.evaluation.consistency import consistency, in_its_world, sigmas_at_goal, told
 
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 

@@ -7,27 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core.controller import load_controller
-from rpo_core.fuzzy import RuleTable
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
-from rpo_training.campaign import config as campaigns
-from rpo_training.campaign import run_batch
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.search import config as configs
-from rpo_training.search.conditions import PAPER
-from rpo_training.search.damping import driving
-from rpo_training.search.drawn import (
-    HELD_OUT,
-    POSITION_AND_SPEED,
-    DrawnFlights,
-    DrawnSettings,
-)
-from rpo_training.search.family_training import config_of
-from rpo_training.search.fitness import Fitness, FitnessSettings
-from rpo_training.search.training import Training
+from rpo_core.control.controller import load_controller
+from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
+from rpo_judge.scoring.conditions import PAPER
+from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
+from rpo_montecarlo.campaign import config as campaigns
+from rpo_montecarlo.campaign import run_batch
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_training import config as configs
+from rpo_training.family_training import config_of
+from rpo_training.training import Training
 
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
 JUDGED = {'paper_test': POSITION_AND_SPEED}

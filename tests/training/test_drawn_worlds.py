@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from campaign_documents import write_campaign
 
-from rpo_core import scenario
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.thrusters import Propellant, Thrusters
-from rpo_core.validation import InputError
-from rpo_training.campaign import run_batch
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.search.drawn import DrawnFlights, DrawnSettings
-from rpo_training.search.fitness import Fitness, FitnessSettings
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
+from rpo_core.world.thrusters import Propellant, Thrusters
+from rpo_judge.scoring.drawn import DrawnFlights, DrawnSettings
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings
+from rpo_montecarlo.campaign import run_batch
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
 
 pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
 

@@ -9,19 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import kernels, metrics
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import load_scenario, load_set
-from rpo_core.starts import Box
-from rpo_core.verdicts import verdicts
-from rpo_training.engine import lanes, parts, tick
-from rpo_training.engine.cases import case_of_flights, case_of_set
-from rpo_training.engine.judged import VALUES
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.search.genes import GeneSpace
+from rpo_core import kernels
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.files.starts import Box
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import verdicts
+from rpo_montecarlo.engine import lanes, parts, tick
+from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.judged import VALUES
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_training.genes import GeneSpace
 
 TRAINING = load_set('paper_training')
 

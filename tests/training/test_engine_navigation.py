@@ -10,14 +10,14 @@ from math import pi
 import numpy as np
 import pytest
 
-from rpo_core import scenario
+from rpo_core.files import scenario
+from rpo_montecarlo.campaign.navigation import estimators_of
+from rpo_montecarlo.engine import navigation, parts
+from rpo_montecarlo.engine.lanes import make_scratch
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import RESETS, estimate
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import Sensing, Sensor, Sensors
-from rpo_training.campaign.navigation import estimators_of
-from rpo_training.engine import navigation, parts
-from rpo_training.engine.lanes import make_scratch
 
 pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
 

@@ -8,20 +8,22 @@ import numpy as np
 import pytest
 from campaign_documents import SHORT, write_campaign
 
-from rpo_core import cw, metrics, stage
-from rpo_core.baselines import Pd
-from rpo_core.controller import load_controller
-from rpo_core.controller_file import ControllerStage
-from rpo_core.flight import fly
-from rpo_core.interfaces import APPLIED_FORCE, COMMAND
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import load_scenario, load_set
-from rpo_core.stage import Place, Section, Stage
-from rpo_core.starts import Cube
-from rpo_training.campaign import config, run_batch, single
-from rpo_training.engine import support
-from rpo_training.engine.cases import case_of_flights, case_of_set
-from rpo_training.engine.simulator import Simulator
+from rpo_core.chain import stage
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place, Section, Stage
+from rpo_core.control.baselines import Pd
+from rpo_core.control.controller import load_controller
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.files.starts import Cube
+from rpo_core.judge import metrics
+from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
+from rpo_core.world import cw
+from rpo_core.world.navigation import Navigation
+from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.engine import support
+from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.simulator import Simulator
 
 
 class LaggedStage(ControllerStage):
@@ -162,7 +164,7 @@ def test_both_ways_give_the_same_rows(elsewhere, tmp_path, monkeypatch):
 
     quickly = both()
     for module in ('campaign.run_batch', 'engine.simulator'):
-        monkeypatch.setattr(f'rpo_training.{module}.why_not', lambda *_: 'test')
+        monkeypatch.setattr(f'rpo_montecarlo.{module}.why_not', lambda *_: 'test')
     for ours, singly in zip(quickly, both(), strict=True):
         np.testing.assert_array_equal(ours, singly)
 

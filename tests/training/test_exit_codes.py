@@ -13,11 +13,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rpo_core.validation import InputError
-from rpo_training.bench import machine, table
-from rpo_training.cli import app
-from rpo_training.commands import searching
-from rpo_training.safety import attack, peers
+from rpo_cli.bench import table
+from rpo_cli.cli import app
+from rpo_cli.commands import searching
+from rpo_core.files.validation import InputError
+from rpo_judge.safety import attack, peers
+from rpo_montecarlo import machine
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')

@@ -11,16 +11,17 @@ import pytest
 from log_runs import FORCE, TOPICS, Run, make_run, rewrite
 from typer.testing import CliRunner
 
-from rpo_core import cdr, files
-from rpo_core.controller import dumps, load_controller
-from rpo_core.explain import decisions
+from rpo_cli.cli import app
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.control.explain import decisions
+from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.flight import fly
-from rpo_core.fuzzy import RuleTable
-from rpo_core.scenario import parse
+from rpo_core.files.scenario import parse
+from rpo_core.wire import cdr
 from rpo_log.format.run import TimeBase
 from rpo_log.verify import verify
-from rpo_training.cli import app
 
 
 def run(*arguments):

@@ -19,11 +19,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from rpo_core.controller import FuzzyController, load_controller, parse
-from rpo_core.fuzzy import FuzzySystem
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.export import FORMATS, SUFFIXES, importing, text_of
+from rpo_cli.cli import app
+from rpo_core.control.controller import FuzzyController, load_controller, parse
+from rpo_core.control.fuzzy import FuzzySystem
+from rpo_core.files.validation import InputError
+from rpo_export import FORMATS, SUFFIXES, importing, text_of
 
 CONTROLLERS = ['trained', 'paper_ga']
 GRID = np.linspace(-1.0, 1.0, 201)

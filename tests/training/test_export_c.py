@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from c_programs import bits, compiled, driven
 
-from rpo_core import controller_file
-from rpo_core.baselines import Pd
-from rpo_core.controller import load_controller
-from rpo_core.family import Family, Mission, family_of
+from rpo_core.control import controller_file
+from rpo_core.control.baselines import Pd
+from rpo_core.control.controller import load_controller
+from rpo_core.control.family import Family, Mission, family_of
+from rpo_core.files.validation import InputError
 from rpo_core.kernels import State, Vector, saturate
-from rpo_core.validation import InputError
-from rpo_training.export import c, text_of
-from rpo_training.export.c_source import Source
+from rpo_export import c, text_of
+from rpo_export.c_source import Source
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

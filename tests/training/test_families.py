@@ -16,24 +16,25 @@ from campaign_documents import write_campaign
 from processes import repeated
 from typer.testing import CliRunner
 
-from rpo_core import controller, metrics
-from rpo_core.baseline_kernels import pace_inputs
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario, load_set
-from rpo_training import export
-from rpo_training.campaign import config, run_batch, single
-from rpo_training.cli import app
-from rpo_training.engine.cases import case_of_set
-from rpo_training.engine.flights import flights_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import robustness
-from rpo_training.evaluation.comparison import Share
-from rpo_training.report import pareto
-from rpo_training.report.controller import report_of
-from rpo_training.search import family_training
-from rpo_training.search.config import override
-from rpo_training.search.family_training import FamilyTraining
+import rpo_export as export
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control import controller
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.judge import metrics
+from rpo_core.kernels.baseline_kernels import pace_inputs
+from rpo_judge.evaluation import robustness
+from rpo_judge.evaluation.comparison import Share
+from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.engine.cases import case_of_set
+from rpo_montecarlo.engine.flights import flights_of
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_report import pareto
+from rpo_report.controller import report_of
+from rpo_training import family_training
+from rpo_training.config import override
+from rpo_training.family_training import FamilyTraining
 
 NAMES = ('more_words', 'pace', 'time_to_go')
 TRAINING = load_set('paper_training')

@@ -10,21 +10,21 @@ import scipy.linalg
 import yaml
 from typer.testing import CliRunner
 
-from rpo_core import metrics
-from rpo_core import scenario as scenarios
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.metrics import LATE_POSITION, LATE_SPEED
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation.assessment import assess
-from rpo_training.evaluation.optimal import least_energy
-from rpo_training.search import corners
-from rpo_training.search.fitness import Fitness, FitnessSettings, excess
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
+from rpo_judge.evaluation.assessment import assess
+from rpo_judge.evaluation.optimal import least_energy
+from rpo_judge.scoring import corners
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings, excess
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
 
 TRAINING = load_set('paper_training')
 SMALL = replace(TRAINING, starts=Cube((-50.0, 5.0, 100.0)))
@@ -189,3 +189,15 @@ def test_a_scenario_judges_any_controller_by_its_requirements(tmp_path):
     assert evaluate('trained', '--scenario', 'paper_test').exit_code == 0
     none = evaluate('trained', '--scenario', 'quick')
     assert none.exit_code == 2 and 'scenario quick has no requirements' in none.output
+
+
+def test_the_weight_of_an_error_multiplies_the_penalties_of_error_and_arrival_alone():
+    plain, heavy = (FitnessSettings(error_weight=weight) for weight in (1.0, 3.0))
+    values = np.full((1, 2, 3), 1e3)  # everything is missed
+    for settings, late in ((plain, 1.0), (heavy, 3.0)):
+        fitness = Fitness(SMALL, settings, 1)
+        labels = fitness.conditions.labels
+        assert sorted(labels) == ['arrival', 'slew', 'speed']
+        with fitness.simulator:
+            found = fitness._penalties(values)
+        assert found.tolist() == [[settings.penalty_n2s * (2.0 + late)] * 2]

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rpo_core import controller as controllers
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
-from rpo_training.engine.population import population_of
-from rpo_training.search.genes import RULES, GeneSpace
+from rpo_core.control import controller as controllers
+from rpo_core.control.controller import load_controller
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.engine.population import population_of
+from rpo_training.genes import RULES, GeneSpace
 
 SPACES = [
     GeneSpace(rules, scales, (0.3, 3.0), complete=complete)

@@ -18,14 +18,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import rpo_training.gym
-from rpo_core.controller import load_controller
-from rpo_core.flight import Flight, fly
-from rpo_core.metrics import of_flight
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import Scenario, load_scenario, load_set
-from rpo_core.thrusters import Thrusters
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import Scenario, load_scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import of_flight
+from rpo_core.judge.verdicts import verdicts
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import Thrusters
 
 ROOT = Path(__file__).resolve().parents[2]
 REAL = Thrusters(((0.9, 0.01, 0.0), (0.0, 1.1, 0.0), (0.0, -0.02, 1.0)), delay_ticks=2)

@@ -10,19 +10,19 @@ import yaml
 from campaign_documents import SHORT, write_campaign
 from typer.testing import CliRunner
 
-from rpo_core.controller import load_controller
-from rpo_core.requirements import LIMITS
-from rpo_core.validation import InputError
-from rpo_core.verdicts import THRUST, verdicts
-from rpo_training.campaign import config, execution, judging
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.campaign.single import fly_run
-from rpo_training.campaign.statistics import kept, rate, rates
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.evaluation import provenance
-from rpo_training.evaluation.comparison import CONTROLLERS
-from rpo_training.report import campaign as report
+from rpo_cli.cli import app
+from rpo_core.control.controller import load_controller
+from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import LIMITS
+from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_judge.evaluation.comparison import CONTROLLERS
+from rpo_montecarlo.campaign import config, execution, judging
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.single import fly_run
+from rpo_montecarlo.campaign.statistics import kept, rate, rates
+from rpo_montecarlo.campaign.store import Store
+from rpo_report import campaign as report
+from rpo_training import provenance
 
 WIDE = {'COLUMNS': '300'}
 REQUIRED = {
@@ -215,3 +215,12 @@ def test_the_table_says_whose_training_saw_the_dispersed_test():
 def test_what_a_file_does_not_say_is_not_known(claims, seen):
     posed = replace(load_controller('trained'), provenance=claims)
     assert provenance.saw(posed, 'paper_test') == seen
+
+
+def test_words_show_the_unit_of_a_column():
+    units = {
+        'slew_per_axis_n_s': 'N/s', 'peak_force_n': 'N', 'energy_n2s': 'N²s', 'speed_m_s': 'm/s',
+        'error_m': 'm', 'arrival_s': 's', 'mass_kg': 'kg',
+    }  # fmt: skip
+    for column, unit in units.items():
+        assert judging.words(column).endswith(f'[{unit}]')

@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rpo_core import metrics
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_set
-from rpo_core.starts import Cube
-from rpo_core.validation import InputError
-from rpo_training.campaign import config
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.engine.flights import flights_of
-from rpo_training.evaluation.optimal import least_energy
-from rpo_training.search.fitting import training_set
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_set
+from rpo_core.files.starts import Cube
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_judge.evaluation.optimal import least_energy
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.engine.flights import flights_of
+from rpo_training.fitting import training_set
 
 STARTS = load_set('least_energy_starts')
 CORNERS = replace(STARTS, starts=Cube((-100.0, 100.0)))

@@ -12,24 +12,24 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from rpo_cli.cli import app
+from rpo_cli.commands.report import _folder
 from rpo_core import files
-from rpo_core import scenario as scenarios
-from rpo_core.controller import dumps, load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load, load_set
-from rpo_core.starts import Box, Grid
-from rpo_core.validation import InputError
-from rpo_core.verdicts import verdicts
-from rpo_training.baselines.tuning import Tuning, TuningConfig
-from rpo_training.cli import app
-from rpo_training.commands.report import _folder
-from rpo_training.engine.flights import flights_of
-from rpo_training.engine.population import population_of
-from rpo_training.evaluation.comparison import _labels
-from rpo_training.search import config as configs
-from rpo_training.search import fitting
-from rpo_training.search.conditions import conditions_of
-from rpo_training.search.fitness import Fitness, FitnessSettings
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import load, load_set
+from rpo_core.files.starts import Box, Grid
+from rpo_core.files.validation import InputError
+from rpo_core.judge.verdicts import verdicts
+from rpo_judge.evaluation.comparison import _labels
+from rpo_judge.scoring.conditions import conditions_of
+from rpo_judge.scoring.fitness import Fitness, FitnessSettings
+from rpo_montecarlo.engine.flights import flights_of
+from rpo_montecarlo.engine.population import population_of
+from rpo_training import config as configs
+from rpo_training import fitting
+from rpo_training.tuning import Tuning, TuningConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 MISSIONS = 'offline_training/examples/missions'

@@ -10,11 +10,12 @@ import pytest
 from scipy.optimize import minimize
 from typer.testing import CliRunner
 
-from rpo_core import cw, metrics
-from rpo_core.scenario import load_scenario, load_set
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.evaluation import optimal
+from rpo_cli.cli import app
+from rpo_core.files.scenario import load_scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.world import cw
+from rpo_judge.evaluation import optimal
 
 TRAINING = load_set('paper_training')
 STARTS = np.hstack([TRAINING.initial_positions_m, np.zeros((216, 3))])

@@ -13,11 +13,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from rpo_core.controller import load_controller
-from rpo_core.scenario import load_scenario
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_judge.truth import picture, two_body
 from rpo_log.show import style
-from rpo_training.report import training
-from rpo_training.truth import picture, two_body
+from rpo_report import training
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,7 +84,7 @@ def test_only_the_style_makes_a_scale_logarithmic():
     own = re.compile(r"\.semilog|\.loglog|scale\('log'|mathtext")
     places = [
         path.name
-        for folder in ('offline_training/rpo_training', 'ros_ws/src', 'tools')
+        for folder in ('offline_training', 'ros_ws/src', 'tools')
         for path in (ROOT / folder).rglob('*.py')
         if own.search(path.read_text(encoding='utf-8'))
     ]

@@ -11,15 +11,15 @@ import pytest
 from scipy.optimize import minimize, nnls
 from typer.testing import CliRunner
 
-from rpo_core import cw
-from rpo_core.scenario import load_scenario
+from rpo_cli.cli import app
+from rpo_core.files.scenario import load_scenario
+from rpo_core.world import cw
 from rpo_guidance.plan import Guidance
-from rpo_training.cli import app
-from rpo_training.evaluation import plan_bound
-from rpo_training.evaluation.best_path import best_path
-from rpo_training.evaluation.branching import lower_bound
-from rpo_training.evaluation.bridge import Bridge, HalfSpaces
-from rpo_training.evaluation.keep_out import KeepOut
+from rpo_judge.evaluation import plan_bound
+from rpo_judge.evaluation.best_path import best_path
+from rpo_judge.evaluation.branching import lower_bound
+from rpo_judge.evaluation.bridge import Bridge, HalfSpaces
+from rpo_judge.evaluation.keep_out import KeepOut
 
 N_RAD_S, DT_S = cw.mean_motion(6_678_000.0), 10.0
 STEP = cw.discretise(N_RAD_S, 10.0, DT_S)
@@ -160,7 +160,7 @@ def test_whatever_the_multipliers_are_their_value_is_a_bound(monkeypatch):
         def other(a, b, maxiter, scaled=scaled, true=true):
             return true(a, b, maxiter=maxiter)[0] * scaled, 0.0
 
-        monkeypatch.setattr('rpo_training.evaluation.bridge.nnls', other)
+        monkeypatch.setattr('rpo_judge.evaluation.bridge.nnls', other)
         assert bridge.least(spaces)[0] <= right * (1.0 + 1e-12)
 
 
@@ -281,7 +281,7 @@ def test_a_path_that_is_known_is_not_below_the_bound(around):
 
 
 def test_a_search_that_ends_early_has_a_bound_and_says_so(around, monkeypatch):
-    monkeypatch.setattr('rpo_training.evaluation.branching.SETS', 40)
+    monkeypatch.setattr('rpo_judge.evaluation.branching.SETS', 40)
     scenario, settings, found = around
     _, early = plan_bound.bound(settings, scenario)
     assert not early.closed and 0.1 < early.lower < found.lower

@@ -10,10 +10,10 @@ import pytest
 import yaml
 from processes import ANOTHER, python, repeated, rpo
 
-from rpo_training import processor
-from rpo_training.search import config as configs
-from rpo_training.search import fitting
-from rpo_training.search.training import Training
+from rpo_montecarlo import processor
+from rpo_training import config as configs
+from rpo_training import fitting
+from rpo_training.training import Training
 
 OLD = {'OPENBLAS_CORETYPE': 'Nehalem', 'OPENBLAS_NUM_THREADS': '2'}
 """Kernels of a processor without AVX."""
@@ -26,13 +26,15 @@ HOSTILE = {
     'NPY_ENABLE_CPU_FEATURES': 'X86_V3',
     'GLIBC_TUNABLES': 'glibc.malloc.check=0:glibc.cpu.hwcaps=-SSE4_2',
 }
-READ = 'from rpo_training import processor; print(processor.in_use())'
-PIN = f'from rpo_training import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
+READ = 'from rpo_montecarlo import processor; print(processor.in_use())'
+PIN = (
+    f'from rpo_montecarlo import processor; processor.restart_pinned(); import scipy.linalg; {READ}'
+)
 
 ON_A_WORKER = """
-from rpo_training import processor
+from rpo_montecarlo import processor
 processor.restart_pinned()
-from rpo_training.cluster import pool
+from rpo_montecarlo.cluster import pool
 with pool.connected('local', 1) as client:
     print(client.submit(processor.in_use).result(40))
 """
@@ -42,7 +44,7 @@ SEARCH = ['train', '--scenario', 'quick', '--algorithm', 'cmaes', '--no-plots']
 UNPINNED = """
 import sys
 from pathlib import Path
-from rpo_training.search import config, fitting, training
+from rpo_training import config, fitting, training
 chosen = config.override(fitting.fitted(config.PRESETS['mission'], 'quick'), sys.argv[2:])
 training.Training.create(chosen, Path(sys.argv[1]), 1).run()
 """

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -13,22 +14,22 @@ import pytest
 from proofs import BOX, COARSE, problem_of, small_proof
 from typer.testing import CliRunner
 
-import rpo_training.proof
-from rpo_core.controller import FuzzyController, load_controller, load_fuzzy
-from rpo_core.flight import fly
-from rpo_core.fuzzy import RuleTable
-from rpo_core.navigation import Navigation
-from rpo_core.scenario import load, load_scenario
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.proof import cells, check, check_ticks, kept, laws, probing, proving, tables
-from rpo_training.proof.claims import ranges_of
-from rpo_training.proof.estimating import estimate
-from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import GROUPS, Problem, Settings
-from rpo_training.proof.prover import Prover
-from rpo_training.proof.rest import rest_of
-from rpo_training.proof.sets import Rest
+import rpo_proof
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.control.fuzzy import RuleTable
+from rpo_core.files.scenario import load, load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world.navigation import Navigation
+from rpo_proof import cells, check, check_ticks, folder, laws, probing, proving, sets, tables
+from rpo_proof.claims import ranges_of
+from rpo_proof.estimating import estimate
+from rpo_proof.folder import Folder
+from rpo_proof.problem import GROUPS, Problem, Settings
+from rpo_proof.prover import Prover
+from rpo_proof.rest import rest_of
+from rpo_proof.sets import Rest
 
 SHIPPED = ('robust', 'trained', 'handmade')
 NOWHERE = Rest(0.0, 0.06, 0.0)
@@ -304,8 +305,8 @@ def test_a_proof_of_one_claim(tmp_path):
 
 
 def test_the_package_names_modules_that_are_there():
-    named = set(re.findall(r'`([a-z_]+)`', str(rpo_training.proof.__doc__)))
-    folder = Path(rpo_training.proof.__file__).parent
+    named = set(re.findall(r'`([a-z_]+)`', str(rpo_proof.__doc__)))
+    folder = Path(rpo_proof.__file__).parent
     assert named and named <= {path.stem for path in folder.glob('*.py')}
 
 
@@ -371,7 +372,22 @@ def test_a_table_is_never_read_as_true(tmp_path):
     first = small_proof(tmp_path / 'first')
     second = Folder.create(tmp_path / 'second', problem_of('robust', half=BOX))
     forged = {name: 0.0 * values for name, values in first.table().items()}
-    kept.write_arrays(second.path / 'table.npz', forged)
+    folder.write_arrays(second.path / 'table.npz', forged)
     proving.prove(Folder.open(second.path), 1, '', lambda *_: None, probes=20)
     for name in ('planar.npz', 'vertical.npz', 'summary.yaml', 'table.npz'):
         assert (first.path / name).read_bytes() == (second.path / name).read_bytes()
+
+
+def test_the_box_of_a_set_is_rounded_outwards():
+    """In exact numbers; a sum of floats alone is too small in half of the draws."""
+    random = np.random.default_rng(5)
+    for _ in range(50):
+        c, d = random.normal(size=2), np.abs(random.normal(size=2)) * 1e-3
+        g = random.normal(size=(2, 40)) * random.choice([1.0, 1e-8], 40)
+        low, high = np.zeros(2), np.zeros(2)
+        sets.box_of(c, g, d, 40, low, high)
+        for i in range(2):
+            radius = Fraction(d[i]) + sum(abs(Fraction(x)) for x in g[i])
+            assert Fraction(low[i]) <= Fraction(c[i]) - radius
+            assert Fraction(high[i]) >= Fraction(c[i]) + radius
+            assert high[i] - low[i] < float(2 * radius) * (1.0 + 1e-9) + 1e-12

@@ -13,13 +13,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from rpo_core.scenario import load_scenario
-from rpo_training.cli import app
-from rpo_training.proof import abort, rendezvous
-from rpo_training.proof.exact import exact
-from rpo_training.proof.exponential import exponential
-from rpo_training.proof.sets import box_of
-from rpo_training.safety import peers
+from rpo_cli.cli import app
+from rpo_core.files.scenario import load_scenario
+from rpo_judge.safety import peers
+from rpo_proof import abort, rendezvous
+from rpo_proof.abort import exponential
+from rpo_proof.exact import exact
+from rpo_proof.sets import box_of
 
 FILE = Path(__file__).parents[2] / 'offline_training/examples/benchmarks/arch_rendezvous.yaml'
 LAWS = rendezvous.laws_of(load_scenario(FILE))

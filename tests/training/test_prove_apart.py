@@ -13,27 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from proofs import COARSE
 
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.requirements import Requirements
-from rpo_core.scenario import load_scenario
-from rpo_training.proof import (
-    apart,
-    cells,
-    check,
-    check_apart,
-    check_ticks,
-    merging,
-    probing,
-    proving,
-)
-from rpo_training.proof.claims import nowhere
-from rpo_training.proof.corridor import around_of
-from rpo_training.proof.folder import Folder
-from rpo_training.proof.problem import APART, Problem, Settings
-from rpo_training.proof.prover import Prover
-from rpo_training.proof.slew import Strip
-from rpo_training.report.proof import report_of
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.requirements import Requirements
+from rpo_proof import apart, cells, check, check_apart, check_ticks, merging, probing, proving
+from rpo_proof.claims import nowhere
+from rpo_proof.corridor import around_of
+from rpo_proof.folder import Folder
+from rpo_proof.problem import APART, Problem, Settings
+from rpo_proof.prover import Prover
+from rpo_proof.slew import Strip
+from rpo_report.proof import report_of
 
 CASES = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from proofs import small_proof
 
-from rpo_training.proof import cells, check, check_ticks, sets
-from rpo_training.proof.check_claims import Written, what_follows
-from rpo_training.proof.problem import GROUPS
-from rpo_training.proof.prover import Prover
+from rpo_proof import cells, check, check_ticks, sets
+from rpo_proof.check_claims import Written, what_follows
+from rpo_proof.problem import GROUPS
+from rpo_proof.prover import Prover
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
 

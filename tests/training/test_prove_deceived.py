@@ -14,21 +14,21 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from rpo_core.controller import dumps, load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.outputs import digest_of
-from rpo_training.proof import check as checker
-from rpo_training.proof import kept, probing, proving, reading
-from rpo_training.proof.cells import VALUES
-from rpo_training.proof.check import check
-from rpo_training.proof.check_claims import strayed
-from rpo_training.proof.claims import values_of
-from rpo_training.proof.folder import TEXTS, Folder
-from rpo_training.proof.problem import Problem, Settings
-from rpo_training.report.proof import report_of
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import dumps, load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.outputs import digest_of
+from rpo_proof import check as checker
+from rpo_proof import probing, proving
+from rpo_proof.cells import VALUES
+from rpo_proof.check import check
+from rpo_proof.check_claims import strayed
+from rpo_proof.claims import values_of
+from rpo_proof.folder import TEXTS, Folder
+from rpo_proof.problem import Problem, Settings
+from rpo_report.proof import report_of
 from tools.mutate_proofs import KINDS, SAMPLE, Case, proof_of, run_cases
 from tools.mutate_runs import failures
 
@@ -390,7 +390,7 @@ def test_a_report_flies_the_flights_again(copy_of, lie):
 def test_units_of_an_earlier_call_are_not_checked(proofs, tmp_path):
     """Who goes on with a folder is told what of it was there."""
     folder = Folder.create(tmp_path / 'proof', proofs['together'].problem)
-    kept.write_arrays(
+    write_arrays(
         folder.path / 'parts' / 'planar_0000.npz', vars(proofs['together'].cells('planar'))
     )
     outcome = proving.prove(Folder.open(folder.path), 1, '', lambda *_: None, probes=20)
@@ -402,9 +402,9 @@ def test_a_damaged_unit_is_made_again(proofs, tmp_path):
     part = folder.path / 'parts' / 'planar_0000.npz'
     forged = dict(vars(proofs['together'].cells('planar')))
     forged['values'] = forged['values'] * np.nan
-    kept.write_arrays(part, forged)
+    write_arrays(part, forged)
     with pytest.raises(InputError):
-        reading.cells_of(part, folder.problem, 'planar')
+        cells_of(part, folder.problem, 'planar')
     assert folder.done('planar', 0) is None
 
 

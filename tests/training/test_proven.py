@@ -10,12 +10,12 @@ import pytest
 from proofs import problem_of
 
 from rpo_core import files
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.validation import InputError
-from rpo_training.evaluation import proven, robustness
-from rpo_training.evaluation.comparison import CONTROLLERS
-from rpo_training.proof.folder import Folder
+from rpo_core.files.validation import InputError
+from rpo_judge.evaluation import proven, robustness
+from rpo_judge.evaluation.comparison import CONTROLLERS
+from rpo_proof.folder import Folder
 from tools import proven as tool
 
 DOCS = Path(__file__).parents[2] / 'docs'

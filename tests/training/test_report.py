@@ -19,20 +19,20 @@ from log_runs import FORCE, Run, make_run
 from pages import Page
 from typer.testing import CliRunner
 
-from rpo_core import metrics
-from rpo_core.flight import Flight
-from rpo_core.scenario import load_scenario
-from rpo_core.validation import InputError
+from rpo_cli.cli import app
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_judge.evaluation import optimal
 from rpo_log.errors import LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.show import style
-from rpo_training.campaign import config, execution
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.evaluation import optimal
-from rpo_training.outputs import digest_of
-from rpo_training.report import approach, campaign, logged, page, recognise, run, sensitivity
-from rpo_training.report.blocks import File, Picture, Report, Section, Table, Text
+from rpo_montecarlo.campaign import config, execution
+from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.outputs import digest_of
+from rpo_report import approach, campaign, logged, page, recognise, run, sensitivity
+from rpo_report.blocks import File, Picture, Report, Section, Table, Text
 
 UNITLESS = {
     'word of the position error', 'word of the velocity error', 'grade', 'number of runs',

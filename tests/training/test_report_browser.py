@@ -15,10 +15,10 @@ from pages import Page
 from test_report import check_page
 from typer.testing import CliRunner
 
-from rpo_training.campaign import config, execution
-from rpo_training.campaign.store import Store
-from rpo_training.cli import app
-from rpo_training.report import campaign, controller, page, run
+from rpo_cli.cli import app
+from rpo_montecarlo.campaign import config, execution
+from rpo_montecarlo.campaign.store import Store
+from rpo_report import campaign, controller, page, run
 
 CHROMIUM = shutil.which('chromium')
 

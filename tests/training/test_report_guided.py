@@ -12,16 +12,18 @@ import yaml
 from log_runs import chain_run
 from test_report import check_page, refuse_optima
 
-from rpo_core import cdr, files, scenario
-from rpo_core.controller import load_controller
-from rpo_core.zones import zones_of
+from rpo_core import files
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.judge.zones import zones_of
+from rpo_core.wire import cdr
 from rpo_guidance.stages import GuidanceStage
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_nav.estimator import EstimatorStage
+from rpo_report import approach, assured, guided, logged, navigation, page, run, run_plots
+from rpo_report.blocks import Table
 from rpo_safety.assurance import AssuranceStage
-from rpo_training.report import approach, assured, guided, logged, navigation, page, run, run_plots
-from rpo_training.report.blocks import Table
 
 LEGS = [
     {'name': 'wait', 'kind': 'hold', 'dwell_s': 2.0, 'go': 'command', 'within_m': 3.0,

@@ -9,9 +9,9 @@ from core_strategies import functions
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core.controller import load_controller
-from rpo_core.fuzzy import WORDS, MembershipFunctions, RuleTable
-from rpo_training.analysis import rule_base
+from rpo_core.control.controller import load_controller
+from rpo_core.control.fuzzy import WORDS, MembershipFunctions, RuleTable
+from rpo_judge.analysis import rule_base
 
 
 @pytest.fixture

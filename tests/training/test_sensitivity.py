@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rpo_core import metrics
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_set
-from rpo_training.campaign import config as campaigns
-from rpo_training.campaign import run_batch
-from rpo_training.campaign.statistics import successes
-from rpo_training.cli import app
-from rpo_training.evaluation import everywhere, sensitivity
-from rpo_training.evaluation.everywhere import Demand
-from rpo_training.report.sensitivity_plot import draw_effects
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_set
+from rpo_core.judge import metrics
+from rpo_judge.evaluation import everywhere, sensitivity
+from rpo_judge.evaluation.everywhere import Demand
+from rpo_montecarlo.campaign import config as campaigns
+from rpo_montecarlo.campaign import run_batch
+from rpo_montecarlo.campaign.statistics import successes
+from rpo_report.controller_plots import draw_effects
 
 ROBUST = load_controller('robust')
 

@@ -9,23 +9,23 @@ from pathlib import Path
 import pytest
 from processes import repeated
 
-from rpo_core.controller import load_controller
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.flight import fly
-from rpo_core.metrics import LATE_POSITION, LATE_SPEED
-from rpo_core.scenario import load_scenario
-from rpo_core.verdicts import verdicts
-from rpo_training.campaign import config as campaigns
-from rpo_training.campaign import judging
-from rpo_training.campaign.run_batch import fly_runs
-from rpo_training.campaign.statistics import successes
-from rpo_training.engine.population import population_of
-from rpo_training.engine.simulator import Simulator
-from rpo_training.evaluation import everywhere, targets
-from rpo_training.evaluation.assessment import assess
-from rpo_training.report.blocks import Table
-from rpo_training.report.controller import report_of
-from rpo_training.search import corners
+from rpo_core.files.scenario import load_scenario
+from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
+from rpo_core.judge.verdicts import verdicts
+from rpo_judge.evaluation import everywhere, targets
+from rpo_judge.evaluation.assessment import assess
+from rpo_judge.scoring import corners
+from rpo_montecarlo.campaign import config as campaigns
+from rpo_montecarlo.campaign import judging
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.statistics import successes
+from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_report.blocks import Table
+from rpo_report.controller import report_of
 
 EXPECTED = Path(__file__).with_name('expected')
 

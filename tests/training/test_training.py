@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.validation import InputError
-from rpo_training.outputs import alone
-from rpo_training.search import checkpoint
-from rpo_training.search import config as configs
-from rpo_training.search.checkpoint import Checkpoint
-from rpo_training.search.genetic import AdaptiveFeasibleMutation, generator
-from rpo_training.search.training import Training
+from rpo_core.control.controller import load_controller
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.outputs import alone
+from rpo_training import checkpoint
+from rpo_training import config as configs
+from rpo_training.checkpoint import Checkpoint
+from rpo_training.genetic import AdaptiveFeasibleMutation, generator
+from rpo_training.training import Training
 
 SMALL = [
     'ga.generations=5',
@@ -280,7 +280,7 @@ def start_rpo_train(folder, *settings):
     command = [
         sys.executable,
         '-c',
-        'from rpo_training.cli import app; app(prog_name="rpo")',
+        'from rpo_cli.cli import app; app(prog_name="rpo")',
         *('train', '--no-plots', '--workers', '1', '-o', str(folder)),
         *(part for setting in (*SMALL, *settings) for part in ('--set', setting)),
     ]

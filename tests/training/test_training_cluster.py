@@ -9,11 +9,11 @@ import pytest
 from clusters import cluster
 from typer.testing import CliRunner
 
-from rpo_core.validation import InputError
-from rpo_training.cli import app
-from rpo_training.cluster import pool
-from rpo_training.search import config as configs
-from rpo_training.search.training import Training
+from rpo_cli.cli import app
+from rpo_core.files.validation import InputError
+from rpo_montecarlo.cluster import pool
+from rpo_training import config as configs
+from rpo_training.training import Training
 
 pytestmark = pytest.mark.timeout(180)
 

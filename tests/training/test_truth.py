@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from rpo_core import cw
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import load_scenario
-from rpo_core.thrusters import Thrusters
-from rpo_training.cli import app
-from rpo_training.truth import inertial, two_body
+from rpo_cli.cli import app
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import load_scenario
+from rpo_core.world import cw
+from rpo_core.world.thrusters import Thrusters
+from rpo_judge.truth import inertial, two_body
 
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)
 

@@ -14,12 +14,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core import cdr, files, interfaces, statuses
-from rpo_core import scenario as scenarios
-from rpo_core.cdr import CdrError
-from rpo_core.interfaces import Interface
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces, statuses
+from rpo_core.wire.cdr import CdrError
+from rpo_core.wire.interfaces import Interface
 from rpo_ros.parameter_rows import ParameterRow
 
 FAR_TICKS = 200

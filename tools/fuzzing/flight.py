@@ -17,10 +17,10 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 
 from rpo_core import files
-from rpo_core.controller import load_controller
-from rpo_core.flight import fly
-from rpo_core.scenario import Scenario, load_scenario
-from rpo_core.validation import InputError
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import load_controller
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files.validation import InputError
 from rpo_log.errors import LogError
 from rpo_log.format.run import TimeBase
 from rpo_log.read.run_log import read_flight

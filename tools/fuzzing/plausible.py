@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from random import Random
 
-from rpo_core import cdr, files, interfaces, statuses
+from rpo_core import files
+from rpo_core.wire import cdr, interfaces, statuses
 
 _NODES = ('fuzzy_controller', 'guidance', 'assurance', 'navigation', 'disturbance_injector')
 _STAGES = ('controller', 'guidance', 'assurance', 'estimator', 'sensors', 'disturbance')

@@ -19,10 +19,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from rpo_core import cdr, interfaces
-from rpo_core.interfaces import Interface
-from rpo_core.scenario import Scenario
-from rpo_core.statuses import READERS
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.interfaces import Interface
+from rpo_core.wire.statuses import READERS
 from rpo_ros import qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import keep_to_this_machine, new_executor

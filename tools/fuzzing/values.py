@@ -16,7 +16,7 @@ from importlib import import_module
 from random import Random
 from typing import Any
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 
 NUMBERS: dict[str, tuple[str, tuple[Any, ...]]] = {
     'boolean': ('B', (0, 1, 2, 255)),

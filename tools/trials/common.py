@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from rpo_core import files
-from rpo_core.flight import Flight
+from rpo_core.chain.flight import Flight
 from rpo_log.read.run_log import flight_of, read_run
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 

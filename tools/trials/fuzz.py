@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from tools.fuzzing import flight
 from tools.fuzzing.flight import Flight, Verdict
 from tools.node_processes import node_processes

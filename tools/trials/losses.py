@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rpo_core import metrics
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.verdicts import verdicts
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import verdicts
 from tools.trials import common
 
 KINDS = ('drop', 'repeat', 'delay', 'reorder')

@@ -14,9 +14,9 @@ from pathlib import Path
 from rclpy.utilities import remove_ros_args
 
 from rpo_bringup.options import parser
-from rpo_core import overrides, scenario
-from rpo_core.chain import Chain
-from rpo_core.validation import InputError, real
+from rpo_core.chain.chain import Chain
+from rpo_core.files import overrides, scenario
+from rpo_core.files.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.errors import LogError

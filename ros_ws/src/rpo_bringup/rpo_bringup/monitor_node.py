@@ -26,8 +26,8 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from rpo_bringup.parameters import MONITOR as PARAMETERS
-from rpo_core.statuses import RUNNING, RunStatus
-from rpo_core.validation import choice
+from rpo_core.files.validation import choice
+from rpo_core.wire.statuses import RUNNING, RunStatus
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rpo_core import scenario
+from rpo_core.files import scenario
 
 FILES = sorted(Path(__file__).resolve().parents[1].glob('config/scenarios/*.yaml'))
 

@@ -4,8 +4,9 @@
 
 from datetime import datetime, timezone
 
-from rpo_core import controller, scenario
-from rpo_core.flight import fly
+from rpo_core.chain.flight import fly
+from rpo_core.control import controller
+from rpo_core.files import scenario
 
 SCENARIO = {
     'schema': 'rpo/scenario/1',

@@ -16,14 +16,16 @@ from typing import Any
 
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
-from rpo_core import controller, explain, files, interfaces
-from rpo_core.chain import Chain, Link, Signals
-from rpo_core.controller import AnyController
-from rpo_core.controller_file import followed
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
-from rpo_core.thrusters import ZERO
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.chain import Chain, Link, Signals
+from rpo_core.chain.stage import Place
+from rpo_core.control import controller, explain
+from rpo_core.control.controller import AnyController
+from rpo_core.control.controller_file import followed
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
+from rpo_core.world.thrusters import ZERO
 from rpo_ctrl.decision import DecisionPublisher
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import health

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
-from rpo_core import cdr
-from rpo_core.decimation import Decimation
-from rpo_core.explain import Reason
-from rpo_core.scenario import Scenario
+from rpo_core.chain.decimation import Decimation
+from rpo_core.control.explain import Reason
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import cdr
 from rpo_ros import conversions, names, qos
 
 

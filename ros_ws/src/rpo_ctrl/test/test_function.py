@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rpo_core.controller import load_controller
+from rpo_core.control.controller import load_controller
 
 FILES = sorted(Path(__file__).resolve().parents[1].glob('config/controllers/*.yaml'))
 

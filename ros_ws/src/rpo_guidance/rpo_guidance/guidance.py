@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core import cw, interfaces
+from rpo_core.chain.stage import Signal, Stage
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import State
-from rpo_core.metrics import norm
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Signal, Stage
+from rpo_core.wire import interfaces
+from rpo_core.world import cw
 from rpo_guidance import plan
 from rpo_guidance.legs import (
     Coasting,

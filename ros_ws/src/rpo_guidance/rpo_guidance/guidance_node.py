@@ -11,10 +11,10 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
-from rpo_core import interfaces
-from rpo_core.chain import Chain, Signals
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
+from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
 from rpo_guidance.guidance import COMMANDS, GuidanceStage
 from rpo_ros import health, qos
 from rpo_ros.conversions import to_status

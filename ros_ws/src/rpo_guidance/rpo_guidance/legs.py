@@ -11,9 +11,10 @@ from __future__ import annotations
 from math import ceil, sqrt
 from typing import NamedTuple, Protocol
 
-from rpo_core import cw, kernels
+from rpo_core import kernels
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import CwStep, State, Vector, sin_cos
-from rpo_core.metrics import norm
+from rpo_core.world import cw
 from rpo_guidance import transfers
 from rpo_guidance.transfer_kernels import Floats, sample
 from rpo_guidance.transfers import Transfer, Zones

@@ -13,8 +13,8 @@ from typing import Any
 
 from std_srvs.srv import Trigger
 
-from rpo_core.statuses import GuidanceStatus, RunStatus
-from rpo_core.validation import printable
+from rpo_core.files.validation import printable
+from rpo_core.wire.statuses import GuidanceStatus, RunStatus
 from rpo_guidance.guidance import GO
 from rpo_guidance.parameters import OPERATOR as PARAMETERS
 from rpo_ros.parameters import declare

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core import zones
-from rpo_core.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.scenario import MAX_VELOCITY_M_S
+from rpo_core.files.starts import MAX_POSITION_M
+from rpo_core.files.validation import InputError, Name, check_fields, choice, real, shown, vector3
+from rpo_core.judge import zones
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import Vector, sin_cos
-from rpo_core.metrics import norm
-from rpo_core.scenario import MAX_VELOCITY_M_S
-from rpo_core.starts import MAX_POSITION_M
-from rpo_core.validation import InputError, Name, check_fields, choice, real, shown, vector3
 from rpo_guidance.transfers import along_and_across
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'

@@ -8,10 +8,10 @@ from bisect import bisect_right
 from dataclasses import replace
 from typing import NamedTuple
 
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import State, Vector
-from rpo_core.metrics import norm
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
 from rpo_guidance import plan
 from rpo_guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
 from rpo_guidance.legs import SEGMENTS

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.jit import COMPILED, as_table, kernel
 from rpo_core.kernels import CwStep, State, cw_step
+from rpo_core.kernels.jit import COMPILED, as_table, kernel
 
 Floats = NDArray[np.float64]
 

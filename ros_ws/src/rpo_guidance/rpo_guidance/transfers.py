@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import CwStep, State, Vector
-from rpo_core.metrics import norm
 from rpo_guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 from rpo_guidance.work import spend
 

@@ -4,7 +4,7 @@
 
 import math
 
-from rpo_core import cw
+from rpo_core.world import cw
 from rpo_guidance.transfers import SLACK_M, Zones, least_energy
 
 

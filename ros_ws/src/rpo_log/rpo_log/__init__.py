@@ -10,5 +10,6 @@
 - `show`: the table and the picture of a run, and the style of every picture;
 - `recorder_node`, `replay_node`: all that knows ROS.
 
-What a topic is stands in `rpo_core.interfaces`; `topics` and `events` say what a log makes of it.
+What a topic is stands in `rpo_core.wire.interfaces`; `topics` and `events` say what a log makes of
+it.
 """

@@ -7,7 +7,7 @@ from __future__ import annotations
 from enum import Enum, IntEnum
 from pathlib import Path
 
-from rpo_core.validation import InputError, printable
+from rpo_core.files.validation import InputError, printable
 
 
 class ExitCode(IntEnum):

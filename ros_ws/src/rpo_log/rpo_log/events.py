@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from rpo_core import cdr, interfaces, statuses
+from rpo_core.wire import cdr, interfaces, statuses
 
 ACTIVE, INACTIVE = 'active', 'inactive'
 """Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""

@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from rpo_core import missing
-from rpo_core.validation import InputError, printable
+from rpo_core.files import missing
+from rpo_core.files.validation import InputError, printable
 from rpo_log.errors import ExitCode
 
 _DESCRIPTIONS = {

@@ -14,10 +14,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from rpo_core import cdr, files, interfaces
-from rpo_core.scenario import Scenario
-from rpo_core.statuses import READERS, WAITING, Manifest, RunStatus
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.statuses import READERS, WAITING, Manifest, RunStatus
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log

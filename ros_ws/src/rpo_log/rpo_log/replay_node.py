@@ -13,8 +13,9 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core import files, interfaces
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
 from rpo_log.errors import LogError
 from rpo_log.parameters import REPLAY as PARAMETERS
 from rpo_log.read.decode import Message, values_of

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rpo_core.files import open_regular
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
 from rpo_log.format.sums import Sums

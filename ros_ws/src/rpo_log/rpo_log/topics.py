@@ -1,14 +1,14 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of one run: rows of `rpo_core.interfaces` under the names that they have there."""
+"""The topics of one run: rows of `rpo_core.wire.interfaces` under the names they have there."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rpo_core import interfaces
-from rpo_core.interfaces import Interface
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_log.errors import Fault, LogError
 
 REQUIRED = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE)

@@ -4,7 +4,7 @@
 
 import pytest
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log.format.run import TimeBase
 
 STATES = [(10.0 + tick, 60.0, -40.0, 0.0, 0.1, 0.2) for tick in range(11)]

@@ -16,13 +16,14 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cw, interfaces
-from rpo_core.codec import UNLESS_DEFAULT
-from rpo_core.interfaces import PREVIOUS_COMMAND
-from rpo_core.jit import as_table
+from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.validation import InputError, check_fields, flag, real, whole
 from rpo_core.kernels import CwStep, cw_step
-from rpo_core.stage import Place, Section, Signal, Stage, register
-from rpo_core.validation import InputError, check_fields, flag, real, whole
+from rpo_core.kernels.jit import as_table
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import PREVIOUS_COMMAND
+from rpo_core.world import cw
 from rpo_nav.filter_kernels import (
     BASE,
     COUNTS,

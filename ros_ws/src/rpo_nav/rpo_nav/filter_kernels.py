@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpo_core.jit import inlined, kernel
 from rpo_core.kernels import CwStep, Vector, saturate
+from rpo_core.kernels.jit import inlined, kernel
 from rpo_nav.kalman import step_covariance, step_state, update
 from rpo_nav.sensor_kernels import (
     CROSS_SHARE,

@@ -12,8 +12,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.jit import inlined, kernel
 from rpo_core.kernels import CwStep, Vector, cw_step
+from rpo_core.kernels.jit import inlined, kernel
 
 
 @kernel

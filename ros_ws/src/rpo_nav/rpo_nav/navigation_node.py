@@ -8,7 +8,7 @@ listens to their output, `navigation_state`.
 
 from __future__ import annotations
 
-from rpo_core.stage import Place
+from rpo_core.chain.stage import Place
 from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
 

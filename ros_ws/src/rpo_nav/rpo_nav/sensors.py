@@ -15,12 +15,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from rpo_core import interfaces
-from rpo_core.jit import as_table
-from rpo_core.kernels import Vector, sin_cos
-from rpo_core.navigation import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
-from rpo_core.stage import Place, Section, Signal, Stage, register
-from rpo_core.validation import (
+from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.files.validation import (
     InputError,
     check_fields,
     choice,
@@ -30,6 +26,10 @@ from rpo_core.validation import (
     vector3,
     whole,
 )
+from rpo_core.kernels import Vector, sin_cos
+from rpo_core.kernels.jit import as_table
+from rpo_core.wire import interfaces
+from rpo_core.world.navigation import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
 from rpo_nav.sensor_kernels import COLUMNS, MEASURED, describe, sense
 
 MAX_SENSORS = 4

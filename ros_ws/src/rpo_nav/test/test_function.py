@@ -5,10 +5,10 @@
 import math
 from datetime import datetime, timezone
 
-from rpo_core import scenario
-from rpo_core.controller_file import parse
-from rpo_core.flight import fly
-from rpo_core.interfaces import NAVIGATION_STATE
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller_file import parse
+from rpo_core.files import scenario
+from rpo_core.wire.interfaces import NAVIGATION_STATE
 
 LIDAR = {'kind': 'range_bearing', 'noise_share': 0.01, 'bearing_noise_rad': 0.002}
 SCENARIO = {

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core.cdr import Status
+from rpo_core.wire.cdr import Status
 from rpo_ros.names import CHASER_FRAME, LVLH_FRAME
 
 _NANOSECONDS = 1_000_000_000
@@ -79,7 +79,7 @@ def fault_of(message: Odometry | WrenchStamped, values: Iterable[float]) -> str:
 
 
 def from_status(status: DiagnosticStatus) -> Status:
-    """Return a DiagnosticStatus as the readers of `rpo_core.statuses` take it."""
+    """Return a DiagnosticStatus as the readers of `rpo_core.wire.statuses` take it."""
     values = tuple((pair.key, pair.value) for pair in status.values)
     return Status(status.level[0], status.name, status.message, status.hardware_id, values)
 

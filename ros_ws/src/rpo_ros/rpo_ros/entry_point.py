@@ -32,7 +32,7 @@ def start(module: str) -> int:
     try:
         code: int = import_module(module).main()
     except ModuleNotFoundError as error:
-        from rpo_core import missing
+        from rpo_core.files import missing
 
         sentence = missing.sentence(error.name)
         if sentence is None:

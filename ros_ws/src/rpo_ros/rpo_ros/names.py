@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Names of topics: those of the table of interfaces, and those of the viewers."""
 
-from rpo_core import interfaces
-from rpo_core.interfaces import (
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import (
     APPLIED_DISTURBANCE,
     APPLIED_FORCE,
     CHASER_FRAME,

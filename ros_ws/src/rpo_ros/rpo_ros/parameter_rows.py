@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rpo_core import validation
-from rpo_core.validation import InputError
+from rpo_core.files import validation
+from rpo_core.files.validation import InputError
 
 _LARGEST = 1e9
 

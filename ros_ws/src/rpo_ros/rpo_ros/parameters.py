@@ -17,7 +17,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_ros.parameter_rows import ParameterRow, Value, unknown
 
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from rpo_core.chain import Chain
-from rpo_core.interfaces import current
-from rpo_core.stage import Stage
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Stage
+from rpo_core.wire.interfaces import current
 
 MOST_REPEATS = 3
 """Without a command, of this tick or before, a state that was repeated so often is answered; in

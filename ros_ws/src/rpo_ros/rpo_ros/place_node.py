@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core.chain import Chain
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
 from rpo_ros import health
 from rpo_ros.stage_node import StageNode
 

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from rpo_core import files, scenario
-from rpo_core.scenario import Scenario
-from rpo_core.statuses import Manifest
-from rpo_core.validation import InputError, choice
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, choice
+from rpo_core.wire.statuses import Manifest
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 

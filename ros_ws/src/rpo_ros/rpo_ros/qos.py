@@ -9,7 +9,7 @@ from rclpy.qos import (
     QoSReliabilityPolicy,
 )
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 
 
 def _profile(depth: int, *, latched: bool = False, reliable: bool = True) -> QoSProfile:

@@ -38,8 +38,8 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from rpo_core.cdr import CdrError
-from rpo_core.validation import InputError, shown
+from rpo_core.files.validation import InputError, shown
+from rpo_core.wire.cdr import CdrError
 from rpo_ros.entry_point import EXIT_BAD_INPUT
 
 LONGEST_S = 1e9

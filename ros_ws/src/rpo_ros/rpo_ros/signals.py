@@ -19,8 +19,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from rpo_core import interfaces, statuses
-from rpo_core.stage import Signal
+from rpo_core.chain.stage import Signal
+from rpo_core.wire import interfaces, statuses
 from rpo_ros import qos
 from rpo_ros.conversions import from_status
 

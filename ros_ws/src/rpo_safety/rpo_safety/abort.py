@@ -10,10 +10,10 @@ from __future__ import annotations
 from math import pi
 from typing import Any, NamedTuple
 
-from rpo_core import cw
+from rpo_core.chain.stage import WITHOUT_COMMAND, Signal
+from rpo_core.judge.metrics import norm
 from rpo_core.kernels import State, Vector, cw_step
-from rpo_core.metrics import norm
-from rpo_core.stage import WITHOUT_COMMAND, Signal
+from rpo_core.world import cw
 from rpo_safety import manoeuvre, recovery
 from rpo_safety.abort_table import (
     ABORT,

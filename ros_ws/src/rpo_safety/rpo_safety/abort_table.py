@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core.codec import UNLESS_DEFAULT
+from rpo_core.chain.stage import Place, section_of
+from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.starts import MAX_POSITION_M
+from rpo_core.files.validation import InputError, check_fields, choice, flag, real, vector3, whole
 from rpo_core.kernels import Vector
-from rpo_core.stage import Place, section_of
-from rpo_core.starts import MAX_POSITION_M
-from rpo_core.validation import InputError, check_fields, choice, flag, real, vector3, whole
 
 WARN, HOLD, RETREAT, DRIFT, ABORT = 'warn', 'hold', 'retreat', 'drift', 'abort'
 REACTIONS = (WARN, HOLD, RETREAT, DRIFT, ABORT)

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rpo_core import cw
-from rpo_core.disturbance import Disturbance
-from rpo_core.navigation import Navigation
-from rpo_core.stage import Place, section_of
-from rpo_core.thrusters import IDENTITY, Thrusters
-from rpo_core.validation import InputError
+from rpo_core.chain.stage import Place, section_of
+from rpo_core.files.validation import InputError
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_safety.settings import Assurance
 
 ROUNDING_M = 1e-6
@@ -23,7 +23,7 @@ ROUNDING_M = 1e-6
 SQRT_3 = math.sqrt(3.0)
 
 LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
-"""No three normals of `rpo_core.noise` have a larger norm: their words are at least 1/2^33."""
+"""No three normals of `rpo_core.kernels.noise` have a larger norm: words are at least 1/2^33."""
 
 
 class Errors(NamedTuple):

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_safety.assumed import SQRT_3, Errors, unknown_n
 from rpo_safety.kernels import Guard, authority, fastest_after, speed_limit
 from rpo_safety.settings import Assurance, Corridor

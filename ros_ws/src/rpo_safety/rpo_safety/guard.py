@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_safety.assumed import SQRT_3, Errors, ahead, errors_of, unknown_n
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rpo_core import files
-from rpo_core.validation import (
+from rpo_core.files.validation import (
     InputError,
     choice,
     description,

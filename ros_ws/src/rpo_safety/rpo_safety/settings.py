@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core import codec, zones
-from rpo_core.codec import UNLESS_DEFAULT
-from rpo_core.disturbance import MAX_FORCE_N
+from rpo_core.files import codec
+from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.starts import MAX_POSITION_M
+from rpo_core.files.validation import InputError, check_fields, choice, real
+from rpo_core.judge import zones
+from rpo_core.judge.requirements import DIRECTIONS
 from rpo_core.kernels import sin_cos
-from rpo_core.requirements import DIRECTIONS
-from rpo_core.starts import MAX_POSITION_M
-from rpo_core.validation import InputError, check_fields, choice, real
+from rpo_core.world.disturbance import MAX_FORCE_N
 from rpo_safety.abort_table import AbortTable
 
 LEAST_CHANGE, SIMPLEX = 'least_change', 'simplex'

@@ -1,12 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What this room adds to scenarios and to the table of interfaces (`rpo_core.plugins`)."""
+"""What this room adds to scenarios and to the table of interfaces (`rpo_core.files.plugins`)."""
 
 from __future__ import annotations
 
-from rpo_core import interfaces
-from rpo_core.interfaces import Interface
-from rpo_core.stage import Place, Section, register
+from rpo_core.chain.stage import Place, Section, register
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE, AssuranceStage, check_start
 from rpo_safety.settings import Assurance
 

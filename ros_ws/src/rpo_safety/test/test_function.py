@@ -4,7 +4,7 @@
 
 from datetime import datetime, timezone
 
-from rpo_core import scenario
+from rpo_core.files import scenario
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance
 

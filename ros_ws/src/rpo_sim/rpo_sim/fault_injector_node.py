@@ -17,7 +17,9 @@ from typing import Any
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 
-from rpo_core.link import (
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.world.link import (
     CORRUPTIONS,
     INFINITY,
     KINDS,
@@ -27,8 +29,6 @@ from rpo_core.link import (
     Schedule,
     SeededLink,
 )
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.plant_scenario import PlantScenario

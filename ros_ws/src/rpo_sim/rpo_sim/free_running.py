@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rpo_core import interfaces
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
 from rpo_sim.plant import ACCEPTED, EARLY, FOREIGN, LATE, REPEATED, ZERO, Force, Plant
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
 from rpo_sim.plant import ACCEPTED, DROPPED, EARLY, FOREIGN, LATE, REPEATED, Force, Plant
 
 

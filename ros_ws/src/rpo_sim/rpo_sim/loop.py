@@ -9,7 +9,7 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core.statuses import RUNNING, WAITING
+from rpo_core.wire.statuses import RUNNING, WAITING
 from rpo_ros.running import FlightNode
 
 

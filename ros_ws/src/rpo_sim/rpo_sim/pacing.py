@@ -8,8 +8,8 @@ import time
 from abc import abstractmethod
 from typing import Any
 
-from rpo_core import interfaces
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
 from rpo_ros import health
 from rpo_ros.timeout import Timeout
 from rpo_sim.free_running import FreeRunningPlant

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from rpo_core.link import CORRUPTIONS
+from rpo_core.world.link import CORRUPTIONS
 from rpo_ros import names
 from rpo_ros.parameter_rows import SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row

@@ -10,13 +10,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rpo_core import interfaces, kernels, metrics, pulse_kernels
-from rpo_core.chain import Chain, Signals
-from rpo_core.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, Signal
-from rpo_core.thrusters import ValvesStage
-from rpo_core.zones import zones_of
+from rpo_core import kernels
+from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.stage import Place, Signal
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge import metrics
+from rpo_core.judge.zones import zones_of
+from rpo_core.kernels import pulse_kernels
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
+from rpo_core.world.thrusters import ValvesStage
 
 Force = tuple[float, float, float]
 """Force [N], target LVLH."""
@@ -73,7 +76,7 @@ class Plant:
 
     @property
     def energy_n2s(self) -> float:
-        """J so far, as `rpo_core.metrics` adds it up."""
+        """J so far, as `rpo_core.judge.metrics` adds it up."""
         x, y, z = self._squares
         return (x + y + z) * self.scenario.dt_s
 

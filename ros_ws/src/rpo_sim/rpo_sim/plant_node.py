@@ -10,9 +10,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from rpo_core import files, interfaces, scenario
-from rpo_core.stage import Signal
-from rpo_core.statuses import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING
+from rpo_core import files
+from rpo_core.chain.stage import Signal
+from rpo_core.files import scenario
+from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING
 from rpo_ros import health
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node

@@ -11,8 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
-from rpo_core import cdr, interfaces
-from rpo_core.stage import Signal
+from rpo_core.chain.stage import Signal
+from rpo_core.wire import cdr, interfaces
 from rpo_ros import conversions, names, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet

@@ -7,9 +7,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from rpo_core import interfaces
-from rpo_core.statuses import CLOSED, FAILED, READY, RecorderStatus
-from rpo_core.statuses import RECORDER_WAITS as WAITING
+from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import CLOSED, FAILED, READY, RecorderStatus
+from rpo_core.wire.statuses import RECORDER_WAITS as WAITING
 from rpo_ros import names
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear

@@ -7,10 +7,10 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 
-from rpo_core import interfaces
-from rpo_core.chain import signals_of
-from rpo_core.scenario import Scenario
-from rpo_core.statuses import REFUSED, StageStatus
+from rpo_core.chain.chain import signals_of
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import REFUSED, StageStatus
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import hear
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.statuses import PAUSED, RUNNING, WAITING
+from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
 from rpo_sim.loop import Loop
 

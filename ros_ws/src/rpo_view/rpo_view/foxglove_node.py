@@ -12,8 +12,8 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from visualization_msgs.msg import MarkerArray
 
-from rpo_core import interfaces
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
 from rpo_log.format import schemas
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare

@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_ros import qos
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.signals import message_class

@@ -9,8 +9,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from rpo_core import interfaces
-from rpo_core.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
+from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
 from rpo_ros import conversions, names, qos
 from rpo_ros.conversions import values_of
 from rpo_ros.running import FlightNode

@@ -12,17 +12,18 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from rpo_core import controller as controllers
-from rpo_core import explain, files
-from rpo_core import scenario as scenarios
-from rpo_core.blend import Reasons
-from rpo_core.controller import AnyController
-from rpo_core.metrics import MAX_ARRIVAL_DISTANCE_M
-from rpo_core.scenario import Scenario
-from rpo_core.statuses import ENDED, Manifest, RunStatus
-from rpo_core.thrusters import STANDARD_GRAVITY_M_S2
-from rpo_core.validation import MOST_NAME, InputError, printable
-from rpo_core.zones import Zones, zones_of
+from rpo_core import files
+from rpo_core.control import controller as controllers
+from rpo_core.control import explain
+from rpo_core.control.blend import Reasons
+from rpo_core.control.controller import AnyController
+from rpo_core.files import scenario as scenarios
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import MOST_NAME, InputError, printable
+from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
+from rpo_core.judge.zones import Zones, zones_of
+from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
+from rpo_core.world.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
 

@@ -13,7 +13,7 @@ import errno
 from email.message import Message
 from urllib.parse import urlsplit
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 
 HOST = '127.0.0.1'
 _NAMES = (HOST, 'localhost')

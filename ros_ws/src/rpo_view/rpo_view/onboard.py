@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from rpo_core.statuses import AssuranceStatus, GuidanceStatus, tick_of
-from rpo_core.validation import MOST_NAME, printable
+from rpo_core.files.validation import MOST_NAME, printable
+from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, tick_of
 
 Vector = tuple[float, ...]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core.zones import Zones
+from rpo_core.judge.zones import Zones
 from rpo_log.show.style import COLOURS
 from rpo_ros.names import LVLH_FRAME
 from rpo_view.onboard import Onboard

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core.validation import InputError
+from rpo_core.files.validation import InputError
 from rpo_ros.parameters import declare
 from rpo_view.latest import run_viewer
 from rpo_view.listening import ListeningNode

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from rpo_core.interfaces import Qos
+from rpo_core.wire.interfaces import Qos
 from rpo_log.format import schemas
 from rpo_log.format.run import METADATA_FILE, write_whole
 

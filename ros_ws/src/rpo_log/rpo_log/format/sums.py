@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from rpo_core.files import open_regular
-from rpo_core.validation import shown
+from rpo_core.files.validation import shown
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_log import events, topics
 from rpo_log.read.decode import TickBlock
 from rpo_log.read.stream import RunReader

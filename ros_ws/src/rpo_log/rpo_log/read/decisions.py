@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from mcap.records import Chunk, McapRecord
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log.format.run import DECISIONS_FILE
 from rpo_log.read.records import FileRecords, RawMessage, message_at
 

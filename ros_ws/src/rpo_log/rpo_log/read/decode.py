@@ -14,8 +14,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from rpo_core import cdr
-from rpo_core.layout import Layout
+from rpo_core.wire import cdr
+from rpo_core.wire.layout import Layout
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import TimeBase
 from rpo_log.read.records import MESSAGE_HEAD, RECORD_HEAD

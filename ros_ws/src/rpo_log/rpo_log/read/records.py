@@ -33,7 +33,7 @@ from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from rpo_core.files import open_regular
-from rpo_core.validation import shown
+from rpo_core.files.validation import shown
 from rpo_log.errors import Fault, LogError
 
 MAGIC = b'\x89MCAP0\r\n'

@@ -12,11 +12,14 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cdr, controller, files, interfaces, scenario
-from rpo_core.controller import AnyController
-from rpo_core.flight import Flight
-from rpo_core.scenario import Scenario
-from rpo_core.validation import InputError
+from rpo_core import files
+from rpo_core.chain.flight import Flight
+from rpo_core.control import controller
+from rpo_core.control.controller import AnyController
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import CONTROLLER, PARAMETERS, SCENARIO, TimeBase
 from rpo_log.read.completeness import Completeness

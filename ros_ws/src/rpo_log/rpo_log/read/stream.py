@@ -25,7 +25,7 @@ from mcap.records import (
 )
 from mcap.records import Message as MessageRecord
 
-from rpo_core.validation import shown
+from rpo_core.files.validation import shown
 from rpo_log import topics
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files

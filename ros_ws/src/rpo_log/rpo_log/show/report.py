@@ -12,11 +12,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from rpo_core import metrics
-from rpo_core.flight import Flight
-from rpo_core.scenario import Scenario
-from rpo_core.validation import printable
-from rpo_core.verdicts import Verdict, missed, verdicts
+from rpo_core.chain.flight import Flight
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import printable
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import Verdict, missed, verdicts
 from rpo_log.format.run import CONTROLLER, REPORT
 from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 from rpo_log.show import style

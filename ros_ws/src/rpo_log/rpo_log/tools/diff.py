@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
-from rpo_core.interfaces import Interface
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import Interface
 from rpo_log.errors import ExitCode
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.read.stream import RunReader

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_log.errors import Fault, LogError
 from rpo_log.format.run import cannot_write
 from rpo_log.read.stream import RunReader

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rpo_core.validation import printable
+from rpo_core.files.validation import printable
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import sums

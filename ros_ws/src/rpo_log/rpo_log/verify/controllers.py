@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain import Chain
-from rpo_core.controller import AnyController
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario
 from rpo_log.format.run import CONTROLLER, is_controller
 from rpo_log.read.decode import TickBlock
 from rpo_log.read.run_log import controller_of

@@ -14,9 +14,10 @@ import numpy as np
 from mcap.records import Header, McapRecord, Metadata
 from numpy.typing import NDArray
 
-from rpo_core import cdr, explain, interfaces
-from rpo_core.controller import AnyController
-from rpo_core.decimation import Decimation
+from rpo_core.chain.decimation import Decimation
+from rpo_core.control import explain
+from rpo_core.control.controller import AnyController
+from rpo_core.wire import cdr, interfaces
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile, BagTopic

@@ -7,7 +7,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from rpo_core import cdr
+from rpo_core.wire import cdr
 from rpo_log.read.decode import NonCanonical, values_of
 from rpo_log.topics import Topic
 

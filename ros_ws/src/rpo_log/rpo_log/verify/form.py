@@ -15,7 +15,7 @@ from pathlib import Path
 
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 
-from rpo_core.validation import shown
+from rpo_core.files.validation import shown
 from rpo_log.format import rosbag2, schemas
 from rpo_log.format.rosbag2 import BagFile, BagTopic
 from rpo_log.format.run import CONTROLLER, PARAMETERS, RUN_RECORD, SCENARIO, is_controller

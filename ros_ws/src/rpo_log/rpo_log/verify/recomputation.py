@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
-from rpo_core.stage import WITHOUT_COMMAND, Stage
+from rpo_core.chain.stage import WITHOUT_COMMAND, Stage
+from rpo_core.wire import interfaces
 from rpo_log import events
 from rpo_log.errors import LogError
 from rpo_log.read.decode import Event, TickBlock

@@ -14,8 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import cdr, interfaces, metrics
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge import metrics
+from rpo_core.wire import cdr, interfaces
 from rpo_log import events
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.topics import Topic

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from rpo_core import interfaces
+from rpo_core.wire import interfaces
 from rpo_log import events
 from rpo_log.read.decode import Event
 from rpo_log.verify.difference import Difference

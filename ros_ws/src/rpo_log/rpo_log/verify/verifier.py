@@ -26,13 +26,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import interfaces
-from rpo_core.chain import NO_FORCE, Chain, Link
-from rpo_core.controller import AnyController
-from rpo_core.controller_file import followed
-from rpo_core.interfaces import RELATIVE_STATE, current, row_of
-from rpo_core.stage import Place
-from rpo_core.validation import InputError
+from rpo_core.chain.chain import NO_FORCE, Chain, Link
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import AnyController
+from rpo_core.control.controller_file import followed
+from rpo_core.files.validation import InputError
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
 from rpo_log import topics
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run

@@ -13,12 +13,13 @@ from collections.abc import Sequence
 from functools import partial
 from itertools import islice, product
 
-from rpo_core import interfaces, kernels
-from rpo_core.chain import Chain, Signals
-from rpo_core.interfaces import RELATIVE_STATE, Interface
-from rpo_core.scenario import Scenario
-from rpo_core.stage import Place, Signal
-from rpo_core.thrusters import ZERO
+from rpo_core import kernels
+from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.stage import Place, Signal
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
+from rpo_core.wire.interfaces import RELATIVE_STATE, Interface
+from rpo_core.world.thrusters import ZERO
 from rpo_log.topics import Topic, free_running
 from rpo_log.write.tick_messages import HOLD, Candidates
 

@@ -8,9 +8,9 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 
-from rpo_core import cdr
-from rpo_core.interfaces import RELATIVE_STATE, row_of
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import RELATIVE_STATE, row_of
 from rpo_log import events
 from rpo_log.write.writer import RunLogWriter
 

@@ -15,9 +15,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from rpo_core import cdr
-from rpo_core.interfaces import RELATIVE_STATE, RUN_STATUS
-from rpo_core.scenario import Scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import cdr
+from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS
 from rpo_log import events, topics
 from rpo_log.errors import LogError
 from rpo_log.format import rosbag2
@@ -37,7 +37,7 @@ class RunLogWriter:
 
     folder : created if it is not there
     base : the ticks of the run
-    names : full topic names; the last part of each is its signal (`rpo_core.interfaces`)
+    names : full topic names; the last part of each is its signal (`rpo_core.wire.interfaces`)
     attachments : file name to bytes: scenario.yaml, controller.yaml, parameters.yaml
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap

@@ -1,0 +1,110 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""P2 and P3, training and campaigns: the paper's budget, and 10 000 dispersed runs."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from rpo_core.files.scenario import load_set
+from rpo_montecarlo.campaign import config, run_batch, single
+from rpo_montecarlo.campaign.execution import fly
+from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.engine.cases import Crossed, case_of_set
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_training.genes import GeneSpace
+
+PAPER_BUDGET = 60 * 301
+"""Evaluations of the paper's genetic algorithm: 60 controllers in the first and 300 generations."""
+
+CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
+CAMPAIGN_RUNS = 10_000
+
+
+class Budget(NamedTuple):
+    """Wall and CPU time [s] of a training budget, and its sizes."""
+
+    evaluations: int
+    workers: int
+    wall_s: float
+    cpu_s: float
+    loops_per_evaluation: int
+    steps: int
+
+    @property
+    def inferences_per_cpu_s(self) -> float:
+        """Inferences per CPU second."""
+        return self.evaluations * self.loops_per_evaluation * self.steps / self.cpu_s
+
+
+def training(
+    evaluations: int = PAPER_BUDGET,
+    workers: int = 0,
+    seed: int = 1,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Budget:
+    """Simulate the training budget of the paper: free rule tables, 216 starts, 2000 steps each.
+
+    progress : gets the share that is done
+    """
+    case = case_of_set(load_set('paper_training'))
+    space = GeneSpace('free')
+    rng = np.random.default_rng(seed)
+    with Simulator([case], workers) as simulator:
+        simulator.fly(space.decode(rng.random((2, space.size))))  # compiles
+        began, cpu = time.perf_counter(), time.process_time()
+        for first in range(0, evaluations, 60):
+            count = min(60, evaluations - first)
+            simulator.fly(space.decode(rng.random((count, space.size))))
+            progress((first + count) / evaluations)
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+        runs = cast(Crossed, case.full).runs
+        axes = 2 * len(runs.planar) + len(runs.vertical)
+        return Budget(evaluations, simulator.workers, wall, cpu, axes, case.windows.horizon)
+
+
+class Dispersed(NamedTuple):
+    """Wall and CPU time [s] of a campaign; and CPU time [s] of a single run in the core."""
+
+    runs: int
+    ticks: int
+    wall_s: float
+    cpu_s: float
+    core_s_per_run: float
+
+
+def campaign(
+    runs: int = CAMPAIGN_RUNS,
+    workers: int = 0,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Dispersed:
+    """Run the shipped campaign, every dispersion on; then a few of its runs one by one.
+
+    progress : gets the share that is done
+    """
+    chosen = config.load(CAMPAIGN, runs=runs)
+    run_batch.fly_runs(chosen, 0, 1)  # compiles
+    single.fly_run(chosen, 0)
+    done = 0
+
+    def add(count: int, _successful: int) -> None:
+        nonlocal done
+        done += count
+        progress(done / runs)
+
+    with tempfile.TemporaryDirectory() as folder:
+        store = Store.create(Path(folder) / 'campaign', chosen)
+        began, cpu = time.perf_counter(), time.process_time()
+        fly(store, workers, progress=add)
+        wall, cpu = time.perf_counter() - began, time.process_time() - cpu
+    few, began = 10, time.process_time()
+    for number in range(few):
+        single.fly_run(chosen, number)
+    each = (time.process_time() - began) / few
+    return Dispersed(runs, chosen.scenario.ticks, wall, cpu, each)

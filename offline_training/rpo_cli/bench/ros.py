@@ -1,0 +1,149 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""P4 and P5, the ROS loop: real nodes, compared with two bare rclpy processes.
+
+P4 flies the paper's test; P5 a scenario with navigation, guidance and assurance.
+
+`ros2 run` starts each in a ROS domain of its own. The time is from `flying` to `finished` in the
+log lines of the plant, without start and discovery.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from rpo_core.files.scenario import load_scenario
+from rpo_core.files.validation import InputError
+
+SCENARIO, FULL = 'paper_test', 'docking_leo'
+DOMAIN = '98'
+"""Not the default 0, and not the first domains of the tests."""
+
+_DEADLINE_S = 300.0
+_LINE = re.compile(r'\[(\d+\.\d+)\] \[plant\]: (flying|finished)')
+
+
+class Loop(NamedTuple):
+    """A flight through the nodes: wall time, ticks, and seconds simulated."""
+
+    wall_s: float
+    ticks: int
+    duration_s: float
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second."""
+        return self.duration_s / self.wall_s
+
+    @property
+    def ticks_per_s(self) -> float:
+        """Ticks per second of wall time."""
+        return self.ticks / self.wall_s
+
+
+def _environment(folder: str) -> dict[str, str]:
+    if shutil.which('ros2') is None:
+        raise InputError('`rpo bench ros` starts ROS nodes: `source ros_ws/env.bash` first')
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': DOMAIN,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_LOG_DIR': folder,
+    }
+
+
+@contextmanager
+def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
+    """Run nodes in the background, and end them."""
+    environment, quiet = _environment(folder), subprocess.DEVNULL
+    nodes = [
+        subprocess.Popen(
+            ['ros2', 'run', *command],
+            env=environment,
+            stdout=quiet,
+            stderr=quiet,
+            start_new_session=True,
+        )
+        for command in commands
+    ]
+    try:
+        yield
+    finally:
+        for node in nodes:
+            os.killpg(node.pid, signal.SIGTERM)  # a stock `ros2 run` passes no signal on
+        for node in nodes:
+            node.wait()
+
+
+def _output(command: Sequence[str], folder: str) -> str:
+    """Return the output of a command; raises InputError if it fails."""
+    done = subprocess.run(
+        ['ros2', 'run', *command],
+        env=_environment(folder),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=_DEADLINE_S,
+    )
+    if done.returncode:
+        lines = [x for x in done.stdout.splitlines() if x and not x.startswith('[ros2run]')]
+        last = lines[-1] if lines else 'nothing'
+        raise InputError(f'`ros2 run {" ".join(command)}` ended with {done.returncode}: {last}')
+    return done.stdout
+
+
+def _loop(output: str, name: str = SCENARIO) -> Loop:
+    times = {phase: float(moment) for moment, phase in _LINE.findall(output)}
+    if set(times) != {'flying', 'finished'}:
+        raise InputError(f'no times of the flight in the output of the plant: {output[-300:]!r}')
+    scenario = load_scenario(name)
+    return Loop(times['finished'] - times['flying'], scenario.ticks, scenario.duration_s)
+
+
+def one_process() -> Loop:
+    """Run plant, controller, disturbance and recorder in one process."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = str(Path(folder) / 'run')
+        command = ['rpo_bringup', 'final_approach', '--scenario', SCENARIO, '--no-report']
+        return _loop(_output([*command, '--output', output], folder))
+
+
+def _processes(scenario: str, *others: Sequence[str]) -> Loop:
+    """Run plant, controller, disturbance, recorder and other nodes as processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        nodes = [
+            ['rpo_ctrl', 'fuzzy_controller'],
+            ['rpo_sim', 'disturbance_injector'],
+            ['rpo_log', 'recorder', '--ros-args', '-p', f'output:={folder}/run'],
+            *others,
+        ]
+        with _started(nodes, folder):
+            plant = ['rpo_sim', 'plant', '--ros-args', '-p', f'scenario:={scenario}']
+            return _loop(_output([*plant, '-p', 'wait_for_recorder:=true'], folder), scenario)
+
+
+def four_processes() -> Loop:
+    """Run plant, controller, disturbance and recorder as four processes."""
+    return _processes(SCENARIO)
+
+
+def seven_processes() -> Loop:
+    """Run the full chain: also navigation, guidance and assurance."""
+    return _processes(
+        FULL, ['rpo_nav', 'navigation'], ['rpo_guidance', 'guidance'], ['rpo_safety', 'assurance']
+    )
+
+
+def ping_pong() -> float:
+    """Return round trips per second of two bare rclpy processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        return float(_output(['rpo_bringup', 'ping_pong'], folder).split()[0])

@@ -1,0 +1,262 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo campaign`."""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rpo_cli.commands.shared import Cluster, NoFail, Set, Workers, echo, end, interruptible
+from rpo_core.files.validation import InputError
+from rpo_montecarlo import outputs
+
+if TYPE_CHECKING:
+    from rpo_core.chain.flight import Flight
+    from rpo_montecarlo.campaign.config import Campaign
+    from rpo_montecarlo.campaign.store import Store
+
+EXAMPLES = """
+Examples: `rpo campaign offline_training/campaigns/paper_test.yaml` | `rpo campaign mine.yaml
+--runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
+runs/million --run 1234 --csv run.csv` | `rpo campaign runs/million --run 1234 --export
+run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --faults` | `rpo
+campaign mine.yaml --cluster tcp://127.0.0.1:8786`
+"""
+
+SWEEP_RUNS = 400
+"""Flights per share of `--faults`, if `--runs` does not say."""
+
+
+def campaign(
+    source: Annotated[
+        Path | None, typer.Argument(help='campaign file, or the folder of a campaign')
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/NAME_SEED]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    run: Annotated[
+        int | None, typer.Option(min=0, help='fly this run alone, bit for bit, and show it')
+    ] = None,
+    csv: Annotated[Path | None, typer.Option(help='with --run: write its flight')] = None,
+    export: Annotated[
+        Path | None, typer.Option(help='with --run: write its scenario for the ROS nodes')
+    ] = None,
+    runs: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
+    seed: Annotated[int | None, typer.Option(help="instead of the file's")] = None,
+    controller: Annotated[str | None, typer.Option(help="instead of the file's")] = None,
+    judge: Annotated[
+        list[str] | None,
+        typer.Option(help='limit to judge by, may be repeated  [all of the campaign]'),
+    ] = None,
+    sets: Set = None,
+    faults: Annotated[
+        bool, typer.Option('--faults', help='success against the share of messages lost, late')
+    ] = False,
+    least: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=100.0, help='exit code 1 if fewer percent of the runs succeed'),
+    ] = None,
+    workers: Workers = 0,
+    cluster: Cluster = '',
+    no_fail: NoFail = False,
+) -> None:
+    """Fly dispersed closed loops, and print how many succeed, with confidence intervals.
+
+    Results are saved as they come in: Ctrl-C stops cleanly, --resume goes on. It judges each run;
+    the campaign as a whole only with --least.
+    """
+    from rpo_montecarlo.campaign.store import Store
+
+    options = {
+        'runs': runs, 'seed': seed, 'controller': controller, 'set': sets, 'judge': judge,
+    }  # fmt: skip
+    changes = {name: value for name, value in options.items() if value is not None}
+    if resume is not None:
+        if source is not None or output is not None or run is not None or changes:
+            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        missed = _fly(Store.open(resume), workers, cluster, least)
+        end(missed, no_fail)
+        return
+    if source is None:
+        raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
+    for option, path in (('csv', csv), ('export', export)):
+        if path is not None and run is None:
+            raise InputError(f'`--{option}` writes one run: give --run too')
+    if least is not None and (faults or run is not None):
+        raise InputError('`--least` judges a whole campaign: no `--run` and no `--faults`')
+    if run is not None:
+        found = _of_source(source, changes)
+        _show_run(*found, run, csv)
+        _for_ros(found[0], source, run, export, sets or [])
+        return
+    chosen, store = _of_source(source, changes)
+    if store is not None:
+        end(_print(store, least), no_fail)
+        return
+    if faults:
+        _sweep(chosen, runs or min(chosen.config.runs, SWEEP_RUNS))
+        return
+    folder = output or Path('runs') / f'{chosen.config.name}_{chosen.config.seed}'
+    end(_fly(Store.create(folder, chosen), workers, cluster, least), no_fail)
+
+
+def _sweep(chosen: Campaign, runs: int) -> None:
+    from rpo_montecarlo.campaign.faults import Faults
+    from rpo_montecarlo.campaign.judging import sentence
+    from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, Sweep
+    from rpo_montecarlo.display import print_table, progress
+
+    config, base = chosen.config, chosen.config.faults or Faults()
+    done, total = itertools.count(1), len(FAULTS) * len(PERCENTS)
+    with progress() as show:
+        sweep = Sweep(chosen, runs, lambda: show('flights with message faults', next(done), total))
+        found = {kind: sweep.rows(kind) for kind in FAULTS}
+        edges = {kind: sweep.edge(kind, found[kind]) for kind in FAULTS}
+    typer.echo(
+        f'{config.name}: {config.controller}, free running; % of {runs} flights that succeed,\n'
+        f'dispersed and alone; states and forces lost, or late by {base.late_by_ticks} ticks;\n'
+        f'a force counts for {base.stale_after_ticks} ticks'
+    )
+    echo(f'success: {sentence(chosen)}')
+    table = []
+    for rows in zip(*found.values(), strict=True):
+        cells = [str(rows[0].percent)]
+        for _, d, alone in rows:
+            interval = f'{100 * d.low:.1f} to {100 * d.high:.1f}'
+            cells += [f'{100 * d.kept / d.runs:.1f}', interval]
+            cells.append(f'{100 * alone.kept / alone.runs:.1f}')
+        table.append(cells)
+    headings = (heading for kind in FAULTS for heading in (kind, 'Wilson 95 %', 'alone'))
+    print_table(('share %', *headings), table, left=0)
+    for kind, edge in edges.items():
+        some = 'some fail even without faults'
+        if edge.all_up_to is not None:
+            some = f'all succeed up to {edge.all_up_to} %'
+        none = '' if edge.none_from is None else f', none from {edge.none_from} %'
+        typer.echo(f'{config.scenario}, undispersed, messages {kind}: {some}{none}')
+
+
+def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
+    from rpo_montecarlo.campaign import config
+    from rpo_montecarlo.campaign.store import Store
+
+    if not source.is_dir():
+        overridden, judge = changes.pop('set', []), changes.pop('judge', [])
+        campaign = config.load(source, overridden, **changes)
+        return campaign.judging(judge) if judge else campaign, None
+    if changes:
+        raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
+    store = Store.open(source)
+    if not store.finished:
+        raise InputError(f'{source}: is not finished: go on with --resume')
+    return store.campaign, store
+
+
+def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
+    """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
+    from rpo_montecarlo.campaign.execution import CampaignDisplay, fly
+
+    again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
+    sentence = f'Interrupted; finished runs are saved. Go on with: {again}'
+    began, cpu = time.perf_counter(), time.process_time()
+    with interruptible(lambda: sentence), CampaignDisplay(store) as display:
+        fly(store, workers, cluster, display.advance)
+    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    missed = _print(store, least)
+    typer.echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
+    echo(store.folder / 'results.npz')
+    return missed
+
+
+def _print(store: Store, least: float | None) -> bool:
+    """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
+    from rpo_montecarlo.campaign import judging
+    from rpo_montecarlo.campaign.statistics import QUANTILES, rates, spreads
+    from rpo_montecarlo.display import print_table
+
+    config = store.campaign.config
+    found = rates(store)
+    shares = [(r.name, f'{r.kept} / {r.runs}', f'{r.percent} %', f'{r.interval} %') for r in found]
+    shares += [
+        (judging.label(name, store.campaign.required[name]), judging.NOT_JUDGED, '', '')
+        for name in judging.not_judged(store.campaign)
+    ]
+    title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
+    print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
+    echo(f'success: {judging.sentence(store.campaign)}')
+    numbers = [
+        (s.name, *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)), str(s.worst_run))
+        for s in spreads(store)
+    ]
+    print_table(('', 'mean', *(f'{100 * q:g} %' for q in QUANTILES), 'worst', 'run'), numbers)
+    if least is None:
+        return False
+    holds = 100 * found[0].kept >= least * found[0].runs
+    typer.echo(f'success of at least {least:g} % of the runs: {"held" if holds else "MISSED"}')
+    return not holds
+
+
+def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+    from rpo_montecarlo.campaign import judging
+    from rpo_montecarlo.campaign.run_batch import fly_runs
+    from rpo_montecarlo.campaign.single import fly_run
+    from rpo_montecarlo.display import print_table
+
+    if number >= chosen.config.runs:
+        raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')
+    columns = fly_runs(chosen, number, 1)
+    flight = fly_run(chosen, number)
+    rows = []
+    for name, (value,) in columns.items():
+        rows.append((name, f'{value:.6g} {chosen.metrics.get(name, "")}'.rstrip()))
+    print_table(('', 'value'), rows, f'{chosen.config.name}, run {number}')
+    print_table(('judged', 'value', 'limit', ''), judging.of_run(chosen, columns))
+    echo(f'success: {judging.sentence(chosen)}')
+    _compare(flight, columns, store, number)
+    if csv:
+        outputs.write_flight(flight, csv)
+
+
+def _for_ros(
+    chosen: Campaign, source: Path, number: int, export: Path | None, sets: list[str]
+) -> None:
+    """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
+    from rpo_core.files import scenario
+    from rpo_montecarlo.campaign.single import scenario_of
+
+    if chosen.config.faults is not None:
+        if export is not None:
+            raise InputError('`--export` writes a scenario; message faults are not part of one')
+        return
+    path = export or Path(f'run_{number}.yaml')
+    if export is None:
+        again = ['rpo', 'campaign', str(source), '--run', str(number), '--export', str(path)]
+        again += [part for change in sets for part in ('--set', change)]
+        echo(f'On ROS 2: {shlex.join(again)}')
+    else:
+        content = scenario.dumps(scenario_of(chosen, number)).encode()
+        outputs.write_aside(path, lambda file: file.write(content))
+    controller = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
+    fly = ['--scenario', str(path), '--controller', controller]
+    echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
+
+
+def _compare(flight: Flight, columns: dict[str, Any], store: Store | None, number: int) -> None:
+    """Check that the core flies the same bits, and that the folder holds the same."""
+    from rpo_montecarlo.campaign.run_batch import FINAL
+
+    final = [float(columns[name][0]) for name in FINAL]
+    same = final == flight.states[-1].tolist()
+    if store is not None:
+        same = same and all(store.column(name)[number] == columns[name][0] for name in columns)
+    if not same:
+        raise InputError(f'run {number}: the second flight has other bits: this is a defect')
+    what = 'the core' if store is None else 'the core and of the campaign'
+    typer.echo(f'The bits are those of {what}.')

@@ -1,0 +1,91 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_cli.commands.shared import Workers, echo, interruptible
+
+if TYPE_CHECKING:
+    from rpo_judge.evaluation.comparison import ComparedController
+
+EXAMPLES = """
+Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 1000` |
+`rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg`
+"""
+
+_CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
+
+_HEADING = 11  # longest word of a heading
+
+
+def compare(
+    controllers: Annotated[
+        list[str] | None,
+        typer.Argument(help='shipped names or files  [the fuzzy ones and all baselines]'),
+    ] = None,
+    campaign: Annotated[Path, typer.Option(help='what is dispersed, and its limits')] = _CAMPAIGN,
+    runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,
+    random: Annotated[
+        int,
+        typer.Option(min=0, max=1_000_000, help='random starts, at rest and as many moving'),
+    ] = 2000,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help='energy against dispersed runs kept, beside the one in the folder'),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option('--output', '-o', help='folder that keeps what was computed')
+    ] = Path('runs/compare'),
+    write: Annotated[
+        Path | None, typer.Option(help='put the table into this Markdown document too')
+    ] = None,
+    workers: Workers = 0,
+) -> None:
+    """Compare controllers: energy, conditions, tests, limits kept under dispersion, proofs.
+
+    Results are kept: Ctrl-C stops cleanly, the same command goes on.
+    """
+    from rpo_judge.evaluation import comparison, comparison_table
+    from rpo_montecarlo.display import print_table, progress
+    from rpo_training.provenance import saw
+
+    names = controllers or list(comparison.CONTROLLERS)
+    sentence = 'Interrupted; what was computed is kept: the same command goes on.'
+    with interruptible(lambda: sentence), progress() as show:
+        compared = comparison.Comparison(
+            names, output, campaign, saw, runs, workers, show, random_runs=random
+        )
+        least, rows = compared.least(), compared.rows()
+    flown = compared.campaigns[0]
+    tables = (comparison_table.overview, comparison_table.robustness, comparison_table.tests)
+    for headings, *lines in (table(rows) for table in tables):
+        columns = zip(headings, *lines, strict=True)
+        widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
+        print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)
+    for note in comparison_table.notes(rows, least, flown):
+        echo(f'- {note}')
+    for path in comparison_table.write(rows, least, flown, output):
+        echo(path)
+    for path in [output / 'compare.svg', *([picture] if picture is not None else [])]:
+        _draw(rows, path)
+    if write is not None:
+        comparison_table.put_into(write, comparison_table.markdown(rows, least, flown))
+        echo(write)
+
+
+def _draw(rows: Sequence[ComparedController], path: Path) -> None:
+    try:
+        from rpo_report.pareto import draw
+    except ImportError:
+        typer.echo('No picture: matplotlib is not installed.', err=True)
+        return
+    draw(rows, path)
+    echo(path)

@@ -1,0 +1,332 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo explain`."""
+
+from __future__ import annotations
+
+import math
+import os
+from operator import add, sub
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_cli.commands.shared import NoFail, end
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.validation import InputError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from rpo_core.control.controller import AnyController, FuzzyController
+    from rpo_core.control.controller_file import Reason
+    from rpo_core.control.explain import Decision, FiredRule
+    from rpo_judge.analysis.certificate import Certificate
+
+EXAMPLES = """
+Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
+`rpo explain runs/first --at 37.5` | `rpo explain --state 10,60,-40,0,0,0` |
+`rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
+"""
+
+
+def explain(
+    target: Annotated[
+        str, typer.Argument(help='controller (shipped name or file), or run (folder or .mcap)')
+    ] = '',
+    at: Annotated[float | None, typer.Option(help='seconds into a run')] = None,
+    state: Annotated[
+        str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state in m and m/s, target LVLH')
+    ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(help=f'with --state: shipped name or file  [{DEFAULT_CONTROLLER}]'),
+    ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='with --state: scenario whose goal the chaser flies to (name or file)  [what the '
+            'controller was trained for]'
+        ),
+    ] = '',
+    certify: Annotated[bool, typer.Option('--certify', help='prove the control surface')] = False,
+    no_fail: NoFail = False,
+) -> None:
+    """Say in words why the controller fires: its rules, or one decision of a run or a state.
+
+    Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
+    """
+    from rpo_cli.commands import explain_family
+    from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_core.control.explain import decisions, state_of
+    from rpo_core.control.family import Family
+    from rpo_montecarlo.display import plain_console
+
+    console = plain_console()
+    if state is not None:
+        if certify or (target and controller is not None):
+            raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
+        loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
+        seen = _from_goal(console, loaded, state_of(state), scenario)
+        if isinstance(loaded, Family):
+            explain_family.print_reasons(console, loaded, seen, at or 0.0)
+        elif at is not None:
+            raise InputError(
+                '`--state` takes one controller, `--scenario`, and nothing else; `--at` only '
+                'if the controller has a clock'
+            )
+        else:
+            _print_decisions(console, decisions(only_fuzzy(loaded), seen))
+        return
+    if scenario:
+        raise InputError('`--scenario` needs `--state`')
+    if controller is not None:
+        raise InputError('`--controller` needs `--state`; a run has its own controller')
+    if at is not None:
+        if certify or not target:
+            raise InputError('`--at` needs a run, and nothing else')
+        if not _is_run(target):
+            raise InputError(
+                f'`--at` needs a run, a folder or a .mcap file; got {target}. To explain a '
+                'controller, leave out `--at`; to explain one state, give `--state`'
+            )
+        end(not _explain_run(console, target, at), no_fail)
+        return
+    if not target:
+        raise InputError('say what to explain: a controller, a run with --at, or --state')
+    if _is_run(target):
+        raise InputError(f'{target}: say which instant of the run, like --at 37.5')
+    loaded = load_controller(target)
+    if isinstance(loaded, Family):
+        holds = explain_family.print_controller(console, loaded, certify)
+    else:
+        holds = _explain_controller(console, only_fuzzy(loaded), certify)
+    end(not holds, no_fail)
+
+
+def _is_run(target: str) -> bool:
+    return os.path.isdir(target) or target.endswith('.mcap')
+
+
+def _from_goal(
+    console: Console, controller: AnyController, state: Sequence[float], scenario: str
+) -> Sequence[float]:
+    """Return a state relative to the goal of a scenario, of what it was trained for by default."""
+    from rpo_core.files.scenario import ScenarioSet, load
+    from rpo_judge.evaluation.judgement import trained_for
+
+    name = scenario or trained_for(controller)
+    if not name:
+        return state
+    found = load(name)
+    base = found.base if isinstance(found, ScenarioSet) else found
+    if base.goal is None:
+        return state
+    force = ', '.join(f'{f:.6f}' for f in base.goal.force_n)
+    console.print(
+        f'Relative to the goal {list(base.goal_position_m)} m of {base.name}; the command gets '
+        f'[{force}] N on top, which hold a chaser there.',
+        soft_wrap=True,
+    )
+    return base.from_goal(state)
+
+
+def _explain_run(console: Console, path: str, at: float) -> bool:
+    """Print the decisions at the tick at or before a time; return whether the log has the same."""
+    import numpy as np
+
+    from rpo_cli.commands import explain_family
+    from rpo_core.control.controller import only_fuzzy
+    from rpo_core.control.controller_file import received
+    from rpo_core.control.explain import decisions
+    from rpo_core.control.family import Family
+    from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
+    from rpo_log.read.run_log import controller_of, read_run, scenario_of
+
+    log = read_run(path)
+    times = log.times_s
+    if not (math.isfinite(at) and times[0] <= at <= times[-1]):
+        raise InputError(
+            f'`--at` must be within the log, {times[0]:g} to {times[-1]:g} s; got {at:g}'
+        )
+    row = int(np.searchsorted(times, at + 1e-9, side='right')) - 1
+    if not np.isfinite(log.states[row]).all():
+        raise InputError(f'{path}: has no state at {times[row]:g} s')
+    scenario = scenario_of(log)
+    signals = {name: values[row].tolist() for name, values in log.values.items()}
+    state, on_top = received(scenario, signals)
+    if not np.isfinite(state).all():
+        raise InputError(f'{path}: does not hold what the controller read at {times[row]:g} s')
+    controller, tick = controller_of(log), int(log.ticks[row])
+    console.print(f'{printable(path)}, tick {tick}, {times[row]:g} s')
+    if isinstance(controller, Family):
+        reasons, same = explain_family.print_at(console, controller, state, tick)
+    else:
+        found = decisions(only_fuzzy(controller), state)
+        _print_decisions(console, found)
+        same = found[0].force_n, found[1].force_n, found[2].force_n
+        reasons = [(d.strongest, d.pairs()) for d in found]
+    logged = log.forces_n[row]
+    if any(on_top):
+        x, y, z = map(add, same, on_top)
+        same = x, y, z
+    if scenario.compensated:
+        x, y, z = map(sub, same, signals[ESTIMATED_DISTURBANCE])
+        same = x, y, z
+    if not np.isfinite(logged).all():
+        console.print('The log holds no force for this tick.')
+    elif tuple(logged.tolist()) == same:
+        console.print('The logged force is the same, bit for bit.')
+    else:
+        console.print(f'The logged force differs: {logged.tolist()} N; `rpo verify` says more.')
+    same_decision = _compare_decision(console, path, log.base.stamp_ns(tick), reasons)
+    return same_decision and (not np.isfinite(logged).all() or tuple(logged.tolist()) == same)
+
+
+def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
+    """Compare with the decision that the controller published; return whether none differs."""
+    from rpo_log.read.decisions import decision_at
+
+    logged = decision_at(path, stamp_ns)
+    if logged is None:
+        console.print('The run holds no decision of the controller: this is computed anew.')
+        return True
+    age_s = (stamp_ns - logged.stamp_ns) / 1e9
+    if age_s > 0.0:
+        console.print(
+            f'The controller said why {age_s:g} s before, not at this tick: this is computed anew.'
+        )
+        return True
+    expected = [(sentence, {name: repr(x) for name, x in pairs}) for sentence, pairs in found]
+    published = [(axis.message, dict(axis.values)) for axis in logged.axes]
+    if published == expected:
+        console.print('The controller said the same in flight, number by number.')
+        return True
+    for axis, (sentence, _) in zip('xyz', published, strict=False):
+        console.print(f'In flight the controller said of {axis}: {printable(sentence)}')
+    return False
+
+
+def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
+    from rpo_core.control.fuzzy import WORDS
+    from rpo_montecarlo.display import print_table
+
+    def error(value: float, saturated: bool) -> str:
+        return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
+
+    def share(decision: Decision, rule: FiredRule) -> str:
+        part = decision.parts.get(rule.force) if rule.decides else None
+        ties = len(decision.deciding(rule.force))
+        return f'{100.0 * part.share / ties:.1f} %' if part else ''
+
+    for decision in found:
+        console.print(f'\n{decision.axis}', style='bold', end='')
+        console.print(
+            f': position {decision.position_m:g} m, velocity '
+            f'{decision.velocity_m_s:g} m/s; position error '
+            f'{error(decision.position_error, decision.position_saturated)}, velocity error '
+            f'{error(decision.velocity_error, decision.velocity_saturated)}',
+            soft_wrap=True,
+        )
+        console.print(decision.reasons.sentence, soft_wrap=True)
+        position = dict(zip(WORDS, decision.position_grades, strict=True))
+        velocity = dict(zip(WORDS, decision.velocity_grades, strict=True))
+        rows = [
+            (
+                f'{rule.position} {position[rule.position]:.4f}',
+                f'{rule.velocity} {velocity[rule.velocity]:.4f}',
+                rule.force,
+                f'{rule.strength:.4f}',
+                share(decision, rule),
+            )
+            for rule in decision.rules
+        ]
+        headings = ('position error', 'velocity error', 'force', 'strength', 'share')
+        print_table(headings, rows, left=3)
+        sums = ' + '.join(
+            f'{part.share:.4f} × {part.centroid:.4f} ({word})'
+            for word, part in decision.parts.items()
+        )
+        console.print(
+            f'centroid: {sums or "no rule"} = {decision.output:.4f} → {decision.force_n:.6f} N',
+            soft_wrap=True,
+        )
+
+
+def _explain_controller(console: Console, controller: FuzzyController, certify: bool) -> bool:
+    """Print a controller; return whether its certificate, if asked for, holds."""
+    from rpo_judge.analysis.certificate import certify as examine
+    from rpo_judge.analysis.rule_base import WELL, warnings
+
+    position, velocity, force = controller.scales
+    console.print(controller.name, style='bold', end='')
+    console.print(f': {printable(controller.description)}')
+    console.print(
+        f'An error of 1 is {position:g} m of position, {velocity:g} m/s of velocity; '
+        f'a force of 1 is {force:g} N. {controller.system.samples} samples.',
+    )
+    _print_rules(controller)
+    _print_functions(controller)
+    found = warnings(controller.system)
+    for warning in found:
+        console.print('warning', style='yellow', end='')
+        console.print(f': {warning}', soft_wrap=True)
+    if not found:
+        console.print(f'No warnings. {WELL}')
+    if not certify:
+        return True
+    certificate = examine(controller.system)
+    _print_certificate(console, controller, certificate)
+    return certificate.holds
+
+
+def _print_rules(controller: FuzzyController) -> None:
+    from rpo_judge.analysis.rule_base import FORCES, force_rows
+    from rpo_montecarlo.display import print_table
+
+    headings, rows = force_rows(controller.system)
+    print_table(headings, rows, FORCES)
+
+
+def _print_functions(controller: FuzzyController) -> None:
+    from rpo_export.parts import variables
+    from rpo_montecarlo.display import print_table
+
+    parts, rows = variables(controller), []
+    for terms in zip(*(part.terms for part in parts), strict=True):
+        cells = [
+            ', '.join(f'{scale * x:.4g}' if abs(x) <= 1.0 else '–' for x in feet)
+            for (_, feet), scale in zip(terms, controller.scales, strict=True)
+        ]
+        rows.append((terms[0][0], *cells))
+    units = zip(parts, ('m', 'm/s', 'N'), strict=True)
+    headings = ('word', *(f'{part.name.replace("_", " ")} [{unit}]' for part, unit in units))
+    print_table(headings, rows, 'Membership functions: left foot, peak, right foot')
+
+
+def _print_certificate(
+    console: Console, controller: FuzzyController, certificate: Certificate
+) -> None:
+    def say(line: str) -> None:
+        console.print(line, soft_wrap=True)
+
+    colors = {'proven': 'green', 'refuted': 'red', 'undecided': 'yellow'}
+    console.print('\nCertificate', style='bold', end='')
+    say(' over all position errors e and velocity errors v in [-1, 1]')
+    for claim in certificate.claims:
+        color = colors[claim.verdict]
+        console.print(f'{claim.verdict:9s}', style=color, end='')
+        say(f' {claim.name}: {claim.statement}')
+        for p in claim.points:
+            say(f'            u({p.position_error!r}, {p.velocity_error!r}) = {p.output!r}')
+    position, velocity, force = controller.scales
+    by_name = {claim.name: claim for claim in certificate.claims}
+    say(
+        f'In units: |force| <= {by_name["output"].bound * force:.4g} N; at most '
+        f'{by_name["slope in position error"].bound * force / position:.4g} N/m and '
+        f'{by_name["slope in velocity error"].bound * force / velocity:.4g} N/(m/s).\n'
+        f'{certificate.boxes} boxes; the kernel is within {certificate.rounding:.1e} of the exact '
+        f'surface. The certificate {"holds" if certificate.holds else "FAILS"}.'
+    )

@@ -1,0 +1,73 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rpo_cli.commands.shared import echo
+
+EXAMPLES = """
+Examples: `rpo export handmade --to fis` | `rpo export handmade --to c --output force.c` |
+`rpo export mine.yaml --to python --output -` | `rpo export robust --to c --assurance assured
+--output guarded.c`
+"""
+
+
+def export(
+    controller: Annotated[str, typer.Argument(help='shipped name or file')],
+    to: Annotated[
+        str,
+        typer.Option(help='fis (MATLAB), fll (FuzzyLite), fcl (IEC 61131-7), json, python or c'),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            '--output', '-o', help='file, - for the terminal; if none, named after the controller'
+        ),
+    ] = None,
+    assurance: Annotated[
+        str | None,
+        typer.Option(
+            metavar='SCENARIO',
+            help='with c: the assurance filter of a scenario too, shipped name or file',
+        ),
+    ] = None,
+) -> None:
+    """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.
+
+    The Python and the C function need nothing else, and give the bits of the flown controller. The
+    header beside the C file shows how to call and compile it.
+    """
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import InputError
+    from rpo_export import SUFFIXES, c, c_assured, text_of
+    from rpo_montecarlo.outputs import identifier, make_folder, writing
+
+    loaded = load_controller(controller)
+    if assurance is None:
+        text = text_of(loaded, to)
+    elif to != 'c':
+        raise InputError(f'`--assurance` needs `--to c`; got {to}')
+    else:
+        scenario = load_scenario(assurance)
+        text = c_assured.text(loaded, scenario)
+    if output == Path('-'):
+        typer.echo(text, nl=False)
+        return
+    path = output or Path(identifier(loaded.name) + SUFFIXES[to])
+    make_folder(path.parent)
+    written = {path: text}
+    if assurance is not None:
+        written[path.with_suffix('.h')] = c_assured.header(loaded, scenario, path.name)
+    elif to == 'c':
+        written[path.with_suffix('.h')] = c.header(loaded, path.name)
+    for name, content in written.items():
+        with writing(name):
+            name.write_text(content, encoding='utf-8')
+        echo(name)

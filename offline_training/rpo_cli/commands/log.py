@@ -1,0 +1,107 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo log`, `rpo verify`, `rpo sign` and `rpo repair`: what one does with the log of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+
+from rpo_cli.commands.shared import echo
+from rpo_log.log_commands import Finding, show
+
+VERIFY_EXAMPLES = """
+Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
+readable log, 3 as computed as far as the log goes
+"""
+KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
+SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
+REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
+
+RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
+
+log = typer.Typer(
+    help='Look into the logs of runs.',
+    no_args_is_help=True,
+    context_settings={'help_option_names': ['-h', '--help']},
+)
+
+
+def _show(found: Finding) -> NoReturn:
+    raise typer.Exit(show(found))
+
+
+@log.command(epilog='Example: `rpo log info runs/demo`')
+def info(run: RunArgument) -> None:
+    """Print what a log holds, and whether it is complete."""
+    from rpo_log.tools.info import inspect
+
+    _show(inspect(run))
+
+
+@log.command(epilog='Example: `rpo log diff runs/first runs/second`')
+def diff(first: RunArgument, second: RunArgument) -> None:
+    """Compare two logs, bit for bit; exit code 1 where they differ."""
+    from rpo_log.tools.diff import diff as compare
+
+    _show(compare(first, second))
+
+
+@log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
+def export(
+    run: RunArgument,
+    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
+) -> None:
+    """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
+    from rpo_log.tools.export import export as write
+
+    rows = write(run, output)
+    echo(f'{output}: {rows} ticks')
+
+
+def verify(
+    run: RunArgument,
+    trusted: Annotated[
+        Path | None,
+        typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
+    ] = None,
+) -> None:
+    """Compute a logged flight again, bit for bit; print what is proven and what is not."""
+    from rpo_log.verify import verify as check
+
+    _show(check(run, trusted))
+
+
+def keygen(
+    output: Annotated[Path, typer.Argument(help='private key to write; beside it *.pub.pem')],
+) -> None:
+    """Make a pair of Ed25519 keys: one signs runs, the other checks them."""
+    from rpo_log.signature import make_key
+
+    public = make_key(output)
+    typer.echo(f'{output}: private key, keep it to yourself\n{public}: public key, give it away')
+
+
+def sign(
+    run: RunArgument,
+    key: Annotated[Path, typer.Option(help='private key in PEM')],
+) -> None:
+    """Sign a run folder: its files, each with its digest. Nothing that was recorded may differ."""
+    from rpo_log.tools.sign import sign_run
+
+    echo(sign_run(run, key))
+
+
+def repair(
+    run: RunArgument,
+    output: Annotated[Path | None, typer.Option(help='where the repaired log goes')] = None,
+    in_place: Annotated[
+        bool, typer.Option(help='replace the log; the damaged one is set aside')
+    ] = False,
+) -> None:
+    """Rebuild a complete log from one that ends early."""
+    from rpo_log.tools.repair import repair as rebuild
+
+    _show(rebuild(run, output, in_place=in_place))

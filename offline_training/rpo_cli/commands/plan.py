@@ -1,0 +1,114 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo plan`."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_cli.commands.shared import Set
+from rpo_core.files.validation import InputError
+
+if TYPE_CHECKING:
+    from rpo_judge.evaluation.keep_out import KeepOut
+    from rpo_judge.evaluation.plan_bound import Bound
+
+EXAMPLES = """
+Examples: `rpo plan around` | `rpo plan hold_points --picture plan.png` | `rpo plan around --set
+initial_position_m=[80,60,0]` | `rpo plan around --margins` | `rpo plan runs/docking_1 --sample 100`
+"""
+
+
+def plan(
+    scenario: Annotated[str, typer.Argument(help='shipped name or file, or folder of a campaign')],
+    changes: Set = None,
+    picture: Annotated[Path | None, typer.Option(help='write the plan as a picture')] = None,
+    margins: Annotated[
+        bool, typer.Option('--margins', help='others keep to the zones that transfers plan with')
+    ] = False,
+    sample: Annotated[int, typer.Option(min=1, help='runs of a campaign that are compared')] = 100,
+) -> None:
+    """Print the legs of a plan, and its energy beside other paths out of its zones.
+
+    Others have the same begin, end and time: the best that is found, and a bound that is below all.
+    For the folder of a campaign: the energy that its runs flew, beside others.
+    """
+    from rpo_core.files import overrides
+    from rpo_guidance.plan import Guidance
+    from rpo_judge.evaluation import plan_bound
+    from rpo_judge.evaluation.keep_out import KeepOut
+    from rpo_montecarlo.display import print_table
+
+    if Path(scenario).is_dir():
+        _compare(Path(scenario), sample)
+        return
+    chosen = overrides.load(scenario, changes or [])
+    settings = chosen.section(Guidance)
+    if settings is None:
+        raise InputError(f'scenario {chosen.name} has no section `guidance`')
+    found, energies = plan_bound.bound(settings, chosen, margins)
+    print_table(
+        ('phase', 'begins, s', 'ends, s', 'J, N^2 s', 'range, m', '|f|, N', 'why'),
+        plan_bound.rows(found, chosen),
+        title=f'Plan of {chosen.name}',
+    )
+    typer.echo(_said(energies, KeepOut.of(settings, margins)))
+    if picture is not None:
+        from rpo_report.plan_picture import draw
+
+        draw(found, energies, settings, picture)
+        typer.echo(picture)
+
+
+def _said(energies: Bound, zone: KeepOut) -> str:
+    """Return in words how a plan compares with others."""
+    lower = math.floor(energies.lower * 1e4) / 1e4  # what is printed is a bound too
+    within = f' that never come within {zone.radius_m:g} m of the target' if zone.radius_m else ''
+    if zone.slope:
+        within += f' but in the cone of {math.degrees(math.atan(zone.slope)):.1f} degrees'
+    best = 'none was found that keeps to the force of the thrusters too'
+    if math.isfinite(energies.best):
+        more = energies.plan / energies.best
+        best = f'the best found needs {energies.best:.4f}: the plan {more:.3f} times as much'
+    least = f'none needs less than {lower:.4f}'
+    if lower > 0.0:
+        more = math.ceil(energies.plan / lower * 1e3) / 1e3
+        least += f': the plan at most {more:.3f} times the least'
+    if not energies.closed:
+        least += '. The search for this bound ended early: a higher one may hold'
+    return (
+        f'{energies.duration_s:g} s: the plan needs {energies.plan:.4f} N^2 s. Of all paths with '
+        f'its begin, end and time{within},\n  {best};\n  {least}'
+    )
+
+
+def _compare(folder: Path, sample: int) -> None:
+    """Print how the flown energy of some runs compares with other paths out of their zones."""
+    import numpy as np
+
+    from rpo_judge.evaluation.plan_bound import ratios
+    from rpo_montecarlo.campaign.store import Store
+    from rpo_montecarlo.display import print_table, progress
+
+    store = Store.open(folder)
+    if not store.finished:
+        raise InputError(f'{folder}: is not finished: go on with `rpo campaign --resume`')
+    with progress() as show:
+        found = ratios(store, sample, lambda n: show('runs', n, sample))
+    rows = []
+    for name, other in product(('flown', 'plan'), ('best', 'lower')):
+        shares = np.array([getattr(r, name) / getattr(r, other) for r in found])
+        worst = found[int(shares.argmax())].run
+        numbers = (*np.quantile(shares, (0.0, 0.5, 0.95)), shares.max())
+        over = 'best path found' if other == 'best' else 'lower bound'
+        rows.append((name, over, *(f'{x:.3f}' for x in numbers), str(worst)))
+    print_table(
+        ('energy', 'over the', 'least', '50 %', '95 %', 'worst', 'run'),
+        rows,
+        title=f'{store.campaign.config.name}: {len(found)} of {store.campaign.config.runs} runs',
+    )

@@ -1,0 +1,306 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo prove`."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, end, interruptible
+from rpo_core.files.validation import InputError, printable
+
+if TYPE_CHECKING:
+    from rpo_proof.check import Checked, Sample
+    from rpo_proof.claims import Claim, Range
+    from rpo_proof.folder import Folder
+    from rpo_proof.problem import Problem
+
+EXAMPLES = """
+Examples: `rpo prove robust` | `rpo prove robust --velocity 0.05` | `rpo prove mine.yaml --scenario
+paper_test --position 5 --velocity 0.06 --mass 0.09` | `rpo prove --resume runs/proof_robust` |
+`rpo prove robust --velocity 0.05 --estimate 40` | `rpo prove --check runs/proof_robust`. Exit code
+1: a claim is refuted or open
+"""
+
+
+def prove(
+    controller: Annotated[str, typer.Argument(help='shipped name or file')] = '',
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='set whose outermost starts are the box, or single flight, the middle of the box'
+        ),
+    ] = 'paper_training',
+    position: Annotated[
+        float | None, typer.Option(help='half-width of the box of starts, each axis [m]')
+    ] = None,
+    velocity: Annotated[
+        float, typer.Option(min=0.0, help='half-width in velocity, each axis [m/s]')
+    ] = 0.0,
+    mass: Annotated[float, typer.Option(help='share by which the mass may differ')] = 0.0,
+    disturbance: Annotated[
+        float,
+        typer.Option(
+            help="the scenario's disturbance at any phase, up to so many times; 0: as it is"
+        ),
+    ] = 0.0,
+    any_disturbance: Annotated[
+        float, typer.Option(help='any other disturbance of an axis, changing at every tick [N]')
+    ] = 0.0,
+    axes_apart: Annotated[
+        bool,
+        typer.Option(
+            '--axes-apart',
+            help='each axis alone, in cells of its unknown disturbance and mass',
+        ),
+    ] = False,
+    cell: Annotated[
+        float, typer.Option(help='half-width of the first cells, or of strips of axes apart [m]')
+    ] = 1.0,
+    cell_velocity: Annotated[
+        float, typer.Option(help='half-width of them in velocity [m/s]')
+    ] = 0.025,
+    claim: Annotated[
+        list[str] | None,
+        typer.Option(help='requirement to prove, may be repeated  [all of the scenario]'),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/proof_NAME]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    check: Annotated[
+        Path | None, typer.Option(help='folder of a finished proof to check independently')
+    ] = None,
+    cells: Annotated[
+        int, typer.Option(min=0, help='with --check: random cells of each group, 0 = all')
+    ] = 20,
+    flights: Annotated[
+        int, typer.Option(min=0, help='with --check: random flights held against their tubes')
+    ] = 1000,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help='with --check: of what is drawn  [another each time]')
+    ] = None,
+    estimate: Annotated[
+        int,
+        typer.Option(
+            min=0, help='prove so many first cells only, at random, and say what all cost'
+        ),
+    ] = 0,
+    workers: Workers = 0,
+    cluster: Cluster = '',
+    no_fail: NoFail = False,
+) -> None:
+    """Prove what the closed loop does from every start of a box, or show a counterexample.
+
+    Finished cells are saved: Ctrl-C stops cleanly, --resume goes on.
+    """
+    from rpo_proof.folder import Folder
+
+    if check is not None:
+        if controller or resume is not None:
+            raise InputError('`--check` takes everything from the folder: give nothing else')
+        end(_check(Folder.open(check), cells, flights, seed), no_fail)
+        return
+    if resume is not None:
+        if controller:
+            raise InputError('`--resume` takes everything from the folder: give nothing else')
+        found = Folder.open(resume)
+        found.refuse_other_code()
+        end(_prove(found, workers, cluster), no_fail)
+        return
+    if not controller:
+        raise InputError('say what to prove: a controller, --resume FOLDER or --check FOLDER')
+    half = None if position is None else (position, position, position)
+    options = {
+        'mass_share': mass,
+        'disturbance_share': disturbance,
+        'any_n': any_disturbance,
+        'axes_apart': axes_apart,
+        'cell_m': cell,
+        'cell_m_s': cell_velocity,
+        'claims': tuple(claim or ()),
+    }
+    problem = _problem(controller, scenario, half, velocity, options)
+    if estimate:
+        _estimate(problem, estimate)
+        return
+    folder = output or Path('runs') / f'proof_{problem.controller.name}'
+    end(_prove(Folder.create(folder, problem), workers, cluster), no_fail)
+
+
+def _problem(
+    controller: str,
+    scenario: str,
+    position: Sequence[float] | None,
+    velocity: float,
+    options: dict[str, Any],
+) -> Problem:
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import ScenarioSet, load
+    from rpo_proof.claims import asked_of
+    from rpo_proof.problem import Problem, Settings
+
+    found = load(scenario)
+    if isinstance(found, ScenarioSet):
+        base, starts = found.base, found.initial_positions_m
+        least, most = starts.min(axis=0), starts.max(axis=0)
+        centre, half = ((least + most) / 2).tolist(), ((most - least) / 2).tolist()
+        half = half if position is None else list(position)
+    else:
+        base, centre = found, list(found.initial_position_m)
+        if position is None:
+            raise InputError('`--scenario` names a single flight: give `--position` too')
+        half = list(position)
+    settings = Settings(
+        centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
+    )
+    problem = Problem.of(load_controller(controller), base, settings)
+    asked_of(problem)
+    return problem
+
+
+def _prove(folder: Folder, workers: int, cluster: str) -> bool:
+    """Make a proof; return whether a claim is refuted or open."""
+    from rpo_judge.analysis.certificate import PROVEN
+    from rpo_proof.claims import worst
+    from rpo_proof.proving import ProofDisplay
+    from rpo_proof.proving import prove as make
+
+    problem = folder.problem
+    again = shlex.join(['rpo', 'prove', '--resume', str(folder.path)])
+    sentence = f'Interrupted; finished cells are saved. Go on with: {again}'
+    if not problem.controller.system.rules.is_odd:
+        echo('The rules are not odd: the whole box is proven, not half of it.', err=True)
+    began, cpu = time.perf_counter(), time.process_time()
+    with interruptible(lambda: sentence), ProofDisplay(folder.path) as display:
+        outcome = make(folder, workers, cluster, display.advance)
+    began, cpu = time.perf_counter() - began, time.process_time() - cpu
+    _print(problem, outcome.claims, outcome.ranges)
+    for key in outcome.counterexamples:
+        flight, _ = folder.flights(key)
+        controller = str(folder.path / 'controller.yaml')
+        echo(shlex.join(['rpo', 'simulate', str(flight), '--controller', controller]))
+    for group, (taken, every) in outcome.taken.items():
+        if taken:
+            echo(
+                f'Not checked: {taken} of {every} units of {group} cells are of an earlier call, '
+                'as the folder says; --check looks at them'
+            )
+    echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
+    echo(folder.path)
+    return worst(outcome.claims) != PROVEN
+
+
+def _estimate(problem: Problem, count: int) -> None:
+    from rpo_montecarlo.display import print_table, progress
+    from rpo_proof.estimating import estimate
+    from rpo_proof.premises import title_of
+
+    with progress() as show:
+        found = estimate(problem, count, show)
+    limits, sampled = problem.limits, found.sampled
+    rows = [
+        (key, f'{limits[key]:g}', f'{bound:.4g}', f'{found.flown[key]:.4g}', f'{n} of {sampled}')
+        for (key, bound), n in zip(found.bounds.items(), found.open_cells.values(), strict=True)
+    ]
+    print_table(('claim', 'limit', 'bound', 'flown', 'open first cells'), rows, title_of(problem))
+    echo(
+        f'{found.restless} of {sampled} first cells do not come to rest. '
+        f'{found.tubes / sampled:.1f} tubes and {found.seconds / sampled:.2f} s of CPU time each; '
+        f'all {found.cells}: about {found.hours:.2g} hours of one core'
+    )
+
+
+def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
+    """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
+    import secrets
+
+    from rpo_judge.analysis.certificate import PROVEN
+    from rpo_montecarlo.display import progress
+    from rpo_proof.check import Sample, check
+    from rpo_proof.claims import worst
+    from rpo_proof.folder import code_digest
+
+    if folder.stamped['code_sha256'] != code_digest():
+        echo(
+            'The folder says that it was made with other code: '
+            'its bounds may differ in the last bits.',
+            err=True,
+        )
+    began, seed = time.perf_counter(), secrets.randbits(32) if seed is None else seed
+    sample = Sample(starts=cells, flights=flights, seed=seed)
+    with progress() as show:
+        found = check(folder, sample, show)
+    if found.faults:
+        for fault in found.faults:
+            echo(printable(f'WRONG: {fault}'))
+        raise typer.Exit(1)
+    _print(folder.problem, found.claims, found.ranges, found)
+    _say_what_was_checked(folder, found, sample)
+    echo(f'Nothing wrong was found in {time.perf_counter() - began:.0f} s')
+    return worst(found.claims) != PROVEN
+
+
+def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
+    from rpo_proof.folder import code_digest
+    from rpo_proof.premises import origins
+
+    for line in origins(folder):
+        echo(line)
+    echo(f'checked by code of SHA-256 {code_digest()}')
+    drawn = ', '.join(f'{some} of {every} {g}' for g, (some, every) in found.drawn.items())
+    echo(
+        'Checked: that the cells cover the starts, and what follows from all of them; flights of '
+        f'claims, flown again; the table of the surface; tubes of {drawn} cells, '
+        f'{sample.ticks} ticks of each in rational numbers; {sample.flights} flights from cells of '
+        f'each kind at every tick; drawn by --seed {sample.seed}'
+    )
+    for left in _not_checked(folder, found):
+        echo(printable(f'Not checked: {left}'))
+
+
+def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:
+    """Yield what of a folder the checker did not look at."""
+    for group, (some, every) in found.drawn.items():
+        if some < every:
+            yield f'the tubes of {every - some} {group} cells, whose bounds are as the folder says'
+    for claim in found.claims:
+        if not claim.start:
+            yield f'what was flown for {claim.key}: its flight is not in the folder'
+    yield f'what versions.yaml says: {", ".join(map(" ".join, sorted(folder.stamped.items())))}'
+    yield from folder.others()
+
+
+def _print(
+    problem: Problem,
+    claims: Iterable[Claim],
+    ranges: dict[str, Range],
+    checked: Checked | None = None,
+) -> None:
+    """Print what was computed in this call."""
+    from rpo_montecarlo.display import print_table
+    from rpo_proof.claims import unknown
+    from rpo_proof.premises import cells_of, lower, range_of, title_of, upper
+
+    rows = [cells_of(claim) for claim in claims]
+    whole = checked is None or checked.whole
+    verdict = '' if whole else 'if the cells that were not drawn are right'
+    columns = 'claim', 'limit', 'proven', 'flown', 'open cells', verdict
+    print_table(columns, rows, title_of(problem))
+    echo(range_of(problem))
+    for found in ranges.values():
+        if math.isinf(found.high):
+            continue
+        least = f'{lower(found.low)} to ' if found.low else 'at most '
+        echo(f'{found.statement}: {least}{upper(found.high)} {found.unit}')
+    for key in unknown(problem):
+        echo(f'{key}: the proof says nothing about it')
+    for key in problem.all_limits.keys() - problem.limits.keys():
+        echo(f'{key}: not asked for, and not judged')

@@ -1,0 +1,133 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo report`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_cli.commands.shared import NoFail, echo, end
+from rpo_core.files.validation import InputError, printable, within
+
+if TYPE_CHECKING:
+    from rpo_report.blocks import Report
+
+EXAMPLES = """
+Examples: `rpo report runs/demo` | `rpo report runs/demo/run.mcap --open` |
+`rpo report runs/paper_test_1 --output shared/campaign` | `rpo report trained`.
+Exit code 3: a log that ends early, reported as far as it goes
+"""
+
+
+def report(
+    target: Annotated[
+        str,
+        typer.Argument(
+            help='run (folder or .mcap), campaign, proof (folder), controller (name or file)'
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            '--output',
+            '-o',
+            help='folder  [report/ in the folder, runs/report_NAME of a controller]',
+        ),
+    ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(
+            help='of a controller: judge by what this scenario or set requires (name or file)  '
+            '[what it was trained for]'
+        ),
+    ] = '',
+    open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
+    no_fail: NoFail = False,
+) -> None:
+    """Draw a run, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained.
+
+    Exit code 1: something that the page judges is missed; the page is written all the same.
+    """
+    from rich.text import Text
+
+    from rpo_montecarlo.display import plain_console
+    from rpo_report import recognise
+    from rpo_report.page import write
+
+    subject = recognise.subject_of(target)
+    if scenario and subject != 'controller':
+        raise InputError(f'`--scenario` is for the report of a controller; {target} is a {subject}')
+    doing = Text(printable(f'{target}: reporting this {subject}'))
+    with plain_console(stderr=True).status(doing):
+        made, folder, code = _OF[subject](target, scenario)
+        paths = write(made, output or folder)
+    for path in paths:
+        echo(path)
+    if open_:
+        typer.launch(paths[-1].resolve().as_uri())
+    if code:
+        raise typer.Exit(int(code))
+    end(made.missed, no_fail)
+
+
+Made = tuple['Report', Path, int]
+"""A report, where it goes if nothing else is said, and the exit code."""
+
+
+def _of_run(target: str, _: str) -> Made:
+    from rpo_log.errors import ExitCode
+    from rpo_log.show.report import folder_of, print_table
+    from rpo_report import run
+
+    made, shown = run.report_of(Path(target))
+    if shown.whole:
+        print_table(shown.flight, made.title)
+    else:
+        echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
+    return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
+
+
+def _of_campaign(target: str, _: str) -> Made:
+    from rpo_report import campaign
+
+    return campaign.report_of(Path(target)), Path(target) / 'report', 0
+
+
+def _of_proof(target: str, _: str) -> Made:
+    from rpo_report import proof
+
+    return proof.report_of(Path(target)), Path(target) / 'report', 0
+
+
+def _of_controller(target: str, scenario: str) -> Made:
+    from rpo_report import controller
+
+    with within(f'{target}: no run and no campaign; as a controller'):
+        return controller.report_of(target, scenario), Path('runs') / _folder(target), 0
+
+
+def _folder(target: str) -> str:
+    """Return the name of the folder of a controller's report: another for each file.
+
+    A file adds its folder, which a person knows, and a digest of its path, which no other file has.
+    """
+    from rpo_montecarlo.outputs import digest_of
+
+    path = Path(target)
+    if path.name == target and not path.suffix:
+        return f'report_{target}'
+    parent, digest = path.resolve().parent.name, digest_of(str(path.resolve()))[:8]
+    names = [parent] if parent and parent != path.stem else []
+    return '_'.join(['report', *names, path.stem, digest])
+
+
+_OF: dict[str, Callable[[str, str], Made]] = {
+    'run': _of_run,
+    'campaign': _of_campaign,
+    'proof': _of_proof,
+    'controller': _of_controller,
+}

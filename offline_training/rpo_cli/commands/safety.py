@@ -1,0 +1,296 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo safety`: the constants of runtime assurance, attacks on it, and how often it acts."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+from rpo_cli.commands.shared import NoFail, Set, end, interruptible
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.validation import InputError
+
+safety = typer.Typer(
+    name='safety',
+    help='Runtime assurance: its constants, attacks on it, and how often it acts.',
+    no_args_is_help=True,
+)
+
+SHOW_EXAMPLES = 'Example: `rpo safety show assured`'
+ATTACK_EXAMPLES = """
+Examples: `rpo safety attack assured` | `rpo safety attack assured --runs 100000 --seed 2 --set
+assurance.filter=simplex`
+"""
+QUIET_EXAMPLES = """
+Examples: `rpo safety quiet paper_training` | `rpo safety quiet paper_test --controller robust
+--speed paper`
+"""
+
+DRIFT_EXAMPLES = """
+Examples: `rpo safety drift paper_training` | `rpo safety drift paper_test --drag 1.2e-6`
+"""
+
+ABORT_EXAMPLES = """
+Examples: `rpo safety abort guarded` | `rpo safety abort guarded --states 5000 --set
+assurance.abort.stuck_s=60`
+"""
+
+PEERS_EXAMPLES = """
+Examples: `rpo safety peers offline_training/examples/benchmarks/arch_rendezvous.yaml
+offline_training/examples/benchmarks/vbar_approach.yaml` | `rpo safety peers
+offline_training/examples/benchmarks/arch_rendezvous.yaml --prove`
+"""
+
+LEGEND = (
+    'Ticks with a path in the zone, without an admissible command, above the speed limit, and with '
+    'a changed command; nearest: the least distance of a path to the zone.'
+)
+
+Name = Annotated[str, typer.Argument(help='shipped scenario, or file', metavar='SCENARIO')]
+_Flights = Annotated[
+    str, typer.Argument(help='shipped scenario or set, or file', metavar='SCENARIO')
+]
+_Controllers = Annotated[list[str] | None, typer.Option(help='shipped name or file; repeatable')]
+
+
+@safety.command(epilog=SHOW_EXAMPLES)
+def show(scenario: Name, changes: Set = None) -> None:
+    """Print the constants of the proof for a scenario (docs/safety.md), and the time of a step.
+
+    With `RPO_JIT=0` in the environment, the time is that of plain Python.
+    """
+    from rpo_core.files import overrides
+    from rpo_judge.safety.quiet import speeds
+    from rpo_montecarlo.display import print_table
+    from rpo_safety.guard import proof_of
+    from rpo_safety.settings import Assurance
+
+    found = overrides.load(scenario, changes or [])
+    settings = found.section(Assurance)
+    if settings is None:
+        raise InputError(f'scenario {found.name} must have a section `assurance`; it has none')
+    proof = proof_of(settings, found)
+    rows = [*proof.errors._asdict().items(), *proof.guard._asdict().items()]
+    cells = [(name, f'{value:.6g}') for name, value in [*rows, ('floor_m_s', proof.floor_m_s)]]
+    print_table(('constant', 'value'), cells, f'{found.name}: what is assumed, and what follows')
+    passing, acting = speeds(proof.guard, found)
+    typer.echo(f'a step: {passing:.2f} microseconds; where it acts: {acting:.2f}')
+
+
+@safety.command(epilog=ATTACK_EXAMPLES)
+def attack(
+    scenario: Name = 'assured',
+    runs: Annotated[int, typer.Option(min=1, max=10_000_000, help='flights')] = 7000,
+    seed: Annotated[int, typer.Option(min=0, help='of all that is drawn')] = 1,
+    ticks: Annotated[int, typer.Option(min=1, max=1_000_000, help='length of a flight')] = 1000,
+    changes: Set = None,
+    no_fail: NoFail = False,
+) -> None:
+    """Fly dispersed runs under hostile commands and faults; exit code 1 if a limit is broken.
+
+    Starts, errors of navigation, disturbance and thrust are at the edge of what the section
+    `assurance` assumes. The path is looked at between the ticks, too.
+    """
+    from rpo_core.files import overrides
+    from rpo_judge.safety import attack as attacks
+    from rpo_judge.safety import hostile
+    from rpo_montecarlo.display import print_table, progress
+
+    found = overrides.load(scenario, changes or [])
+    began = time.monotonic()
+    with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
+        results = attacks.attack(found, runs, seed, ticks, lambda n: draw('runs', n, runs))
+    columns = (
+        hostile.VIOLATED,
+        hostile.INFEASIBLE,
+        hostile.TOO_FAST,
+        hostile.OUTSIDE,
+        hostile.HARD,
+        hostile.ACTED,
+        hostile.CONTACTS,
+    )
+    heads = (
+        'command',
+        'runs',
+        'in the zone',
+        'not admissible',
+        'too fast',
+        'outside',
+        'hard',
+        'changed',
+        'contacts',
+        'nearest',
+    )
+    rows = [
+        (
+            result.kind,
+            str(len(result.rows)),
+            *(str(result.total(column)) for column in columns),
+            f'{result.least(hostile.LEAST_FREE):.3g} m',
+        )
+        for result in results
+    ]
+    title = f'{found.name}: {runs} runs of up to {ticks} ticks in {time.monotonic() - began:.0f} s'
+    print_table(heads, rows, title)
+    broken = sum(r.total(column) for r in results for column in columns[:5])
+    typer.echo(LEGEND)
+    typer.echo('all limits held' if not broken else f'{broken} ticks break a limit')
+    end(broken > 0, no_fail)
+
+
+@safety.command(epilog=QUIET_EXAMPLES)
+def quiet(
+    scenario: _Flights = 'paper_training',
+    controller: _Controllers = None,
+    speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
+) -> None:
+    """Fly without assurance, and count the commands that it would change."""
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load
+    from rpo_judge.safety import quiet as counting
+    from rpo_montecarlo.display import print_table
+    from rpo_safety.settings import Assurance
+
+    found, settings = load(scenario), Assurance(speed=speed)
+    rows = []
+    for name in controller or ['trained', 'robust']:
+        counted = counting.quiet(found, load_controller(name), settings)
+        rows.append((name, *map(str, counted[:3]), f'{counted.margin_m_s:.3f} m/s'))
+    heads = ('controller', 'flights', 'interventions', 'flights with one', 'least margin')
+    print_table(heads, rows, f'{found.name}, speed limit `{speed}`')
+
+
+@safety.command(epilog=DRIFT_EXAMPLES)
+def drift(
+    scenario: _Flights = 'paper_training',
+    controller: _Controllers = None,
+    radius: Annotated[float, typer.Option(min=0.0, help='of the sphere to keep clear [m]')] = 5.0,
+    beyond: Annotated[float, typer.Option(min=0.0, help='look beyond this range only [m]')] = 15.0,
+    orbits: Annotated[float, typer.Option(min=0.0, max=100.0, help='length of a drift')] = 2.0,
+    drag: Annotated[
+        float, typer.Option(min=0.0, help='largest differential acceleration [m/s^2]')
+    ] = 0.0,
+    more_drag: Annotated[
+        bool, typer.Option('--more-drag', help='it is known that the chaser has the more drag')
+    ] = False,
+) -> None:
+    """Print from how many moments of flights a thruster silence would lead to the target."""
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load
+    from rpo_judge.safety.silence import silence
+    from rpo_montecarlo.display import print_table
+
+    found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
+    rows = []
+    for name in controller or ['trained', 'robust']:
+        f = silence(found, load_controller(name), radius, beyond, orbits, bounds)
+        rows.append((name, str(f.flights), str(f.unprotected), f'{100 * f.share:.1f} %'))
+    heads = ('controller', 'flights', 'unprotected', 'of the time')
+    title = f'{found.name}: drifts of {orbits:g} orbits that enter {radius:g} m'
+    whose = ' more of the chaser' if more_drag else ''
+    print_table(heads, rows, f'{title}, from beyond {beyond:g} m, drag {drag:g} m/s^2{whose}')
+
+
+@safety.command(epilog=ABORT_EXAMPLES)
+def abort(
+    scenario: Name = 'guarded',
+    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    states: Annotated[int, typer.Option(min=6, max=1_000_000, help='random states')] = 1000,
+    seed: Annotated[int, typer.Option(min=0, help='of the random states')] = 1,
+    changes: Set = None,
+) -> None:
+    """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files import overrides
+    from rpo_guidance.plan import Guidance
+    from rpo_judge.safety import leaving
+    from rpo_montecarlo.display import print_table
+
+    found = overrides.load(scenario, changes or [])
+    machine = leaving.machine_of(found)
+    name = 'plan' if found.section(Guidance) else f'flight of {controller}'
+    rows = []
+    for kind, looked in (
+        (name, leaving.of_flight(found, load_controller(controller))),
+        ('random', leaving.at_random(machine, states, seed)),
+    ):
+        for band in leaving.bands(machine, looked):
+            if band.states:
+                share = f'{band.clear} of {band.states}'
+                beyond = f'{band.least_m:g} to {band.most_m:g} m'
+                rows.append((kind, beyond, share, f'{band.margin_m:.2f} m'))
+    table = machine.table
+    title = f'{found.name}: aborts that stay out of {machine.keep_out_m:g} m for {table.orbits:g} '
+    title += (
+        f'orbits, one thruster stuck on for {table.stuck_s:g} s, drag {table.drag_m_s2:g} m/s^2'
+    )
+    print_table(('states', 'range', 'clear', 'least margin'), rows, title)
+
+
+@safety.command(epilog=PEERS_EXAMPLES)
+def peers(
+    files: Annotated[
+        list[str], typer.Argument(help='arch_rendezvous.yaml, vbar_approach.yaml', metavar='FILE')
+    ],
+    controller: Annotated[
+        str, typer.Option(help='fuzzy, shipped name or file; its force is scaled')
+    ] = 'allround',
+    starts: Annotated[int, typer.Option(min=1, max=10_000, help='drawn starts of each')] = 20,
+    seed: Annotated[int, typer.Option(min=0, help='of the starts')] = 1,
+    prove: Annotated[
+        bool,
+        typer.Option('--prove', help='ARCH-COMP: prove its regulator instead, from every start'),
+    ] = False,
+    no_fail: NoFail = False,
+) -> None:
+    """Fly benchmarks of others, with our stack and with the controllers that they have.
+
+    Exit code 1 if our stack breaks a constraint; with --prove, if an instance is not as named.
+    """
+    if prove:
+        end(not _prove_peers(files), no_fail)
+        return
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import choice
+    from rpo_judge.safety import peers as benchmarks
+    from rpo_montecarlo.display import print_table
+
+    ours, broken = load_controller(controller), 0
+    for file in files:
+        scenario = load_scenario(file)
+        known = choice('scenario', scenario.name, benchmarks.ROWS)
+        rows = benchmarks.ROWS[known](scenario, ours, starts, seed)
+        cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
+        print_table((*benchmarks.HEADINGS[known], 'constraints'), cells, scenario.name)
+        broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
+    end(broken > 0, no_fail)
+
+
+def _prove_peers(files: list[str]) -> bool:
+    """Print what is proven of ARCH-COMP's instances; return whether all is as they say."""
+    from rpo_core.files.scenario import load_scenario
+    from rpo_core.files.validation import choice
+    from rpo_judge.safety import peers as benchmarks
+    from rpo_montecarlo.display import print_table, progress
+    from rpo_proof import rendezvous
+
+    scenarios = [load_scenario(file) for file in files]
+    for scenario in scenarios:
+        choice('scenario', scenario.name, (benchmarks.ARCH,))
+    as_expected = True
+    for scenario in scenarios:
+        with interruptible(lambda: 'stopped'), progress() as show:
+            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
+        found = [rendezvous.verdict(proof, name) for name in benchmarks.ABORT_MIN]
+        title = (
+            f'{scenario.name}: {benchmarks.arch_lqr().name}, from every start, {proof.cells} cells'
+        )
+        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
+        for sentence in filter(None, map(rendezvous.flight_of, found)):
+            typer.echo(sentence)
+        as_expected &= all(v.as_expected for v in found)
+    return as_expected

@@ -1,0 +1,59 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What several subcommands share: options, and a clean stop."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated
+
+import typer
+
+from rpo_core.files.validation import printable
+
+
+def echo(text: object, err: bool = False) -> None:
+    """Print a line that holds names of files or texts of logs, which may be anything."""
+    typer.echo(printable(text), err=err)
+
+
+Workers = Annotated[int, typer.Option(min=0, help='threads, 0 = one per core')]
+Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        '--set',
+        metavar='KEY=VALUE',
+        help='change a field of the scenario, like mass_kg=12.0; repeatable',
+    ),
+]
+Cluster = Annotated[
+    str,
+    typer.Option(help='local, or a dask scheduler: tcp://127.0.0.1:8786, tls://host:8786'),
+]
+
+
+NoFail = Annotated[
+    bool, typer.Option('--no-fail', help='exit code 0 although something judged is missed')
+]
+
+
+def end(missed: bool, no_fail: bool) -> None:
+    """End with exit code 1 where something that the command judged is missed.
+
+    One rule for all commands: docs/exit_codes.md.
+    """
+    if missed and not no_fail:
+        raise typer.Exit(1)
+
+
+@contextmanager
+def interruptible(sentence: Callable[[], str]) -> Iterator[None]:
+    """Let Ctrl-C or SIGTERM end the work inside with a sentence and exit code 130."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt:
+        echo(sentence(), err=True)
+        raise typer.Exit(130) from None

@@ -1,0 +1,48 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rpo_cli.commands.shared import NoFail, Set, end
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.validation import InputError
+from rpo_montecarlo import outputs
+
+EXAMPLES = """
+Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
+--csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0`
+"""
+
+
+def simulate(
+    scenario: Annotated[str, typer.Argument(help='shipped name or file  [paper_test]')] = '',
+    named: Annotated[str, typer.Option('--scenario', help='the same, as an option')] = '',
+    controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
+    changes: Set = None,
+    csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    no_fail: NoFail = False,
+) -> None:
+    """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
+
+    Exit code 1: a requirement of the scenario is missed.
+    """
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files import overrides
+    from rpo_core.judge.verdicts import missed
+    from rpo_log.show.report import print_table
+
+    if scenario and named:
+        raise InputError(f'give one scenario; got {scenario} and `--scenario {named}`')
+    flown = overrides.load(scenario or named or 'paper_test', changes or [])
+    flight = fly(flown, load_controller(controller))
+    print_table(flight, f'{flown.name}, controller {controller}')
+    if csv:
+        outputs.write_flight(flight, csv)
+    end(missed(flight), no_fail)

@@ -1,0 +1,132 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo truth`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_montecarlo import outputs
+
+if TYPE_CHECKING:
+    from rpo_core.chain.flight import Flight
+    from rpo_judge.truth.two_body import Comparison
+
+EXAMPLES = """
+Examples: `rpo truth runs/first` | `rpo truth` | `rpo truth --scenario approach --controller
+handmade --write docs/truth.md`
+"""
+
+
+def truth(
+    run: Annotated[
+        Path | None,
+        typer.Argument(help='run folder or .mcap file; without it, a flight is computed here'),
+    ] = None,
+    scenario: Annotated[str, typer.Option(help='without RUN: shipped name or file')] = 'paper_test',
+    controller: Annotated[
+        str, typer.Option(help='without RUN: shipped name or file')
+    ] = DEFAULT_CONTROLLER,
+    plot: Annotated[
+        Path | None, typer.Option(help='picture  [RUN/report/truth.png, or runs/truth.png]')
+    ] = None,
+    write: Annotated[Path | None, typer.Option(help='page to put the tables into')] = None,
+) -> None:
+    """Fly a run's forces again under true gravity, and print the error of the plant.
+
+    By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
+    """
+    from rpo_judge.truth.two_body import TRUTHS, compare
+    from rpo_log.show.report import folder_of
+
+    names = [name for name in TRUTHS if name != 'Basilisk' or find_spec('Basilisk')]
+    if 'Basilisk' not in names:
+        typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
+    flight, title = _flight(run, scenario, controller)
+    found = compare(flight, title, names)
+    _print(found)
+    folder = Path('runs') if run is None else folder_of(run)
+    _draw(found, plot or folder / 'truth.png')
+    if write is not None:
+        outputs.put(write, 'rpo truth --write', markdown(found))
+        typer.echo(write)
+
+
+def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, str]:
+    from rpo_core.chain.flight import fly
+    from rpo_core.control.controller import load_controller
+    from rpo_core.files.scenario import load_scenario
+    from rpo_log.read.run_log import read_flight
+
+    if run is not None:
+        flight = read_flight(run)
+        return flight, f'{run}, {flight.scenario.name}'
+    chosen = load_controller(controller)
+    return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'
+
+
+Cells = Sequence[Sequence[str]]
+
+
+def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
+    """Return title, headings and rows, and what follows, of both tables."""
+    from rpo_judge.truth.two_body import AXIS_NAMES
+
+    duration = f'{found.scenario.duration_s:g} s'
+    heads = (
+        'time',
+        *(h for n in found.errors for h in (f'{found.plant} − {n}, position', 'velocity')),
+    )
+    errors = [
+        (f'{t_s:g} s', *(cell for r, v in pairs for cell in (f'{r:.2e} m', f'{v:.2e} m/s')))
+        for t_s, *pairs in found.moments()
+    ]
+    drifts = [
+        (f'{growth.distance_m:g} m', *(f'{error:.2g} m' for error in growth.position_m))
+        for growth in found.growth
+    ]
+    apart_m = found.disagreement_m
+    differ = '' if apart_m is None else f'The two truths differ by at most {apart_m:.1e} m.'
+    flown = f'{found.title}: {duration} under the same forces, open loop.'
+    drifted = (
+        f'Drifting freely for {duration} from rest at a distance, error of the linear plant '
+        '(SciPy):'
+    )
+    along = ('distance', *(f'along {name}' for name in AXIS_NAMES))
+    return [(flown, [heads, *errors], differ), (drifted, [along, *drifts], '')]
+
+
+def _print(found: Comparison) -> None:
+    from rpo_montecarlo.display import print_table
+
+    for title, (heads, *rows), after in _tables(found):
+        print_table(heads, rows, title)
+        if after:
+            typer.echo(f'{after}\n')
+
+
+def markdown(found: Comparison) -> str:
+    """Return the tables in the form of the documentation."""
+    parts = []
+    for title, (heads, *rows), after in _tables(found):
+        parts += [title, '\n'.join(outputs.markdown_table(heads, rows)), *filter(None, [after])]
+    return '\n\n'.join(parts) + '\n'
+
+
+def _draw(found: Comparison, path: Path) -> None:
+    from rpo_judge.truth.picture import draw
+
+    try:
+        with outputs.writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            draw(found, path)
+    except ModuleNotFoundError as error:
+        typer.echo(f'No picture: {error.name} is not installed.', err=True)
+    else:
+        typer.echo(path)

@@ -1,0 +1,72 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compile the kernels ahead of their first use: `python -m rpo_cli.precompile`.
+
+What is compiled is kept beside the sources (`rpo_core.kernels.compile_cache`). Several processes
+that start on a fresh checkout at once would each compile the same kernels; one before them spares
+them that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import FuzzyController, load_controller, load_fuzzy
+from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.scenario import Scenario, load_scenario, load_set
+from rpo_judge.evaluation.assessment import assess
+from rpo_judge.evaluation.comparison import metrics_of
+from rpo_judge.safety.attack import attack
+from rpo_judge.safety.quiet import quiet
+from rpo_montecarlo.campaign import config
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.engine.cases import case_of_set
+from rpo_montecarlo.engine.flights import flights_of
+from rpo_proof import cells, probing, rendezvous
+from rpo_proof.claims import nowhere
+from rpo_proof.problem import Problem, Settings
+from rpo_proof.prover import Prover
+from rpo_safety.assurance import AssuranceStage
+from rpo_safety.settings import Assurance
+
+_CAMPAIGN = config.find('paper_test')
+
+
+def main() -> None:
+    """Fly once through everything that is compiled."""
+    controller = load_fuzzy(DEFAULT_CONTROLLER)
+    fly(load_scenario('quick'), controller)
+    fly(replace(load_scenario('world_leo'), duration_s=1.0), controller)
+    assess(controller, workers=1)
+    fly_runs(config.load(_CAMPAIGN), 0, 1)
+    fly_runs(config.load(_CAMPAIGN, controller='lqr'), 0, 1)
+    fly_runs(config.load(config.find('world_leo')), 0, 1)
+    fly_runs(config.load(config.find('docking')), 0, 1)
+    fly_runs(config.load(config.find('least_energy')), 0, 1)
+    next(flights_of(controller, load_set('least_energy_starts')))
+    next(flights_of(controller, load_set('paper_training')))
+    attack(load_scenario('assured'), 1, 1, 1)
+    quiet(load_scenario('quick'), controller, Assurance())
+    guarded = load_scenario('guarded')
+    settings = guarded.section(Assurance)
+    machine = AssuranceStage(settings, guarded).abort if settings else None
+    if machine:
+        machine.ready()
+    for name in ('lqr', 'pace'):
+        metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
+    _prove(load_set('paper_training').base, controller)
+    rendezvous.prepare(load_scenario('quick'))
+
+
+def _prove(base: Scenario, controller: FuzzyController) -> None:
+    """Move one set through a proof on a coarse table, and fly beside it."""
+    metre = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+    settings = Settings(centre=(0.0,) * 6, half=metre, coarseness=16.0)
+    problem = Problem.of(controller, base, settings)
+    Prover(problem, 'planar', nowhere(problem)).values(cells.roots(problem, 'planar')[0])
+    probing.fly(problem, base)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,331 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A controller and the assurance filter of a scenario in one C99 file, with the bits of both.
+
+The memory of the filter is a structure that the caller holds: forces on their way to delayed
+thrusters, the last force, the mode. docs/safety.md has the proof; it is about this arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import fly
+from rpo_core.chain.stage import Place, section_of
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.kernels import cw_step
+from rpo_core.wire import interfaces
+from rpo_export import c, parts
+from rpo_export.c_expressions import number
+from rpo_export.c_function import wrapped
+from rpo_export.c_source import Source
+from rpo_montecarlo.outputs import identifier
+from rpo_safety import filters
+from rpo_safety.assurance import CONSTRAINTS, MODES, UNKNOWN, AssuranceStage, step_of
+from rpo_safety.guard import proof_of
+from rpo_safety.settings import Assurance
+
+_CASES = 32  # ticks of each half of the self-test
+
+_REFERENCE = 'const double reference[6], const double reference_force_n[3]'
+
+_MEMORY = """/* What the filter remembers; `NAME_start` begins a flight. */
+typedef struct {
+    double on_the_way_n[DELAY_OR_1][3]; /* to the thrusters, the oldest first */
+    double last_n[3];
+    int mode; /* UNKNOWN: before the first state; MODES */
+} NAME_memory;"""
+
+_FUNCTIONS = """/* Begin a flight. */
+{start}
+{{
+    for (int axis = 0; axis < 3; axis++) {{
+        for (int i = 0; i < {slots}; i++) {{
+            memory->on_the_way_n[i][axis] = 0.0;
+        }}
+        memory->last_n[axis] = 0.0;
+    }}
+    memory->mode = {unknown};
+}}
+
+/* Command [N] of the controller alone{about}. */
+{command}
+{{
+    double r[3], v[3];
+    for (int axis = 0; axis < 3; axis++) {{
+        r[axis] = position_m[axis] - {to_r};
+        v[axis] = velocity_m_s[axis] - {to_v};
+    }}
+    {name}_force(r, v, {tick}command_n);
+    for (int axis = 0; axis < 3; axis++) {{
+        command_n[axis] = command_n[axis] + {extra};
+    }}
+}}
+
+/* Force [N] for a command of anybody; returns the constraint that changed it, 0 for none. */
+{assure}
+{{
+    double6 state = {{{{position_m[0], position_m[1], position_m[2], velocity_m_s[0],
+        velocity_m_s[1], velocity_m_s[2]}}}};
+    const double3 command = {{{{command_n[0], command_n[1], command_n[2]}}}};
+    const double3 last = {{{{memory->last_n[0], memory->last_n[1], memory->last_n[2]}}}};{ahead}
+    if (memory->mode == {unknown}) {{
+        memory->mode = {first_mode}(state, &GUARD);
+    }}
+    const {answer} found = {filter}(state, command, last, memory->mode, &PLANT, &GUARD);
+    force_n[0] = found.f0;
+    force_n[1] = found.f1;
+    force_n[2] = found.f2;
+    memory->mode = found.f3;
+    for (int axis = 0; axis < 3; axis++) {{
+        memory->last_n[axis] = force_n[axis];{remember}
+    }}
+    return found.f4;
+}}
+
+/* One tick: command [N] of the controller, and the force [N] that the filter makes of it. */
+{step}
+{{
+    {name}_command(position_m, velocity_m_s, {tick}{reference}command_n);
+    return {name}_assure(memory, position_m, velocity_m_s, command_n, force_n);
+}}"""
+
+_AHEAD = """
+    for (int i = 0; i < {slots}; i++) {{ /* those on their way act before */
+        const double3 sent = {{{{memory->on_the_way_n[i][0], memory->on_the_way_n[i][1],
+            memory->on_the_way_n[i][2]}}}};
+        state = {step}(state, sent, &PLANT);
+    }}"""
+
+_REMEMBER = """
+        for (int i = 1; i < {slots}; i++) {{
+            memory->on_the_way_n[i - 1][axis] = memory->on_the_way_n[i][axis];
+        }}
+        memory->on_the_way_n[{slots} - 1][axis] = force_n[axis];"""
+
+_SELF_TEST = """{cases}
+
+/* 0 if this machine computes the forces of the chain; else which case differs. */
+{prototype}
+{{
+    {name}_memory memory;
+    {name}_start(&memory);
+    for (int i = 0; i < {count}; i++) {{
+        const double *c = cases[i];
+        double command_n[3], force_n[3];
+        if (i < {own}) {{ /* ticks of a flight; then hostile commands, in a flight of their own */
+            {name}_command(&c[0], &c[3], {tick}{reference}command_n);
+            if (command_n[0] != c[6] || command_n[1] != c[7] || command_n[2] != c[8]) {{
+                return i + 1;
+            }}
+        }} else if (i == {own}) {{
+            {name}_start(&memory);
+        }}
+        const int acted = {name}_assure(&memory, &c[0], &c[3], &c[6], force_n);
+        if (force_n[0] != c[9] || force_n[1] != c[10] || force_n[2] != c[11]
+            || acted != (int)c[12]) {{
+            return i + 1;
+        }}
+    }}
+    return 0;
+}}"""
+
+
+class Assured(NamedTuple):
+    """A controller, the scenario whose section `assurance` says what is kept, and their name."""
+
+    name: str
+    controller: AnyController
+    scenario: Scenario
+    settings: Assurance
+    delay: int
+
+    @property
+    def guided(self) -> bool:
+        """Whether the controller follows a reference."""
+        return any(section_of(s).place is Place.GUIDANCE for s in self.scenario.sections)
+
+    @property
+    def counts(self) -> bool:
+        """Whether the controller counts ticks."""
+        return 'int tick' in c.force_prototype(self.controller, self.name)
+
+
+def assured(controller: AnyController, scenario: Scenario) -> Assured:
+    """Return what is exported; raises InputError where C would not be the chain that flies."""
+    settings = scenario.section(Assurance)
+    if settings is None:
+        raise InputError(f'`--assurance` needs a section `assurance`; {scenario.name} has none')
+    if settings.abort is not None:
+        raise InputError(
+            f'`--assurance` exports the filter, not the abort table of {scenario.name}: '
+            'take `assurance.abort` out of the file'
+        )
+    if any(section_of(s).place is Place.ESTIMATOR for s in scenario.sections):
+        raise InputError(
+            f'`--assurance` needs fixed errors of the state; the set of {scenario.name} follows '
+            'the covariance of its estimator'
+        )
+    if not isinstance(controller, FuzzyController):
+        controller.refuse_other_ticks(scenario.dt_s)
+    delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
+    return Assured(identifier(controller.name), controller, scenario, settings, delay)
+
+
+def _prototypes(a: Assured) -> dict[str, str]:
+    state = 'const double position_m[3], const double velocity_m_s[3]'
+    memory, tick = f'{a.name}_memory *memory', 'int tick, ' if a.counts else ''
+    given = f'{state}, {tick}{_REFERENCE + ", " if a.guided else ""}'
+    out = 'double force_n[3]'
+    return {
+        'start': wrapped(f'void {a.name}_start({memory})'),
+        'command': wrapped(f'void {a.name}_command({given}double command_n[3])'),
+        'assure': wrapped(
+            f'int {a.name}_assure({memory}, {state}, const double command_n[3], {out})'
+        ),
+        'step': wrapped(f'int {a.name}_step({memory}, {given}double command_n[3], {out})'),
+    }
+
+
+def _memory(a: Assured) -> str:
+    modes = ', '.join(f'{mode} {name}' for mode, name in MODES.items())
+    found = _MEMORY.replace('DELAY_OR_1', str(max(a.delay, 1))).replace('NAME', a.name)
+    return found.replace('UNKNOWN', str(UNKNOWN)).replace('MODES', modes)
+
+
+def _vector(name: str, values: Sequence[float]) -> str:
+    return f'static const double {name}[3] = {{{", ".join(map(number, values))}}};'
+
+
+def _functions(a: Assured, source: Source) -> str:
+    source.record('PLANT', step_of(a.settings, a.scenario))
+    source.record('GUARD', proof_of(a.settings, a.scenario).guard)
+    filtered, first = source.function(filters.assure), source.function(filters.first_mode)
+    step = source.function(cw_step).name
+    goal = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) if a.scenario.goal is None else a.scenario.goal
+    constants = [] if a.guided else [_vector('GOAL_M', goal[0]), _vector('HOLD_N', goal[1])]
+    about = ', on the reference with its force' if a.guided else ', and what holds the goal'
+    functions = _FUNCTIONS.format(
+        **_prototypes(a),
+        name=a.name,
+        slots=max(a.delay, 1),
+        unknown=UNKNOWN,
+        about=about,
+        to_r='reference[axis]' if a.guided else 'GOAL_M[axis]',
+        to_v='reference[3 + axis]' if a.guided else '0.0',
+        extra='reference_force_n[axis]' if a.guided else 'HOLD_N[axis]',
+        tick='tick, ' if a.counts else '',
+        reference='reference, reference_force_n, ' if a.guided else '',
+        first_mode=first.name,
+        filter=filtered.name,
+        answer=source.spelled(filtered.returns),
+        ahead=_AHEAD.format(slots=a.delay, step=step) if a.delay else '',
+        remember=_REMEMBER.format(slots=a.delay) if a.delay else '',
+    )
+    return '\n\n'.join([*constants, functions])
+
+
+def cases(a: Assured) -> tuple[list[int], list[list[float]]]:
+    """Return ticks and rows: state, command, force, constraint (13), reference and its force (9).
+
+    The first half is of a flight, every so many ticks; in the second half, a hostile command at
+    full thrust, mostly towards the target, answers states of the flight that are faster.
+    """
+    flight = fly(a.scenario, a.controller)
+    seen = next(
+        link.reads[0]
+        for link in Chain.of(a.scenario, a.controller).links
+        if isinstance(link.stage, AssuranceStage)
+    )
+    states = flight.states if seen == interfaces.RELATIVE_STATE else flight.signals[seen]
+    ticks = np.linspace(0, a.scenario.ticks, _CASES).astype(int).tolist()
+    stage, rows = AssuranceStage(a.settings, a.scenario), []
+    none = np.zeros((a.scenario.ticks + 1, 6))
+    references = flight.signals.get(interfaces.REFERENCE_STATE, none)
+    forces = flight.signals.get(interfaces.REFERENCE_FORCE, none[:, :3])
+    draw = np.random.default_rng(2)
+    for hostile in (False, True):
+        stage.reset()
+        for tick in ticks:
+            state, command = states[tick].tolist(), flight.forces_n[tick].tolist()
+            if hostile:
+                state[3:] = [3.0 * speed for speed in state[3:]]
+                limit = float(a.scenario.max_force_n)
+                sides = np.sign(state[:3]) * np.sign(draw.uniform(-0.8, 0.2, 3))
+                command = (limit * sides * draw.uniform(0.5, 1.2, 3)).tolist()
+            (force,) = stage.step(tick, tuple(state), tuple(command))
+            acted = _number_of(stage)
+            more = [*references[tick].tolist(), *forces[tick].tolist()] if a.guided else []
+            rows.append([*state, *command, *map(float, force), acted, *more])
+    return ticks, rows
+
+
+def _number_of(stage: AssuranceStage) -> float:
+    acted = stage.decision.constraint if stage.decision is not None else ''
+    return float(next(n for n, name in CONSTRAINTS.items() if name == acted))
+
+
+def _self_test(a: Assured) -> str:
+    ticks, rows = cases(a)
+    tables = [c.table('cases', 'double', rows)]
+    if a.counts:
+        tables.append(f'static const int ticks[{len(ticks)}] = {{\n{parts.listed(ticks, 4, 96)}}};')
+    return _SELF_TEST.format(
+        cases='\n\n'.join(tables),
+        prototype=f'int {a.name}_self_test(void)',
+        name=a.name,
+        count=len(rows),
+        own=len(ticks),
+        tick='ticks[i], ' if a.counts else '',
+        reference='&c[13], &c[19], ' if a.guided else '',
+    )
+
+
+def _facts(a: Assured) -> str:
+    more = parts.one_line(f'runtime assurance of {a.scenario.name}: {a.scenario.description}')
+    return '\n'.join([c.facts_of(a.controller), wrapped(f'/* {more} */')])
+
+
+def text(controller: AnyController, scenario: Scenario) -> str:
+    """Return the C source of both: `NAME_start`, `_step`, `_command`, `_assure`, `_self_test`."""
+    a, source = assured(controller, scenario), Source()
+    force = 'static ' + c.force_text(source, controller, a.name).split('*/\n', 1)[1]
+    functions = [_memory(a), force, _functions(a, source), _self_test(a)]
+    return c.SOURCE.format(facts=_facts(a), kernels=source.text(), functions='\n\n'.join(functions))
+
+
+def header(controller: AnyController, scenario: Scenario, source: str) -> str:
+    """Return the C header of the source file of that name, with an example of its use."""
+    a = assured(controller, scenario)
+    prototypes, name = _prototypes(a), a.name
+    texts = {
+        'start': 'Begin a flight.',
+        'step': 'One tick: command [N] of the controller, and the force [N] for the thrusters.',
+        'command': 'The command [N] of the controller alone.',
+        'assure': 'The force [N] for a command of anybody.',
+    }
+    codes = ', '.join(f'{n} {word or "none"}' for n, word in CONSTRAINTS.items())
+    blocks = [
+        f'/* The constraint that changed a command: {codes}. */',
+        _memory(a),
+        *(f'/* {said} */\n{prototypes[key]};' for key, said in texts.items()),
+        '/* 0 if this machine computes the forces of the chain; else which case differs. */\n'
+        f'int {name}_self_test(void);',
+    ]
+    tick = 'tick, ' if a.counts else ''
+    reference = 'reference, reference_force_n, ' if a.guided else ''
+    return c.HEADER.format(
+        facts=_facts(a),
+        source=source.replace('*/', '* /'),
+        use=f'{name}_memory memory;\n             {name}_start(&memory);\n'
+        f'             acted = {name}_step(&memory, position_m, velocity_m_s, {tick}{reference}'
+        'command_n, force_n);',
+        guard=f'{name.upper()}_H',
+        prototypes='\n\n'.join(blocks),
+    )

@@ -1,0 +1,357 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Controllers beside each other: training starts, the paper's test, a dispersed campaign.
+
+The folder keeps the results of a controller under a digest of all that they depend on (controller,
+scenarios, campaign, versions). An interrupted comparison goes on from there; a changed controller
+is computed anew. The campaigns are ordinary campaign folders.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.control import controller as controllers
+from rpo_core.control.baselines import Mpc
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.scenario import Scenario, load_scenario, load_set
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
+from rpo_core.wire.interfaces import NAVIGATION_STATE
+from rpo_judge.evaluation import plans, proven, robustness
+from rpo_judge.evaluation.optimal import least_constrained
+from rpo_judge.evaluation.robustness import RANDOM, Robustness
+from rpo_judge.scoring import fitness
+from rpo_montecarlo.campaign import config, execution, run_batch, statistics
+from rpo_montecarlo.campaign.config import Campaign
+from rpo_montecarlo.campaign.judging import MOTION, motion
+from rpo_montecarlo.campaign.single import fly_run
+from rpo_montecarlo.campaign.store import Store
+from rpo_montecarlo.engine.cases import Case, case_of_set
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_montecarlo.outputs import digest_of, identifier, make_folder, write_text
+
+Floats = NDArray[np.float64]
+Report = Callable[[str, int, int], None]
+"""Called with the present work, how much of it is done, and how much it is in all."""
+
+FUZZY = (
+    'allround', 'trained', 'robust', 'world', 'paper_ga', 'handmade',
+    'more_words', 'pace', 'time_to_go',
+)  # fmt: skip
+CONTROLLERS = (*FUZZY, 'mpc', 'apf_smc', 'lqr', 'pd', 'pd_disturbed', 'drift')
+STARTS = 'paper_training'
+TESTS = tuple(fitness.TESTS)
+
+PLANS_EVERY = 10  # ticks between the plans that are computed
+PLANS_RUNS = 100  # of the campaign
+WORLD, WORLD_RUNS = 'world_leo', 40  # the campaign that counts valve openings, and its runs
+RANDOM_RUNS = 2000  # random starts, at rest and as many moving
+_CALLS, _REPETITIONS = 2000, 5
+
+
+@dataclass(frozen=True)
+class Test:
+    """The paper's test: largest |r| [m] and |v| [m/s] of an axis in the last 200 s, J [N^2 s]."""
+
+    position_m: float
+    velocity_m_s: float
+    energy_n2s: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of the dispersed runs keep some limits, and Wilson's 95 % interval of the share."""
+
+    kept: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ComparedController:
+    """A controller.
+
+    mean_energy_n2s : of the starts; ratio : to the mean of the constrained optima
+    met : starts that meet all three conditions
+    distance_m, worst_distance_m : mean and largest, over the starts, of the mean distance in the
+        last 30 s; slew_per_axis_n_s : the largest
+    settled_s : mean time after which it stays within 0.5 m
+    tests : by scenario
+    kept, runs, low, high : runs of the campaign that keep every limit of it, of how many, Wilson's
+        95 % interval of their share
+    moving : the same, of its limits on position and speed alone; None if it has no such
+    saw : what of the campaign the training saw
+    command_us : processor time of one command on this machine [us]
+    valve_openings, propellant_kg : means of runs of the campaign `WORLD`
+    more : random starts, margins, thrusters, contact, proof
+    plans : of a predictive controller: peaks from the starts and from some runs of the campaign
+    """
+
+    name: str
+    kind: str
+    mean_energy_n2s: float
+    ratio: float
+    starts: int
+    met: int
+    distance_m: float
+    worst_distance_m: float
+    slew_per_axis_n_s: float
+    settled_s: float
+    tests: dict[str, Test]
+    kept: int
+    runs: int
+    low: float
+    high: float
+    moving: Share | None
+    saw: str
+    command_us: float
+    valve_openings: float
+    propellant_kg: float
+    more: Robustness
+    plans: dict[str, dict[str, float]] | None = None
+
+
+def key_of(*texts: str) -> str:
+    """Return a digest of texts and of the versions that results depend on."""
+    libraries = {name: version(name) for name in ('numpy', 'scipy', 'numba', 'clarabel', 'cvxpy')}
+    joined = '\0'.join([*texts, json.dumps(libraries, sort_keys=True)])
+    return hashlib.sha256(joined.encode()).hexdigest()[:16]
+
+
+class Comparison:
+    """The controllers of a comparison, and the folder that keeps their results.
+
+    saw : returns what the training of a controller saw of a campaign, by the campaign's name
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        folder: Path,
+        campaign: Path,
+        saw: Callable[[AnyController, str], str],
+        runs: int | None = None,
+        workers: int = 0,
+        report: Report = lambda what, done, total: None,
+        random_runs: int = RANDOM_RUNS,
+    ) -> None:
+        self.folder, self.workers, self.report, self._saw = folder, workers, report, saw
+        self.names, self.random_runs = list(names), random_runs
+        for name in names:
+            controllers.load_controller(
+                name
+            )  # so that a wrong one is not blamed on the campaign file
+        changes: dict[str, Any] = {} if runs is None else {'runs': runs}
+        if len(set(names)) < len(names):
+            raise InputError('each controller can be compared once; one is named twice')
+        self.campaigns = [config.load(campaign, controller=name, **changes) for name in names]
+        self.labels = _labels([c.controller.name for c in self.campaigns], names)
+        self._shared = [files.read_text(files.find('scenario', name)) for name in (STARTS, *TESTS)]
+
+    @cached_property
+    def _random(self) -> list[str]:
+        """The texts of the campaigns of random starts, and of what they fly."""
+        loaded = [config.load(config.find(name), controller='drift') for name in RANDOM]
+        return [text for campaign in loaded for text in campaign.texts[:2]]
+
+    @cached_property
+    def case(self) -> Case:
+        """The training starts."""
+        return case_of_set(load_set(STARTS))
+
+    def rows(self) -> list[ComparedController]:
+        """Return all controllers; compute the results that are not kept."""
+        least = self.least()
+        return [
+            self._row(campaign, label, name, least)
+            for campaign, label, name in zip(self.campaigns, self.labels, self.names, strict=True)
+        ]
+
+    def least(self) -> float:
+        """Return the mean J [N^2 s] of the optima under training's conditions."""
+        return float(
+            self._kept('optimum', [self._shared[0]], lambda: {'mean': self._optimum()})['mean']
+        )
+
+    def _optimum(self) -> float:
+        def progress(done: int, total: int) -> None:
+            self.report('optima by convex programming', done, total)
+
+        energies = least_constrained(self.case.base, self.case.starts, progress)
+        return float(fitness.mean(energies))
+
+    def _kept(
+        self, name: str, texts: Sequence[str], make: Callable[[], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Return the result kept under a name for these texts; make and keep it if missing."""
+        path = self.folder / f'{identifier(name)}-{key_of(name, *texts)}.json'
+        try:
+            kept = json.loads(files.read_text(path))
+            found: dict[str, Any] = kept['result']
+            if kept['sha256'] == digest_of(json.dumps(found)):
+                return found
+        except (ValueError, KeyError, TypeError, RecursionError):
+            pass  # missing, or damaged
+        make_folder(self.folder)
+        found = make()
+        kept = {'sha256': digest_of(json.dumps(found)), 'result': found}
+        write_text(path, json.dumps(kept, indent=1))
+        return found
+
+    def _row(self, campaign: Campaign, label: str, given: str, least: float) -> ComparedController:
+        controller = campaign.controller
+        text = controllers.dumps(controller)
+        name = controller.name
+        found = self._kept(name, [text, *self._shared], lambda: self._starts_and_tests(controller))
+        rate, moving = self._campaign(campaign)
+        more = self._kept(
+            f'{name}-more',
+            [
+                *(text, *self._shared, *campaign.texts, *self._random, str(self.random_runs)),
+                files.read_text(proven.PATH),
+            ],
+            lambda: self._more(controller, given, campaign),
+        )
+        world = config.load(config.find(WORLD), controller=given, runs=WORLD_RUNS)
+        spent = self._kept(f'{name}-world', [text, *world.texts], lambda: _spent(world))
+        plans = None
+        if isinstance(controller, Mpc):
+            plans = self._kept(
+                f'{name}-plans',
+                [text, *self._shared, *campaign.texts],
+                lambda: self._plans(controller, campaign),
+            )
+        return ComparedController(
+            name=label,
+            kind='fuzzy' if isinstance(controller, FuzzyController) else controller.kind,
+            ratio=found['mean_energy_n2s'] / least,
+            tests={test: Test(**found['tests'][test]) for test in TESTS},
+            kept=rate.kept,
+            runs=rate.runs,
+            low=rate.low,
+            high=rate.high,
+            moving=moving,
+            saw=self._saw(controller, campaign.config.name),
+            command_us=command_us(controller, load_scenario(TESTS[0])),
+            **spent,
+            more=Robustness(**more),
+            plans=plans,
+            **{key: value for key, value in found.items() if key != 'tests'},
+        )
+
+    def _starts_and_tests(self, controller: AnyController) -> dict[str, Any]:
+        """Return the results of the starts and of the tests."""
+        self.report(f'{controller.name}: training starts and tests', 0, 1)
+        rows = metrics_of(controller, self.case, self.workers)
+        missed = fitness.failures(rows[:, None, :]).sum(axis=1) > 0
+        return {
+            'mean_energy_n2s': float(fitness.mean(rows[:, ENERGY])),
+            'starts': len(rows),
+            'met': int((~missed).sum()),
+            'distance_m': float(fitness.mean(rows[:, ARRIVAL_DISTANCE])),
+            'worst_distance_m': float(rows[:, ARRIVAL_DISTANCE].max()),
+            'slew_per_axis_n_s': float(rows[:, SLEW].max()),
+            'settled_s': float(fitness.mean(rows[:, ARRIVAL_TIME])),
+            'tests': {name: asdict(_test(fly(load_scenario(name), controller))) for name in TESTS},
+        }
+
+    def _more(self, controller: AnyController, given: str, campaign: Campaign) -> dict[str, Any]:
+        """Return random starts, margins, thrusters, contact and proof."""
+        rows = metrics_of(controller, self.case, self.workers)
+        runs = self.random_runs
+        return asdict(robustness.examine(controller, given, rows, campaign, runs, self.report))
+
+    def _campaign(self, campaign: Campaign) -> tuple[statistics.Rate, Share | None]:
+        """Return the rate of success, and of position and speed; finish the campaign first."""
+        name = campaign.controller.name
+        folder = self.folder / f'{identifier(name)}-campaign-{key_of(*campaign.texts)}'
+        store = Store.open(folder) if folder.is_dir() else Store.create(folder, campaign)
+        total = campaign.config.runs
+        done = store.done_runs
+
+        def progress(runs: int, _successful: int) -> None:
+            nonlocal done
+            done += runs
+            self.report(f'{name}: campaign', done, total)
+
+        execution.fly(store, self.workers, progress=progress)
+        success = campaign.config.success
+        groups = {'success': list(success), MOTION: motion(success)}
+        found = statistics.rates_of(
+            store, {name: limits for name, limits in groups.items() if limits}
+        )
+        shares = [Share(rate.kept, rate.low, rate.high) for rate in found]
+        return found[0], shares[1] if len(shares) > 1 else None
+
+    def _plans(self, mpc: Mpc, campaign: Campaign) -> dict[str, Any]:
+        """Return the peaks of the plans from the starts, and in some runs of the campaign."""
+        self.report(f'{mpc.name}: plans', 0, 1)
+        starts = [fly(scenario, mpc) for scenario in load_set(STARTS).scenarios()]
+        count = min(PLANS_RUNS, campaign.config.runs)
+        runs = [fly_run(campaign, number) for number in range(count)]
+        return {
+            'starts': plans.peaks(mpc, _seen(starts), PLANS_EVERY)._asdict(),
+            'campaign': plans.peaks(mpc, _seen(runs), PLANS_EVERY)._asdict(),
+        }
+
+
+def _spent(world: Campaign) -> dict[str, Any]:
+    """Return the mean valve openings, and the mean propellant [kg], of a campaign."""
+    columns = run_batch.fly_runs(world, 0, world.config.runs)
+    return {
+        name: float(fitness.mean(columns[name])) for name in ('valve_openings', 'propellant_kg')
+    }
+
+
+def _labels(own: Sequence[str], given: Sequence[str]) -> list[str]:
+    """Return the names of controllers; where two have the same, the files that were given."""
+    return [
+        f'{name} ({source})' if own.count(name) > 1 and name != source else name
+        for name, source in zip(own, given, strict=True)
+    ]
+
+
+def _seen(flights: Sequence[Flight]) -> Floats:
+    """Return the states (flights, ticks, 6) that the controller got."""
+    return np.array([f.signals.get(NAVIGATION_STATE, f.states) for f in flights])
+
+
+def metrics_of(controller: AnyController, case: Case, workers: int = 0) -> Floats:
+    """Return the metrics (starts, columns) of a controller, see `rpo_core.judge.metrics.UNITS`."""
+    with Simulator([case], workers) as simulator:
+        return np.asarray(simulator.fly([controller])[0][0])
+
+
+def _test(flight: Flight) -> Test:
+    late = metrics.window(flight, metrics.CLAIM_WINDOW_S)
+    return Test(late.position_m, late.velocity_m_s, metrics.of_flight(flight).energy_n2s)
+
+
+def command_us(controller: AnyController, scenario: Scenario) -> float:
+    """Return the processor time [us] of one step of the controller: the best of some runs."""
+    flight = fly(scenario, controller)
+    ticks = np.linspace(0, len(flight.states) - 1, _CALLS).astype(int).tolist()
+    asked = [(k, tuple(s)) for s, k in zip(flight.states[ticks].tolist(), ticks, strict=True)]
+    stage = controller.stage(scenario.dt_s)
+    best = np.inf
+    for _ in range(_REPETITIONS):
+        began = time.process_time()
+        for tick, state in asked:
+            stage.step(tick, state)
+        best = min(best, time.process_time() - began)
+    return 1e6 * best / _CALLS

@@ -1,0 +1,239 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A comparison as a table: for the terminal, Markdown, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rpo_core import files
+from rpo_core.files.validation import InputError
+from rpo_core.judge.metrics import CLAIM_WINDOW_S
+from rpo_judge.evaluation.comparison import (
+    PLANS_EVERY,
+    PLANS_RUNS,
+    TESTS,
+    WORLD,
+    WORLD_RUNS,
+    ComparedController,
+    Share,
+)
+from rpo_judge.evaluation.robustness import OPEN_N, OPENED_RUNS, RANDOM
+from rpo_judge.scoring.conditions import LABELS
+from rpo_montecarlo.campaign.config import Campaign
+from rpo_montecarlo.campaign.judging import motion, sentence, words
+from rpo_montecarlo.campaign.statistics import rate
+from rpo_montecarlo.machine import machine
+from rpo_montecarlo.outputs import write_text
+
+BEGIN, END = '<!-- rpo compare: begin -->', '<!-- rpo compare: end -->'
+"""The lines of a document around the table."""
+
+Table = list[tuple[str, ...]]
+"""Headings, then a line for each controller; all texts."""
+
+
+_OVERVIEW: dict[str, Callable[[ComparedController], str]] = {
+    'controller': lambda row: row.name,
+    'mean J [N²s]': lambda row: f'{row.mean_energy_n2s:.3f}',
+    '× least': lambda row: f'{row.ratio:.3f}' if row.met else '–',
+    'starts that meet all': lambda row: f'{row.met} of {row.starts}',
+    'arrival error, mean (worst) [m]': lambda row: (
+        f'{row.distance_m:.3g} ({row.worst_distance_m:.3g})'
+    ),
+    'slew [N/s]': lambda row: f'{row.slew_per_axis_n_s:.3g}',
+    'dispersed: position and speed [%]': lambda row: _share(row.moving, row.runs),
+    'dispersed: all limits [%]': lambda row: _share(Share(row.kept, row.low, row.high), row.runs),
+    'its training saw these': lambda row: row.saw,
+    'command [µs]': lambda row: f'{row.command_us:.1f}',
+}
+"""Heading -> cell of the main table."""
+
+
+def _share(found: Share | None, runs: int) -> str:
+    """Return a share of the dispersed runs with its interval; a dash where no limit is such."""
+    if found is None:
+        return '–'
+    return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f} to {100 * found.high:.2f})'
+
+
+def _missed(count: int, runs: int) -> str:
+    """Return a share of the random starts with its interval."""
+    found = rate('missed', count, runs)
+    return f'{found.percent} ({found.interval})'
+
+
+def overview(rows: Sequence[ComparedController]) -> Table:
+    """Return the main table."""
+    return [tuple(_OVERVIEW), *(tuple(cell(row) for cell in _OVERVIEW.values()) for row in rows)]
+
+
+def robustness(rows: Sequence[ComparedController]) -> Table:
+    """Return random starts, margins, thrusters, contact and proof."""
+    headings = (
+        'controller',
+        'random starts missed: at rest [%]',
+        'moving [%]',
+        'smallest margin [%]',
+        'of',
+        'thrust starts per axis',
+        'valve openings',
+        'propellant [g]',
+        'speed at 1 m, largest (median) [m/s]',
+        'proof',
+    )
+    lines: Table = [headings]
+    for row in rows:
+        more = row.more
+        missed = [more.random_missed.get(name) for name in RANDOM]
+        shares = ['–' if n is None else _missed(n, more.random_runs) for n in missed]
+        speed = '–'
+        if more.contact_m_s is not None and more.contact_median_m_s is not None:
+            speed = f'{more.contact_m_s:.3f} ({more.contact_median_m_s:.3f})'
+        lines.append(
+            (
+                row.name,
+                *shares,
+                f'{100 * more.margin:.1f}' if more.margin >= 0.0 else 'missed',
+                LABELS.get(more.margin_of, more.margin_of).replace('_', ' '),
+                f'{more.openings:.1f}',
+                f'{row.valve_openings:.0f}',
+                f'{1e3 * row.propellant_kg:.1f}',
+                speed,
+                more.proof,
+            )
+        )
+    return lines
+
+
+def tests(rows: Sequence[ComparedController]) -> Table:
+    """Return the paper's test in both readings."""
+    metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
+    headings = (f'{reading}: {m}' for reading in ('offset', 'phase') for m in metrics)
+    lines: Table = [('controller', *headings)]
+    for row in rows:
+        found = [row.tests[test] for test in TESTS]
+        cells = (
+            (f'{t.position_m:.3g}', f'{1e3 * t.velocity_m_s:.3g}', f'{t.energy_n2s:.3f}')
+            for t in found
+        )
+        lines.append((row.name, *(text for cell in cells for text in cell)))
+    return lines
+
+
+def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> list[str]:
+    """Return what the columns mean, with the numbers behind them."""
+    moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
+    starts, runs = rows[0].starts, sorted({row.runs for row in rows})
+    window, more = f'{CLAIM_WINDOW_S:g}', rows[0].more
+    found = [
+        f'J, conditions, arrival error and slew: {starts} training starts, 200 s. Least: '
+        f'{least:.4f} N²s, the mean of the optima under all conditions. Arrival error: mean '
+        "distance over the last 30 s. Slew: the largest. Paper's test, read as offset and as "
+        f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
+        f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
+        f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
+        f'alone {moving or "none"}. Its training saw these: what the training of the controller, '
+        'by the command in its file, flew of this campaign (its draws have other seeds).',
+        f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
+        'rest, and as many with up to ±0.05 m/s, judged by its three conditions, with the same '
+        'interval. Smallest margin: '
+        "to any condition, over the training starts and the paper's tests. Thrust starts: how "
+        f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
+        'dispersed runs. Valve openings, propellant: of a flight of 400 s with sensors, filter and '
+        f'pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first '
+        'state within 1 m of the target, over the training starts. Proof: of the three conditions '
+        'from every start at rest in the box, undisturbed, as `rpo prove` showed it '
+        '(`offline_training/proofs/proven.yaml`, from checked folders); of a family, its own '
+        'claims, computed by this command.',
+        f'Command: processor time of one call from Python on {machine()}.',
+    ]
+    for row in rows:
+        for where, p in (row.plans or {}).items():
+            runs_too = f'{min(PLANS_RUNS, row.runs)} runs of the campaign'
+            flights = 'the training starts' if where == 'starts' else runs_too
+            found.append(
+                f'{row.name}, {flights}: {int(p["within"])} of {int(p["plans"])} plans (each '
+                f'{PLANS_EVERY}th tick) keep the limits of force and slew; largest planned '
+                f'{p["force_n"]:.3g} N, {p["slew_per_axis_n_s"]:.3g} N/s.'
+            )
+    return found
+
+
+def markdown(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> str:
+    """Return the tables and their notes as Markdown."""
+    parts = [_as_markdown(table(rows)) for table in (overview, robustness, tests)]
+    parts.append([f'- {note}' for note in notes(rows, least, campaign)])
+    return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
+
+
+def _as_markdown(table: Table) -> list[str]:
+    rule = ('---',) + ('---:',) * (len(table[0]) - 1)
+    return [f'| {" | ".join(line)} |' for line in (table[0], rule, *table[1:])]
+
+
+def as_csv(rows: Sequence[ComparedController]) -> str:
+    """Return all numbers as CSV, unrounded."""
+    flat = [_flat(asdict(row)) for row in rows]
+    names = list(dict.fromkeys(name for line in flat for name in line))
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, lineterminator='\n')
+    writer.writeheader()
+    writer.writerows(flat)
+    return text.getvalue()
+
+
+def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, item in value.items():
+        flat.update(
+            _flat(item, f'{prefix}{key}_') if isinstance(item, dict) else {prefix + key: item}
+        )
+    return flat
+
+
+def write(
+    rows: Sequence[ComparedController], least: float, campaign: Campaign, folder: Path
+) -> list[Path]:
+    """Write compare.md, compare.csv and compare.json; return their paths."""
+    document = {
+        'least_mean_energy_n2s': least,
+        'campaign': campaign.config.name,
+        'success': sentence(campaign),
+        'machine': machine(),
+        'controllers': [asdict(row) for row in rows],
+    }
+    texts = {
+        'compare.md': markdown(rows, least, campaign),
+        'compare.csv': as_csv(rows),
+        'compare.json': json.dumps(document, indent=1) + '\n',
+    }
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    return [folder / name for name in texts]
+
+
+def put_into(path: Path, table: str, begin: str = BEGIN, end: str = END) -> None:
+    """Put a table between the markers of a document; a new document is the table alone.
+
+    Raises
+    ------
+    InputError
+        If the document exists, and has not one begin marker before one end marker.
+    """
+    block = f'{begin}\n\n{table}\n{end}'
+    if not path.exists():
+        write_text(path, f'{block}\n')
+        return
+    text = files.read_text(path)
+    before, first, rest = text.partition(begin)
+    _, last, after = rest.partition(end)
+    if not first or not last or begin in rest or end in after:
+        raise InputError(f'{path}: must have one line `{begin}` and, below it, one `{end}`')
+    write_text(path, before + block + after)

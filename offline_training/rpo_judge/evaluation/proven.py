@@ -1,0 +1,126 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `rpo prove` has shown of shipped controllers: the one source of the tables in the pages.
+
+`proofs/proven.yaml` is written by `python -m tools.proven`, which has the folder of each proof
+checked first. It is about the conditions of the paper's training, from every start at rest in its
+box, undisturbed. A result is that of a controller with the same numbers, whatever its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from rpo_core import files
+from rpo_core.control import controller as controllers
+from rpo_core.control.controller import FuzzyController
+from rpo_core.files import codec
+from rpo_core.files.validation import InputError, mapping, shown
+from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
+from rpo_judge.scoring.conditions import PAPER, label
+from rpo_montecarlo.outputs import digest_of
+
+PATH = Path(__file__).parents[2] / 'proofs' / 'proven.yaml'
+"""The file of the results."""
+
+SCHEMA = 'rpo/proven/1'
+
+BEGIN, END = '<!-- proven: begin -->', '<!-- proven: end -->'
+"""The lines of a document around the tables."""
+
+NO_PROOF, OPEN = 'none made', 'open'
+
+
+@dataclass(frozen=True)
+class ProvenClaim:
+    """A claim as the summary of a proof has it: no start of the box exceeds `bound`.
+
+    found : the greatest value that was flown
+    """
+
+    key: str
+    statement: str
+    unit: str
+    limit: float
+    bound: float
+    found: float
+
+    @property
+    def verdict(self) -> str:
+        """What the numbers say."""
+        found = verdict_of(self.limit, self.bound, self.found)
+        return OPEN if found == UNDECIDED else found
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The results of one folder.
+
+    numbers_sha256 : digest of what the controller computes with (`numbers_of`)
+    command, checked : what made the folder, and what checked it before this was written
+    code_sha256 : of the prover
+    """
+
+    controller: str
+    numbers_sha256: str
+    command: str
+    checked: str
+    code_sha256: str
+    claims: tuple[ProvenClaim, ...]
+
+
+def numbers_of(controller: FuzzyController) -> str:
+    """Return a digest of a controller without its name, its description and its provenance."""
+    return digest_of(
+        controllers.dumps(replace(controller, name='x', description='', provenance={}))
+    )
+
+
+def parse(document: Any) -> tuple[Proof, ...]:
+    """Return the results of a parsed file; raises InputError."""
+    data = mapping('', document, ['schema', 'proofs'])
+    if data['schema'] != SCHEMA:
+        raise InputError(f'`schema` must be {SCHEMA}; got {shown(data["schema"])}')
+    if not isinstance(data['proofs'], list):
+        raise InputError(f'`proofs` must be a list; got {shown(data["proofs"])}')
+    return tuple(
+        codec.from_mapping(Proof, f'proofs[{i}]', item) for i, item in enumerate(data['proofs'])
+    )
+
+
+@lru_cache(maxsize=1)
+def shipped() -> tuple[Proof, ...]:
+    """Return the results that ship."""
+    return files.load(PATH, parse)
+
+
+def proof_of(controller: FuzzyController) -> str:
+    """Return what is shown of the conditions of the training, in a few words."""
+    digest = numbers_of(controller)
+    made = [proof for proof in shipped() if proof.numbers_sha256 == digest]
+    if not made:
+        return NO_PROOF
+    claims = {claim.key: claim.verdict for claim in made[0].claims}
+    for word in (REFUTED, OPEN):
+        names = [key for key in PAPER.limits if claims.get(key, OPEN) == word]
+        if names:
+            return f'{word}: {", ".join(map(label, names))}'
+    return PROVEN
+
+
+def markdown(proofs: Sequence[Proof]) -> str:
+    """Return a table for each proof."""
+    parts = []
+    for proof in proofs:
+        cells = [
+            (c.statement, f'{c.limit:g} {c.unit}', f'{c.bound:.4g}', f'{c.found:.4g}', c.verdict)
+            for c in proof.claims
+        ]
+        rows = [f'| {" | ".join(row)} |' for row in cells]
+        head = ['| claim | limit | proven | flown | |', '|---|---|---|---|---|']
+        parts.append('\n'.join([f'`{proof.command}`:', '', *head, *rows]))
+    return '\n\n'.join(parts) + '\n'

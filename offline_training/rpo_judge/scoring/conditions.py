@@ -1,0 +1,134 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a search judges a flight by: the requirements of its scenario, as columns of rows.
+
+They are the values of `rpo_core.judge.verdicts`, of all requirements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.verdicts import THRUST
+from rpo_montecarlo.engine.counters import COLUMNS
+from rpo_montecarlo.engine.judged import VALUES, judged_by
+
+Floats = NDArray[np.float64]
+
+PAPER = Requirements(
+    mean_speed_norm_m_s=metrics.MAX_ARRIVAL_SPEED_M_S,
+    slew_per_axis_n_s=metrics.MAX_SLEW_N_S,
+    mean_error_norm_m=metrics.MAX_ARRIVAL_DISTANCE_M,
+)
+"""The conditions of the paper's training, and arrival, ours; for a scenario without its own."""
+
+LABELS = {
+    'mean_speed_norm_m_s': 'speed',
+    'slew_per_axis_n_s': 'slew',
+    'mean_error_norm_m': 'arrival',
+}
+"""Short names of these three, in the order in which their penalties add up."""
+
+_COLUMNS = {
+    'mean_speed_norm_m_s': metrics.ARRIVAL_SPEED,
+    'slew_per_axis_n_s': metrics.SLEW,
+    'mean_error_norm_m': metrics.ARRIVAL_DISTANCE,
+    'arrival_time_s': metrics.ARRIVAL_TIME,
+    'energy_n2s': metrics.ENERGY,
+    'delta_v_axis_sum_m_s': metrics.DELTA_V,
+    'hold_error_per_axis_m': metrics.LATE_POSITION,
+    'hold_speed_per_axis_m_s': metrics.LATE_VELOCITY,
+    'hold_force_per_axis_n': metrics.LATE_FORCE,
+    'hold_force_per_disturbance': metrics.LATE_FORCE,
+}
+"""Requirement -> column of a row of metrics; the paper's three come first."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions of the flights of a scenario.
+
+    keys : requirements; columns : where their values are in a row; limits : (k,)
+    late : whether the extremes are those after `hold_from_s`; late_s : the time that this is
+    together : whether the rows need the columns of `engine.judged`
+    arrival_m : error of an axis that counts as arrived
+    """
+
+    keys: tuple[str, ...]
+    columns: tuple[int, ...]
+    limits: Floats
+    late: bool
+    late_s: float
+    together: bool
+    arrival_m: float
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the conditions, as progress and provenance show them."""
+        return tuple(map(label, self.keys))
+
+    def values(self, rows: Floats) -> Floats:
+        """Return what is judged (..., k) of rows (..., columns)."""
+        return rows[..., list(self.columns)]
+
+
+def label(key: str) -> str:
+    """Return the short name of a requirement."""
+    return LABELS.get(key, key)
+
+
+def conditions_of(base: Scenario) -> Conditions:
+    """Return the conditions of a scenario."""
+    required = base.requirements or PAPER
+    limits, hold = dict(required.limits), metrics.hold_tick(base)
+    if 'hold_force_per_disturbance' in limits:
+        level_n = float(np.abs(base.disturbance.over(base.times_s)).max())
+        limits['hold_force_per_disturbance'] *= level_n
+    columns = dict(_COLUMNS)
+    if judged_by(base) is not None:
+        columns = {name: COLUMNS + place for place, name in enumerate(VALUES)} | columns
+    if required.arrival_error_norm_m is not None:
+        columns['arrival_time_s'] = COLUMNS + VALUES.index('arrival_time_s')
+    elif 'arrival_time_s' in limits:
+        limits['arrival_time_s'] = _counted_s(base, limits['arrival_time_s'])
+    for name in limits.keys() & THRUST.keys():
+        raise InputError(
+            f'a search cannot judge the starts of a set by `{name}`; give a campaign in '
+            '`fitness.drawn.campaigns`'
+        )
+    keys = [key for key in (*_COLUMNS, *VALUES) if key in limits]
+    keys = list(dict.fromkeys(keys))
+    if hold is not None and hold >= base.ticks:  # the flight ends before; it is not judged by these
+        keys = [key for key in keys if not key.startswith('hold_')]
+    found = tuple(columns[key] for key in keys)
+    return Conditions(
+        tuple(keys),
+        found,
+        np.array([limits[key] for key in keys]),
+        any(key.startswith('hold_') for key in keys),
+        max(1, base.ticks - (hold or 0)) * base.dt_s,
+        max(found, default=0) >= COLUMNS,
+        _arrival_m(required),
+    )
+
+
+def _counted_s(base: Scenario, limit_s: float) -> float:
+    """Return the limit as it is counted: ticks times dt; who never arrives has the duration."""
+    return float((base.times_s[:-1] <= limit_s).sum() - 1) * base.dt_s
+
+
+def _arrival_m(required: Requirements) -> float:
+    """Return the error of an axis that counts as arrived."""
+    if required.arrival_error_per_axis_m is not None:
+        return required.arrival_error_per_axis_m
+    if required.arrival_error_norm_m is not None:
+        return required.arrival_error_norm_m / sqrt(3.0)
+    return metrics.MAX_ARRIVAL_DISTANCE_M

@@ -1,0 +1,208 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fitness term of drawn flights: what campaigns fly, a few of it, the same for all candidates.
+
+Corner flights deceive: a controller that keeps its limits in all of them may miss in one of five
+dispersed runs. So a search flies runs of campaigns. A stage of the search has its own draws: of a
+pool, the runs that are hardest for the best controller so far (largest value beside its limit), and
+as many that are simply the first. At the end, draws of another seed decide among finalists.
+
+A campaign may be of a world, with sensors, an estimator and thrusters that fire in pulses. Each run
+then has its own noise, the same for all candidates; what its thrusters spend can cost fitness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import LIMITS
+from rpo_montecarlo.campaign.config import THRUSTER_METRICS, Campaign, find, load
+from rpo_montecarlo.campaign.run_batch import is_together, make_batch, windows_within
+from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
+from rpo_montecarlo.campaign.worlds import uneven_steps
+from rpo_montecarlo.engine.counters import COLUMNS
+from rpo_montecarlo.engine.drawn import DrawnCase
+from rpo_montecarlo.engine.judged import VALUES
+from rpo_montecarlo.engine.parts import RUNS
+from rpo_montecarlo.engine.support import IN_PAIRS, why_not
+
+Floats = NDArray[np.float64]
+
+POSITION_AND_SPEED = ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')
+"""What the shipped trainings judge the runs of `paper_test` by; force and slew they do not."""
+
+HELD_OUT = -1
+"""The stage of the draws that no search has seen."""
+
+_SEEDS = 1000  # between the seeds of stages and those held out
+
+
+@dataclass(frozen=True)
+class DrawnSettings:
+    """Settings of the term.
+
+    weight : [N^2 s] of a run that misses a limit by far, over `flights`; 0 = off
+    campaigns : shipped names or files; each adds a term
+    judged : campaign of these -> the limits that its runs are judged by; otherwise all of them
+    margin : share by which the limits of a run are made stricter, in [0, 1)
+    flights : of each campaign, in each stage
+    pool : drawn runs of which half of the flights are the hardest; 0: all are as drawn
+    held_out : runs of each campaign that decide among the finalists
+    seed : of the draws
+    openings, propellant : cost of a valve opening [N^2 s], of propellant [N^2 s/kg], mean over the
+        runs of a campaign whose thrusters fire in pulses; 0 = free
+    """
+
+    weight: float = 0.0
+    campaigns: tuple[str, ...] = ()
+    margin: float = 0.0
+    flights: int = 40
+    pool: int = 2000
+    held_out: int = 2000
+    seed: int = 1
+    openings: float = 0.0
+    propellant: float = 0.0
+    judged: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        store(self, judged=_judged(self.judged))
+        real('fitness.drawn.weight', self.weight, 'N^2 s', least=0.0)
+        real('fitness.drawn.openings', self.openings, 'N^2 s', least=0.0)
+        real('fitness.drawn.propellant', self.propellant, 'N^2 s/kg', least=0.0)
+        for i, name in enumerate(self.campaigns):
+            text(f'fitness.drawn.campaigns[{i}]', name, most=MOST_PATH)
+        if real('fitness.drawn.margin', self.margin, least=0.0, most=1.0) == 1.0:
+            raise InputError('`fitness.drawn.margin` must be below 1; got 1.0')
+        whole('fitness.drawn.flights', self.flights, least=1, most=10_000)
+        whole('fitness.drawn.pool', self.pool, least=0, most=1_000_000)
+        whole('fitness.drawn.held_out', self.held_out, least=1, most=1_000_000)
+        whole('fitness.drawn.seed', self.seed, least=0, most=2**31)
+
+
+def _judged(value: Any) -> dict[str, tuple[str, ...]]:
+    """Return the checked field `judged`; raises InputError."""
+    name, found = 'fitness.drawn.judged', {}
+    if not isinstance(value, Mapping):
+        raise InputError(f'`{name}` must be a mapping of campaigns; got {shown(value)}')
+    for campaign, limits in value.items():
+        text(name, campaign, most=MOST_PATH)
+        if not isinstance(limits, (list, tuple)) or not limits:
+            raise InputError(f'`{name}.{campaign}` must be a list of limits; got {shown(limits)}')
+        found[campaign] = tuple(choice(f'{name}.{campaign}', limit, LIMITS) for limit in limits)
+    return found
+
+
+class DrawnFlights:
+    """The runs of one campaign that a search flies.
+
+    label : the name of the campaign
+    count : in a stage
+    columns, limits : of the metrics by which a run succeeds
+    fires : whether thrusters fire in pulses, and what they spend has a column
+
+    Raises InputError if a search cannot judge by the campaign, or the engine cannot fly it.
+    """
+
+    def __init__(self, name: str, settings: DrawnSettings) -> None:
+        # The file may name the controller that is to be trained, which is not there yet.
+        self._campaign, self._settings = load(find(name), controller='handmade'), settings
+        if name in settings.judged:
+            self._campaign = self._campaign.judging(settings.judged[name])
+        self.label, self.count = self._campaign.config.name, settings.flights
+        reason = why_not(self._campaign.scenario, self._campaign.controller, IN_PAIRS)
+        if reason:
+            raise InputError(f'a search cannot fly campaign {self.label}: {reason}')
+        self.fires = bool(self._campaign.metrics_of_thrusters)
+        success = self._campaign.config.success
+        self.columns = [_column(metric, self._campaign) for metric in success]
+        self.limits = np.array(list(success.values()))
+
+    @property
+    def judged(self) -> list[str]:
+        """Names of the limits that a run is judged by."""
+        return list(self._campaign.config.success)
+
+    @property
+    def texts(self) -> tuple[str, str]:
+        """YAML of the campaign and of its scenario."""
+        return self._campaign.texts[0], self._campaign.texts[1]
+
+    def pool(self, stage: int) -> tuple[Campaign, DrawnRuns]:
+        """Return all runs that are drawn for a stage, and the campaign that draws them."""
+        own = self._settings
+        runs = own.held_out if stage == HELD_OUT else max(own.pool, own.flights)
+        first = 2 * _SEEDS * own.seed
+        seed = first + (_SEEDS if stage == HELD_OUT else stage)
+        config = replace(self._campaign.config, runs=runs, seed=seed)
+        campaign = replace(self._campaign, config=config)
+        return campaign, draw(campaign, 0, runs)
+
+    def case(self, stage: int, chosen: Sequence[int] | None = None) -> DrawnCase:
+        """Return runs of a stage, by number; all of them if not given."""
+        campaign, drawn = self.pool(stage)
+        uneven = uneven_steps(campaign.scenario, drawn)
+        if uneven:
+            raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
+        if chosen is not None:
+            some = list(chosen)
+            own = {name: values[some] for name, values in drawn.own.items()}
+            drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
+        firsts = range(0, len(drawn.numbers), RUNS)
+        batches = tuple(make_batch(campaign, drawn, first) for first in firsts)
+        return DrawnCase(
+            f'{self.label}, stage {stage}',
+            campaign.scenario,
+            drawn.starts,
+            drawn.masses_kg,
+            batches,
+            windows_within(campaign.scenario),
+            is_together(campaign),
+        )
+
+    def choose(self, rows: Floats | None) -> list[int]:
+        """Return the numbers of the flights of a stage.
+
+        rows : (pool, columns) metrics of the pool, of the best controller so far; None: no such
+        """
+        count = self._settings.flights
+        if rows is None:
+            return list(range(count))
+        shares = (rows[:, self.columns] / self.limits).max(axis=1)
+        hardest = np.argsort(-shares, kind='stable')[: count // 2].tolist()
+        others = [i for i in range(len(rows)) if i not in hardest]
+        return sorted([*hardest, *others[: count - len(hardest)]])
+
+    def values(self, rows: Floats) -> Floats:
+        """Return what is judged (..., k) of metrics (..., columns)."""
+        return rows[..., self.columns]
+
+    def cost(self, rows: Floats) -> Floats:
+        """Return the cost (..., runs) [N^2 s] of thrust, of metrics (..., columns)."""
+        if not self.fires:
+            return np.zeros(rows.shape[:-1])
+        own, names = self._settings, ('propellant_kg', 'valve_openings')
+        spent, opened = (rows[..., _column(name, self._campaign)] for name in names)
+        return own.propellant * spent + own.openings * opened
+
+
+def _column(name: str, campaign: Campaign) -> int:
+    """Return the column of a row that has what success is judged by; raises InputError."""
+    required = campaign.scenario.requirements
+    by_norm = required is not None and required.arrival_error_norm_m is not None
+    if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
+        return list(metrics.UNITS).index(name)
+    if name in THRUSTER_METRICS:
+        return list(THRUSTER_METRICS).index(name) - len(THRUSTER_METRICS)
+    if name not in VALUES:
+        raise InputError(
+            f'a search cannot judge by `{name}`, whose limit differs from run to run; '
+            f'name the limits of campaign {campaign.config.name} in `fitness.drawn.judged`'
+        )
+    return COLUMNS + VALUES.index(name)

@@ -1,0 +1,408 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fitness of a controller: the paper's, and optional terms.
+
+The paper's: the mean over the starts of J = integral of f.f dt plus 100 for each condition not
+met. The conditions are what the scenario requires (`search.conditions`). Graded: 10 just beyond the
+limit, rising to 100 far from it, which shows a search which way is better. Optional terms, weighted
+by how far a limit is exceeded:
+
+- `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
+- `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
+- `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
+- `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
+- `between`: so are flights from random states between the starts of the training;
+- `drawn`: runs of campaigns, judged by their limits (`search.drawn`);
+- `damping`: where on a grid of errors the force of a velocity does not oppose it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.fuzzy import DEFAULT_SAMPLES
+from rpo_core.files.scenario import ScenarioSet, load_scenario
+from rpo_core.files.validation import InputError, choice, real, whole
+from rpo_core.judge.metrics import (
+    ARRIVAL_DISTANCE,
+    ARRIVAL_SPEED,
+    ARRIVAL_TIME,
+    CLAIM_POSITION_M,
+    CLAIM_VELOCITY_M_S,
+    ENERGY,
+    LATE_FORCE,
+    LATE_POSITION,
+    LATE_SPEED,
+    MAX_ARRIVAL_DISTANCE_M,
+    MAX_ARRIVAL_SPEED_M_S,
+    MAX_SLEW_N_S,
+    PENALTY,
+    SLEW,
+)
+from rpo_judge.scoring import corners
+from rpo_judge.scoring.conditions import conditions_of
+from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
+from rpo_montecarlo.engine.lanes import infer_many, make_scratch
+from rpo_montecarlo.engine.population import Population
+from rpo_montecarlo.engine.simulator import Simulator
+
+Floats = NDArray[np.float64]
+
+CONDITIONS = ('speed', 'slew', 'arrival')
+"""The paper's two, and the project's own, arrival."""
+
+LIMITS = np.array([MAX_ARRIVAL_SPEED_M_S, MAX_SLEW_N_S, MAX_ARRIVAL_DISTANCE_M])
+_COLUMNS = [ARRIVAL_SPEED, SLEW, ARRIVAL_DISTANCE]
+
+AT_LIMIT = 0.1
+"""Share of the penalty that the graded one takes just beyond a limit."""
+
+SETTLED_FROM_S, SETTLED_UNTIL_S = 300.0, 400.0
+MAX_SETTLED_FORCE_N, MAX_SETTLED_SPEED_M_S = 2e-3, 1e-3
+"""Q4: beyond this, the undisturbed flight has a limit cycle."""
+
+FASTER = 0.1
+"""Share of the mean speed of the longest way, at which `between` starts."""
+
+TESTS = {'paper_test': 0.1, 'paper_test_phase': 0.2}
+MAX_TEST_SPEED_M_S = 3e-3
+TEST_WINDOW_S = 200.0
+"""Q3: the paper's test and the largest |position| [m] over its last 200 s, per reading."""
+
+_SOME = 4  # candidates that fly together after the better half
+
+
+@dataclass(frozen=True)
+class FitnessSettings:
+    """Settings of the fitness.
+
+    penalty : 'flat', the paper's, or 'graded'
+    penalty_n2s : of a condition that is not met
+    arrival : whether the mean error counts, the third condition
+    error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
+        costs more not to fly than to fly badly
+    margin : share by which every limit is made stricter, in [0, 1)
+    limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
+    mass_kg : further masses whose penalties count
+    between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
+    damping : weight [N^2 s] of the mean force that drives, as a share of full output
+    drawn : the runs of campaigns
+    """
+
+    penalty: str = 'flat'
+    penalty_n2s: float = PENALTY
+    arrival: bool = True
+    error_weight: float = 1.0
+    margin: float = 0.0
+    limit_cycle: float = 0.0
+    disturbance: float = 0.0
+    robustness: float = 0.0
+    mass_kg: tuple[float, ...] = ()
+    between: int = 0
+    damping: float = 0.0
+    drawn: DrawnSettings = field(default_factory=DrawnSettings)
+
+    def __post_init__(self) -> None:
+        choice('fitness.penalty', self.penalty, ('flat', 'graded'))
+        if not isinstance(self.arrival, bool):
+            raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
+        if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
+            raise InputError('`fitness.margin` must be below 1; got 1.0')
+        for name in ('limit_cycle', 'disturbance', 'robustness', 'damping'):
+            real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
+        whole('fitness.between', self.between, least=0, most=40)
+        real('fitness.error_weight', self.error_weight, above=0.0)
+        real('fitness.penalty_n2s', self.penalty_n2s, 'N^2 s', above=0.0)
+        for i, mass in enumerate(self.mass_kg):
+            real(f'fitness.mass_kg[{i}]', mass, 'kg', above=0.0)
+
+
+class Scores(NamedTuple):
+    """A population's scores.
+
+    fitness : (n,) the minimised number [N^2 s]
+    energy : (n,) mean J over the starts [N^2 s]
+    failures : (n, k) starts that miss each of the conditions, then drawn flights of each campaign
+        that miss a limit
+    arrival : (n,) mean time [s] after which every axis stays within 0.5 m, or what is required
+    """
+
+    fitness: Floats
+    energy: Floats
+    failures: NDArray[np.int64]
+    arrival: Floats
+
+
+def failures(rows: Floats) -> NDArray[np.int64]:
+    """Return how many starts of metrics (..., starts, columns) miss each of `CONDITIONS`."""
+    return (rows[..., _COLUMNS] > LIMITS).sum(axis=-2)
+
+
+def mean(values: Floats) -> Floats:
+    """Return the mean over the last axis, correctly rounded: independent of the order."""
+    rows = values.reshape(-1, values.shape[-1])
+    return np.array([math.fsum(row) / len(row) for row in rows.tolist()]).reshape(values.shape[:-1])
+
+
+def excess(values: Floats, limits: float | Floats) -> Floats:
+    """Return how far values lie beyond their limits, in [0, 1): 1 - (limit / value)^(1/4).
+
+    The fourth root still separates 100 times the limit from 200 times; it is two square roots, and
+    every processor rounds these alike.
+    """
+    return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
+
+
+def _between(case: Case, count: int) -> Case:
+    """Return a case of `count` random planar loops, each with as many vertical ones.
+
+    They start in the box of the starts of another case, as fast as `FASTER` of the largest distance
+    in the time of the flight, to either side. What is tuned to a few starts fails beside them.
+    """
+    rng, base = np.random.default_rng(count), case.base
+    positions = case.starts[:, :3]
+    least, most = positions.min(axis=0), positions.max(axis=0)
+    far_m = np.abs(positions - np.array(base.goal_position_m)).max()
+    speed = FASTER * far_m / base.duration_s
+    places = least + rng.random((count, 3)) * (most - least)
+    velocities = base.initial_velocity_m_s + speed * (2.0 * rng.random((count, 3)) - 1.0)
+    loops = np.hstack([places, velocities])
+    starts = np.repeat(loops, count, axis=0)
+    starts[:, [2, 5]] = np.tile(loops[:, [2, 5]], (count, 1))
+    return replace(case, starts=starts, disturbance=np.zeros(len(starts), np.int64))
+
+
+class Fitness:
+    """Computes the fitness of populations on a scenario set; holds their simulator.
+
+    make_simulator : from cases and a number of workers
+    """
+
+    def __init__(
+        self,
+        scenarios: ScenarioSet,
+        settings: FitnessSettings,
+        workers: int = 0,
+        make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
+    ) -> None:
+        self.settings, self.conditions = settings, conditions_of(scenarios.base)
+        self._fixed, self.stage = self._cases(scenarios), -2
+        names = settings.drawn.campaigns if settings.drawn.weight else ()
+        self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
+        self._refuse_free_thrust()
+        self._drawn: list[Any] = []
+        self.simulator = make_simulator(self._fixed, workers)
+
+    def _refuse_free_thrust(self) -> None:
+        own = self.settings.drawn
+        for name in ('openings', 'propellant'):
+            if getattr(own, name) and not any(flights.fires for flights in self.drawn):
+                raise InputError(
+                    f'`fitness.drawn.{name}` needs drawn flights of a campaign whose thrusters '
+                    f'fire in pulses; got {", ".join(own.campaigns) or "none"}'
+                )
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the columns of `Scores.failures`."""
+        return (*self.conditions.labels, *(flights.label for flights in self.drawn))
+
+    @property
+    def judged_in_drawn(self) -> dict[str, list[str]]:
+        """Campaign -> the limits that its drawn flights are judged by."""
+        return {flights.label: flights.judged for flights in self.drawn}
+
+    def enter(self, stage: int, best: Population | None = None) -> None:
+        """Draw the flights of a stage; `best` says which of them are hard."""
+        if stage == self.stage or not self.drawn:
+            return
+        self.stage = stage
+        if stage == HELD_OUT:
+            cases = [flights.case(stage) for flights in self.drawn]
+        else:
+            pools: list[Floats | None] = [None] * len(self.drawn)
+            if best is not None and self.settings.drawn.pool:
+                self.simulator.take([flights.case(stage) for flights in self.drawn])
+                pools = [rows[0] for rows in self.simulator.fly(best)]
+            cases = [
+                flights.case(stage, flights.choose(rows))
+                for flights, rows in zip(self.drawn, pools, strict=True)
+            ]
+        self.simulator.take([*self._fixed, *cases])
+
+    def _cases(self, scenarios: ScenarioSet) -> list[Case]:
+        """Return the cases: the training, on to its limit cycle, its masses; other terms."""
+        settings, conditions = self.settings, self.conditions
+        late = SETTLED_UNTIL_S - SETTLED_FROM_S
+        make = partial(case_of_set, scenarios, arrival_m=conditions.arrival_m)
+        judged = partial(
+            make,
+            late_s=conditions.late_s if conditions.late else late,
+            together=conditions.together,
+        )
+        cases = []
+        if settings.limit_cycle:
+            cases.append(make(horizon_s=SETTLED_UNTIL_S, late_s=late))
+        if self._is_judged_alone:
+            cases.append(judged())
+        cases += [judged(mass_kg=mass) for mass in settings.mass_kg]
+        if settings.between:
+            cases.append(_between(judged(), settings.between))
+        if settings.disturbance:
+            cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
+        if settings.robustness:
+            cases += corners.cases()
+        return cases
+
+    @property
+    def _is_judged_alone(self) -> bool:
+        """Whether the flights to the limit cycle do not tell all that is judged."""
+        conditions = self.conditions
+        return not self.settings.limit_cycle or conditions.late or conditions.together
+
+    def score(self, population: Population | Sequence[Baseline]) -> Scores:
+        """Return the scores of a population."""
+        settings = self.settings
+        if self.drawn and self.stage < HELD_OUT:
+            self.enter(0)
+        outcomes = iter(self.simulator.fly(population, slice(len(self._fixed))))
+        cycling = [next(outcomes)] if settings.limit_cycle else []
+        training = next(outcomes) if self._is_judged_alone else cycling[0]
+        energy, values = mean(training[..., ENERGY]), self.conditions.values(training)
+        fitness = energy + mean(self._penalties(values))
+        for _ in range(len(settings.mass_kg) + bool(settings.between)):
+            others = self.conditions.values(next(outcomes))
+            fitness = fitness + mean(self._penalties(others))
+        if settings.limit_cycle:
+            fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
+        if settings.disturbance:
+            fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
+        if settings.robustness:
+            fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
+        if settings.damping and isinstance(population, Population):
+            fitness = fitness + settings.damping * driving(population)
+        missed = (values > self.conditions.limits).sum(axis=-2)
+        if self.drawn:
+            fitness, flights = self._with_drawn(population, fitness)
+            missed = np.hstack([missed, flights])
+        return Scores(fitness, energy, missed, mean(training[..., ARRIVAL_TIME]))
+
+    def _with_drawn(
+        self, population: Population | Sequence[Baseline], fitness: Floats
+    ) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the fitness (n,) with the drawn flights; how many miss (n, campaigns).
+
+        A search that looks at ranks needs the better half. So the half that is best without the
+        term flies first; then those that this term, never negative, can still let into the better
+        half. The rest get the term and the misses of flights that all miss by far, and the
+        largest cost of thrust that another has.
+        """
+        order, half = np.argsort(fitness, kind='stable'), -(-len(fitness) // 2)
+        if self.stage == HELD_OUT:
+            half = len(fitness)
+        worst = self.settings.drawn.weight * sum(len(d.columns) for d in self.drawn)
+        total, waiting, dearest = fitness + worst, np.ones(len(fitness), np.bool_), 0.0
+        missed = np.array([[d.count for d in self.drawn]] * len(fitness))
+        for first in (0, *range(half, len(fitness), _SOME)):
+            some = order[first : first + _SOME if first else half]
+            if first:
+                some = some[fitness[some] < np.sort(total)[half - 1]]
+            if len(some):
+                flown, missed[some], cost = self._fly_drawn(population, some, fitness[some])
+                total[some], waiting[some] = flown + cost, False
+                dearest = max(dearest, float(cost.max()))
+                total[waiting] = (fitness + worst + dearest)[waiting]
+        return total, missed
+
+    def _fly_drawn(
+        self, population: Population | Sequence[Baseline], some: NDArray[np.int64], fitness: Floats
+    ) -> tuple[Floats, NDArray[np.int64], Floats]:
+        """Return the fitness with the penalties, how many miss, and the cost of thrust."""
+        if isinstance(population, Population):
+            members: Any = population.members(some)
+        else:
+            members = [population[i] for i in some]
+        missed, cost = [], np.zeros(len(some))
+        for drawn, rows in zip(
+            self.drawn, self.simulator.fly(members, slice(len(self._fixed), None)), strict=True
+        ):
+            values = drawn.values(rows)
+            over = self._missed(values, drawn.limits, self.settings.drawn.margin).sum(axis=-1)
+            share = over.shape[-1] / drawn.count  # held-out runs: as dear as those of a pool
+            fitness = fitness + self.settings.drawn.weight * share * mean(over)
+            missed.append((values > drawn.limits).any(axis=-1).sum(axis=-1))
+            cost = cost + mean(drawn.cost(rows))
+        return fitness, np.column_stack(missed), cost
+
+    def _penalties(self, values: Floats) -> Floats:
+        """Return the penalty (n, starts) of what is judged (n, starts, conditions)."""
+        missed = self._missed(values, self.conditions.limits, self.settings.margin)
+        total = np.zeros(values.shape[:-1])
+        for index, name in enumerate(self.conditions.labels):
+            if self.settings.arrival or name != 'arrival':
+                is_error = 'error' in name or 'arrival' in name
+                weight = self.settings.error_weight if is_error else 1.0
+                total = total + weight * missed[..., index]
+        return self.settings.penalty_n2s * total
+
+    def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:
+        """Return the shares of the penalty of values (..., k) at limits (k,) less a margin."""
+        limits = limits * (1.0 - margin)
+        missed = (values > limits).astype(np.float64)
+        if self.settings.penalty == 'graded':
+            missed *= AT_LIMIT + (1.0 - AT_LIMIT) * excess(values, limits)
+        return missed
+
+    def _cycling(self, training: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        return excess(training[..., LATE_SPEED].max(axis=1), keep * MAX_SETTLED_SPEED_M_S) + excess(
+            training[..., LATE_FORCE].max(axis=1), keep * MAX_SETTLED_FORCE_N
+        )
+
+    def _disturbed(self, tests: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        distances = np.array(list(TESTS.values()))
+        over = excess(tests[..., LATE_POSITION], keep * distances) + excess(
+            tests[..., LATE_SPEED], keep * MAX_TEST_SPEED_M_S
+        )
+        return over[:, 0] + over[:, 1]
+
+    def _cornered(self, flights: Floats) -> Floats:
+        keep = 1.0 - self.settings.margin
+        return mean(
+            excess(flights[..., LATE_POSITION], keep * CLAIM_POSITION_M)
+            + excess(flights[..., LATE_SPEED], keep * CLAIM_VELOCITY_M_S)
+        )
+
+
+POSITIONS, VELOCITIES = 41, 20
+"""Of the grid: position errors from -1 to 1, velocity errors from 0.05 to 1."""
+
+
+def driving(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
+    """Return the mean (n,) over the grid of the force that drives, as a share of full output.
+
+    Negative velocity errors need no grid of their own where the rules are odd; other rules are
+    checked with their mirror.
+    """
+    positions = np.linspace(-1.0, 1.0, POSITIONS)
+    velocities = np.linspace(0.0, 1.0, VELOCITIES + 1)
+    grid = np.stack(np.meshgrid(positions, velocities, indexing='ij')).reshape(2, -1)
+    scratch, found = make_scratch(), np.empty((len(population.scales), 2))
+    for index in range(len(population.scales)):
+        law = population.law(index, samples)
+        for side, sign in enumerate((1.0, -1.0)):
+            outputs = np.empty(grid.shape[1])
+            infer_many(sign * grid, law, scratch, outputs)
+            table = sign * outputs.reshape(POSITIONS, -1)
+            found[index, side] = np.maximum(table[:, :1] - table[:, 1:], 0.0).mean()
+    return found.max(axis=1)

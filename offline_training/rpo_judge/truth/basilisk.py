@@ -1,0 +1,113 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The flight by Basilisk (layer `truth`): target and chaser are two of its spacecraft."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files.scenario import Scenario
+from rpo_judge.truth.inertial import World, cross
+
+Floats = NDArray[np.float64]
+
+
+class _Simulation(NamedTuple):
+    """Basilisk's objects.
+
+    force : on the chaser; keep : what Basilisk does not keep alive itself
+    """
+
+    model: Any
+    target: Any
+    chaser: Any
+    force: Any
+    keep: list[Any]
+
+
+def knows(scenario: Scenario) -> bool:
+    """Return whether this truth has what acts in a scenario; it has no drag."""
+    return scenario.dynamics is None or scenario.dynamics.drag is None
+
+
+def _spacecraft(scenario: Scenario, state: Floats, mass_kg: float, keep: list[Any]) -> Any:
+    """Return a spacecraft at an inertial state (6,), with the gravity of the scenario's body."""
+    from Basilisk.simulation import spacecraft, sphericalHarmonicsGravityModel
+    from Basilisk.utilities import simIncludeGravBody
+
+    made = spacecraft.Spacecraft()
+    made.hub.mHub, made.hub.IHubPntBc_B = mass_kg, np.eye(3).tolist()
+    made.hub.r_CN_NInit, made.hub.v_CN_NInit = state[:3].tolist(), state[3:].tolist()
+    bodies, body = simIncludeGravBody.gravBodyFactory(), scenario.body
+    centre = bodies.createEarth()
+    centre.isCentralBody, centre.mu = True, body.mu_m3_s2
+    if scenario.dynamics is not None and scenario.dynamics.j2:
+        field = sphericalHarmonicsGravityModel.SphericalHarmonicsGravityModel()
+        field.muBody, field.radEquator, field.maxDeg = body.mu_m3_s2, body.equator_m, 2
+        normalised = -body.j2 / math.sqrt(5.0)
+        field.cBar = [[1.0], [0.0, 0.0], [normalised, 0.0, 0.0]]
+        field.sBar = [[0.0], [0.0, 0.0], [0.0, 0.0, 0.0]]
+        centre.radEquator, centre.gravityModel = body.equator_m, field
+        keep.append(field)
+    bodies.addBodiesTo(made)
+    keep += [bodies, centre]
+    return made
+
+
+def _begin(scenario: Scenario, world: World) -> _Simulation:
+    from Basilisk.simulation import extForceTorque
+    from Basilisk.utilities import SimulationBaseClass
+
+    model, keep = SimulationBaseClass.SimBaseClass(), list[Any]()
+    task = model.CreateNewTask('flight', scenario.dt_ns)
+    model.CreateNewProcess('truth').addTask(task)
+    start = world.target()
+    target = _spacecraft(scenario, start, 1.0, keep)
+    relative = world.to_inertial(start, np.array(scenario.start))
+    chaser = _spacecraft(scenario, start + relative, scenario.mass_kg, keep)
+    force = extForceTorque.ExtForceTorque()
+    chaser.addDynamicEffector(force)
+    if scenario.dynamics is None:  # LVLH turns evenly: so does the body, and the force with it
+        chaser.hub.omega_BN_BInit = [[0.0], [0.0], [scenario.mean_motion_rad_s]]
+    for part in (target, chaser, force):
+        model.AddModelToTask('flight', part)
+    model.InitializeSimulation()
+    model.ConfigureStopTime(0)
+    model.ExecuteSimulation()
+    return _Simulation(model, target, chaser, force, keep)
+
+
+def _state(spacecraft: Any) -> Floats:
+    message = spacecraft.scStateOutMsg.read()
+    return np.concatenate([message.r_CN_N, message.v_CN_N])
+
+
+def _mean(simulation: _Simulation, world: World, force_n: Floats) -> list[list[float]]:
+    """Return the mean of a force (3,), inertial, that turns with LVLH for the next tick."""
+    axes, rate = world.frame(_state(simulation.target))
+    begin, angle = axes @ force_n, world.scenario.dt_s * rate
+    turned = begin + cross(angle, begin) / 2.0 + cross(angle, cross(angle, begin)) / 6.0
+    return [[component] for component in turned.tolist()]
+
+
+def by_basilisk(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:
+    """Return the states (N + 1, 6) under forces (N, 3).
+
+    Where the mass falls, the forces grow, and the spacecraft stays: gravity does not mind.
+    """
+    world, states = World(scenario), [np.array(scenario.start)]
+    simulation = _begin(scenario, world)
+    for tick, applied in enumerate(forces_n * (scenario.mass_kg / masses_kg)[:, None]):
+        if scenario.dynamics is None:
+            simulation.force.extForce_B = [[component] for component in applied.tolist()]
+        else:
+            simulation.force.extForce_N = _mean(simulation, world, applied)
+        simulation.model.ConfigureStopTime((tick + 1) * scenario.dt_ns)
+        simulation.model.ExecuteSimulation()
+        target = _state(simulation.target)
+        states.append(world.to_lvlh(target, _state(simulation.chaser) - target))
+    return np.array(states)

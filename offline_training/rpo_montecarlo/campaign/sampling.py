@@ -1,0 +1,256 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The draws of each run of a campaign: from the seed and the number of the run alone."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
+from rpo_core.files.scenario import Scenario
+from rpo_core.kernels import CwStep, Vector
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import rotation
+from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
+from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
+from rpo_nav.sensors import Sensors
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STRATA = 1000
+"""Runs of one Latin hypercube: memory stays flat, and a run is repeated without the others."""
+
+ON_THEIR_OWN = (
+    'density_share',
+    'ballistic_coefficient_share',
+    'true_anomaly_deg',
+    'stuck_off_thruster',
+    'sensor_noise_share',
+    'sensor_scale_error',
+    'sensor_bias_x_m',
+    'sensor_bias_y_m',
+    'sensor_bias_z_m',
+)
+"""Quantities that are drawn each by itself; results have a column of those that are dispersed."""
+
+_DRAWN = [
+    name
+    for name, quantity in QUANTITIES.items()
+    if quantity.distributions != ('white',) and name not in ON_THEIR_OWN
+]
+_OFFSETS = dict(
+    zip(_DRAWN, np.cumsum([0, *(QUANTITIES[n].components for n in _DRAWN)]), strict=False)
+)
+DIMENSIONS = sum(QUANTITIES[name].components for name in _DRAWN)
+"""Numbers drawn per run, dispersed or not: adding a dispersion leaves the others' draws alone."""
+
+_HYPERCUBE, _RUN, _NOISE, _OWN = 0, 1, 2, 3  # first words of the spawn keys of the seed sequences
+
+PARAMETERS = (
+    *(f'initial_{axis}_m' for axis in 'xyz'),
+    *(f'initial_v{axis}_m_s' for axis in 'xyz'),
+    'mass_kg',
+    *(f'thrust_share_{axis}' for axis in 'xyz'),
+    *(f'misalignment_{axis}_rad' for axis in 'xyz'),
+    *(f'bias_{axis}_m' for axis in 'xyz'),
+    *(f'bias_v{axis}_m_s' for axis in 'xyz'),
+    'disturbance_amplitude_share',
+    'disturbance_phase_rad',
+    'disturbance_frequency_share',
+    'orbit_radius_m',
+    'delay_ticks',
+)
+"""Columns of `DrawnRuns.parameters`."""
+
+
+class DrawnRuns(NamedTuple):
+    """The draws of some runs.
+
+    numbers : (n,) int
+    parameters : (n, 24), see `PARAMETERS`
+    keys : (n, 2) int, of noise and message faults
+    own : name -> (n,) deviation, of the quantities `ON_THEIR_OWN` that are dispersed
+    """
+
+    numbers: Ints
+    parameters: Floats
+    keys: Ints
+    own: Mapping[str, Floats] = MappingProxyType({})
+
+    @property
+    def starts(self) -> Floats:
+        """Initial states (n, 6) [m, m/s], target LVLH."""
+        return self.parameters[:, :6]
+
+    @property
+    def masses_kg(self) -> Floats:
+        """Masses (n,)."""
+        return self.parameters[:, 6]
+
+    @property
+    def biases(self) -> Floats:
+        """Navigation biases (n, 6) [m, m/s]."""
+        return self.parameters[:, 13:19]
+
+    @property
+    def delays(self) -> Ints:
+        """Delays (n,) [ticks]."""
+        return self.parameters[:, 23].astype(np.int64)
+
+    def step(self, index: int, scenario: Scenario) -> CwStep:
+        """Exact step of the relative dynamics of a run."""
+        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
+        return cw.discretise(mean_motion, float(self.parameters[index, 6]), scenario.dt_s)
+
+    def holding_force_n(self, index: int, scenario: Scenario) -> Vector:
+        """Force (3,) [N] that holds the chaser of a run at the goal."""
+        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
+        mass_kg = float(self.parameters[index, 6])
+        return cw.holding_force_n(scenario.goal_position_m, mean_motion, mass_kg)
+
+    def thrust(self, index: int) -> Floats:
+        """Matrix (3, 3) from saturated to applied force: shares of each axis, then misalignment."""
+        shares, misalignment = self.parameters[index, 7:10], self.parameters[index, 10:13]
+        return rotation(misalignment) * (1.0 + shares)
+
+    def disturbance(self, index: int, nominal: Disturbance) -> Disturbance:
+        """Disturbance of a run."""
+        share, phase, frequency = self.parameters[index, 19:22].tolist()
+        return nominal.varied(share, phase_rad=phase, frequency_share=frequency)
+
+
+def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
+    """Return `count` runs from number `first`."""
+    config, scenario = campaign.config, campaign.scenario
+    numbers = np.arange(first, first + count)
+    unit = _unit_draws(campaign, numbers)
+
+    def off(name: str) -> Floats:
+        """Deviations (n, components) of a quantity."""
+        offset, components = _OFFSETS[name], QUANTITIES[name].components
+        u = unit[:, offset : offset + components]
+        found = config.dispersions.get(name)
+        if found is None:
+            return np.zeros((count, components))
+        return _deviations(found, u)
+
+    def start(name: str, nominal: Vector) -> Floats:
+        """Return starts (n, 3): what was drawn on top of the scenario's, or in its place."""
+        found = config.dispersions.get(name)
+        if found is not None and found.distribution == SHELL:
+            return off(name)
+        return np.asarray(nominal + off(name))
+
+    parameters = np.hstack(
+        [
+            start('initial_position_m', scenario.initial_position_m),
+            start('initial_velocity_m_s', scenario.initial_velocity_m_s),
+            scenario.mass_kg * (1.0 + off('mass_share')),
+            off('thrust_share'),
+            off('misalignment_deg') * (math.pi / 180.0),
+            off('navigation_position_bias_m'),
+            off('navigation_velocity_bias_m_s'),
+            off('disturbance_amplitude_share'),
+            off('disturbance_phase_rad'),
+            off('disturbance_frequency_share'),
+            scenario.orbit_radius_m + off('orbit_altitude_m'),
+            off('delay_ticks'),
+        ]
+    )
+    own = {
+        name: _deviations(found, _own_draws(campaign, name, numbers))
+        for name in ON_THEIR_OWN
+        if (found := config.dispersions.get(name)) is not None
+    }
+    parameters = np.column_stack([parameters, *own.values()])
+    return DrawnRuns(numbers, parameters, _keys(campaign, numbers), own)
+
+
+def _deviations(found: Dispersion, u: Floats) -> Floats:
+    """Return the deviations of draws in [0, 1)."""
+    if found.distribution == 'whole':
+        return np.minimum(np.floor(u * (found.spread[0] + 1.0)), found.spread[0])
+    if found.distribution == SHELL:
+        return _shell(found, u)
+    shape = 2.0 * u - 1.0
+    if found.distribution == 'normal':
+        shape = ndtri(ndtr(-CUT) + u * (ndtr(CUT) - ndtr(-CUT)))
+    return np.asarray(shape * np.array(found.spread))
+
+
+def _shell(found: Dispersion, u: Floats) -> Floats:
+    """Return vectors (n, 3) of any direction, for draws (n, 3) in [0, 1).
+
+    The projection of a sphere on its axis is uniform (Archimedes): height, angle, then length.
+    """
+    least, most = found.spread
+    height, angle = 2.0 * u[:, 0] - 1.0, 2.0 * math.pi * u[:, 1]
+    across = np.sqrt(np.maximum(1.0 - height * height, 0.0))
+    length = least + (most - least) * u[:, 2]
+    ahead = np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
+    return np.asarray(ahead * length[:, None])
+
+
+def parameters_of(config: CampaignConfig) -> tuple[str, ...]:
+    """Return the columns of `DrawnRuns.parameters` of a campaign."""
+    return (*PARAMETERS, *(name for name in ON_THEIR_OWN if name in config.dispersions))
+
+
+def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
+    """Return draws (n, DIMENSIONS) in [0, 1)."""
+    config = campaign.config
+    if config.sampling == 'random':
+        return np.array([_generator(config.seed, _RUN, int(i)).random(DIMENSIONS) for i in numbers])
+    rows = np.empty((len(numbers), DIMENSIONS))
+    for block in np.unique(numbers // STRATA).tolist():
+        size = min(STRATA, config.runs - block * STRATA)
+        rng = _generator(config.seed, _HYPERCUBE, block)
+        cube = qmc.LatinHypercube(DIMENSIONS, rng=rng).random(size)
+        mine = numbers // STRATA == block
+        rows[mine] = cube[numbers[mine] - block * STRATA]
+    return rows
+
+
+def _own_draws(campaign: Campaign, name: str, numbers: Ints) -> Floats:
+    """Return draws (n,) in [0, 1) of one quantity; no other quantity changes them."""
+    config, purpose = campaign.config, _OWN + (zlib.crc32(name.encode()) << 8)
+    if config.sampling == 'random':
+        return np.array([_generator(config.seed, purpose, int(i)).random() for i in numbers])
+    found = np.empty(len(numbers))
+    for block in np.unique(numbers // STRATA).tolist():
+        size = min(STRATA, config.runs - block * STRATA)
+        rng = _generator(config.seed, purpose, block)
+        column = qmc.LatinHypercube(1, rng=rng).random(size)[:, 0]
+        mine = numbers // STRATA == block
+        found[mine] = column[numbers[mine] - block * STRATA]
+    return found
+
+
+def _keys(campaign: Campaign, numbers: Ints) -> Ints:
+    """Return keys (n, 2) of noise and message faults; zeros where there are none."""
+    config = campaign.config
+    noisy = any(d.distribution == 'white' for d in config.dispersions.values())
+    keys = np.zeros((len(numbers), 2), np.int64)
+    sensed = campaign.scenario.section(Sensors) is not None
+    if noisy or sensed or config.faults is not None:
+        for row, number in zip(keys, numbers.tolist(), strict=True):
+            row[:] = _sequence(config.seed, _NOISE, number).generate_state(2)
+    return keys
+
+
+def _sequence(seed: int, purpose: int, number: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(purpose, number))
+
+
+def _generator(seed: int, purpose: int, number: int) -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(_sequence(seed, purpose, number)))

@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Statistics of a campaign: rates with Wilson's interval, quantiles, and the worst runs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
+
+from rpo_montecarlo.campaign import judging
+from rpo_montecarlo.campaign.config import CampaignConfig
+from rpo_montecarlo.campaign.store import Store
+
+Floats = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+QUANTILES = (0.5, 0.95, 0.99)
+
+
+class Rate(NamedTuple):
+    """A share of runs, with Wilson's score interval at 95 % confidence."""
+
+    name: str
+    kept: int
+    runs: int
+    low: float
+    high: float
+
+    @property
+    def percent(self) -> str:
+        """The share [%]; of more runs than 10 000 a digit more, so that one run still shows."""
+        return self._shown(self.kept / self.runs)
+
+    @property
+    def interval(self) -> str:
+        """The ends of the interval [%]."""
+        return f'{self._shown(self.low)} to {self._shown(self.high)}'
+
+    def _shown(self, share: float) -> str:
+        return f'{100 * share:.{2 if self.runs <= 10_000 else 3}f}'
+
+
+def rate(name: str, kept: int, runs: int) -> Rate:
+    """Return a rate with its interval.
+
+    The interval is for independent runs. Runs of a Latin hypercube scatter less: it is then wide.
+    """
+    interval = binomtest(kept, runs).proportion_ci(CONFIDENCE, method='wilson')
+    return Rate(name, kept, runs, float(interval.low), float(interval.high))
+
+
+def successes(
+    config: CampaignConfig, columns: Mapping[str, Floats], names: Collection[str] | None = None
+) -> NDArray[np.bool_]:
+    """Return which runs (n,) keep every limit; a metric that is not a number keeps no limit.
+
+    names : of the limits; all if not given
+    """
+    names = config.success if names is None else names
+    return np.logical_and.reduce([kept(config, name, columns) for name in names])
+
+
+def kept(config: CampaignConfig, name: str, columns: Mapping[str, Floats]) -> NDArray[np.bool_]:
+    """Return which runs (n,) keep a limit."""
+    values, limit = config.limit(name, columns)
+    return np.asarray(values <= limit)
+
+
+class Spread(NamedTuple):
+    """A metric over all runs; worst_run : number of the run with the largest value."""
+
+    name: str
+    unit: str
+    mean: float
+    quantiles: tuple[float, ...]
+    worst: float
+    worst_run: int
+
+
+def spread(name: str, unit: str, values: Floats) -> Spread:
+    """Return how a metric is distributed; infinite: what a run never did, like to arrive."""
+    worst = int(np.argmax(values))
+    if np.isfinite(values[worst]):
+        found = np.quantile(values, QUANTILES)
+    else:  # there is nothing between a number and infinity
+        found = np.quantile(values, QUANTILES, method='higher')
+    quantiles = tuple(float(q) for q in found)
+    return Spread(name, unit, float(values.mean()), quantiles, float(values[worst]), worst)
+
+
+def rates_of(store: Store, groups: Mapping[str, Collection[str]]) -> list[Rate]:
+    """Return how many runs keep some of the limits, all of a group; groups : label -> limits."""
+    config = store.campaign.config
+    columns = {name: store.column(name) for name in config.judging}
+    return [
+        rate(label, int(successes(config, columns, names).sum()), config.runs)
+        for label, names in groups.items()
+    ]
+
+
+def rates(store: Store) -> list[Rate]:
+    """Return the rate of success, that of the limits of motion, then of each limit by itself.
+
+    The second is left out where it is one of the others.
+    """
+    success = store.campaign.config.success
+    moving = judging.motion(success)
+    together = {judging.MOTION: moving} if 1 < len(moving) < len(success) else {}
+    each = {judging.label(name, limit): [name] for name, limit in success.items()}
+    return rates_of(store, {'success': success, **together, **each})
+
+
+def spreads(store: Store) -> list[Spread]:
+    """Return how every metric is distributed; one column in memory at a time."""
+    shown = store.campaign.metrics
+    return [spread(name, unit, store.column(name)) for name, unit in shown.items()]
+
+
+def document(store: Store) -> dict[str, Any]:
+    """Return the summary as a document: what was judged, the rates, the figures."""
+    campaign, found_rates, found_spreads = store.campaign, rates(store), spreads(store)
+    return {
+        'confidence': CONFIDENCE,
+        'success': judging.sentence(campaign),
+        'judged': judging.judged(campaign),
+        'not_judged': judging.not_judged(campaign),
+        'rates': {
+            r.name: {
+                'count': r.kept,
+                'runs': r.runs,
+                'share': r.kept / r.runs,
+                'low': r.low,
+                'high': r.high,
+            }
+            for r in found_rates
+        },
+        'figures': {
+            s.name: {
+                'unit': s.unit,
+                'mean': s.mean,
+                **{f'p{100 * q:g}': x for q, x in zip(QUANTILES, s.quantiles, strict=True)},
+                'worst': s.worst,
+                'worst_run': s.worst_run,
+            }
+            for s in found_spreads
+        },
+    }

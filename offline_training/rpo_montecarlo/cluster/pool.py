@@ -1,0 +1,145 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Work on a `dask.distributed` cluster: one of this machine, or a scheduler at an address.
+
+A result depends on the function and its arguments only: another worker repeats the task of a lost
+one, and the bits are those of one machine. A few tasks per thread are under way at a time, so that
+memory stays flat.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from importlib.metadata import version
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any
+from uuid import uuid4
+
+from rpo_core.files.validation import InputError
+
+AHEAD = 3
+"""Tasks under way per thread of a worker."""
+
+CONNECT_S = 10
+"""How long a cluster may take to answer."""
+
+RETRIES = 10
+"""After so many workers have died on one task, the work fails."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the libraries that the bits of results depend on."""
+    return {name: version(name) for name in ('numba', 'numpy', 'scipy')}
+
+
+def _call(function: Callable[..., Any], *arguments: Any) -> tuple[dict[str, str], Any]:
+    """Call a function on a worker; return the versions its bits depend on, and the result."""
+    return versions(), function(*arguments)
+
+
+@contextmanager
+def _as_input_errors(client: Any) -> Iterator[None]:
+    """Raise the errors of a cluster as InputError."""
+    from distributed import KilledWorker
+    from distributed.client import ClosedClientError
+    from distributed.comm import CommClosedError
+
+    address = client.scheduler_info().get('address', 'local')
+    try:
+        yield
+    except KilledWorker as error:
+        raise InputError(f'{RETRIES} workers died on one task: {error}') from None
+    except ImportError as error:
+        raise InputError(f'a worker of {address} cannot import the work: {error}') from None
+    except (CommClosedError, ClosedClientError, CancelledError, OSError):
+        raise InputError(
+            f'cluster {address} was lost; finished work is saved, go on with --resume'
+        ) from None
+
+
+def threads(client: Any) -> int:
+    """Return the number of threads of all workers, at least 1; raises InputError."""
+    with _as_input_errors(client):
+        return max(1, sum(client.nthreads().values()))
+
+
+def results(
+    client: Any, function: Callable[..., Any], calls: Iterable[tuple[int, tuple[Any, ...]]]
+) -> Iterator[tuple[int, Any]]:
+    """Call a function on the workers; yield (number, result) of each call as they come in.
+
+    calls : (number, arguments) of each
+
+    Raises
+    ------
+    InputError
+        If the cluster is lost, has other versions of what bits depend on, or cannot do the work.
+    """
+    from distributed import as_completed
+
+    name, todo = f'rpo-{uuid4().hex}', iter(calls)
+
+    def submit(call: tuple[int, tuple[Any, ...]]) -> Any:
+        return client.submit(_call, function, *call[1], key=(name, call[0]))
+
+    ahead = AHEAD * threads(client)
+    with _as_input_errors(client):
+        futures = as_completed(map(submit, islice(todo, ahead)))
+        for future in futures:
+            number, (theirs, result) = future.key[1], future.result()
+            if theirs != versions():
+                raise InputError(f'a worker has {theirs}; the same bits need {versions()}')
+            for following in islice(todo, 1):
+                futures.add(submit(following))
+            yield number, result
+
+
+@contextmanager
+def _ignoring_ctrl_c() -> Iterator[None]:
+    """Ignore SIGINT, also in processes started meanwhile, which this process stops itself."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+@contextmanager
+def connected(address: str, workers: int) -> Iterator[Any]:
+    """Yield a client of the scheduler at an address like tcp://host:port.
+
+    address : 'local' makes a cluster of `workers` processes on this machine
+
+    Raises
+    ------
+    InputError
+        If no scheduler answers there, or dask.distributed is not installed.
+    """
+    if find_spec('distributed') is None:
+        raise InputError('`--cluster` needs dask.distributed: `make setup LAYERS=campaign`')
+    import dask
+    from distributed import Client, LocalCluster
+
+    with dask.config.set({'distributed.scheduler.allowed-failures': RETRIES}):
+        if address == 'local':
+            with _ignoring_ctrl_c():
+                cluster = LocalCluster(
+                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+                )
+            with cluster, Client(cluster) as client:
+                yield client
+            return
+        try:
+            client = Client(address, timeout=CONNECT_S)
+        except (OSError, ValueError, TypeError) as error:  # TypeError: TLS without certificates
+            raise InputError(
+                f'`--cluster` must be local or the address of a scheduler that answers, like '
+                f'tcp://127.0.0.1:8786; got {address} ({type(error).__name__}); a tls:// address '
+                'needs the certificates in the configuration of dask, see docs/campaigns.md'
+            ) from None
+        with client:
+            yield client

@@ -1,0 +1,128 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a person sees on a terminal: tables, and the progress of long work."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console, Group
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Table
+from rich.text import Text
+
+from rpo_core.files.validation import printable
+
+
+def plain_console(stderr: bool = False) -> Console:
+    """Return a console that prints texts as they are: a name may hold `[bold]` or `[/]`."""
+    return Console(stderr=stderr, markup=False, highlight=False, emoji=False)
+
+
+EVERY_S = 10.0
+"""Time between lines where there is no terminal."""
+
+PATIENCE_S = 2.0
+COMPILING = 'Code that runs for the first time here is compiled: up to a minute, once.'
+"""Said where work shows no progress for so long."""
+
+_STYLES = {'held': 'green', 'holds': 'green', 'MISSED': 'bold red'}
+
+Self = TypeVar('Self', bound='Display')
+
+
+def print_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], title: str = '', left: int = 1
+) -> None:
+    """Print a table; a terminal that is too narrow wraps its lines, and no cell is cut.
+
+    left : number of columns, from the first, that are aligned to the left
+    """
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for place, heading in enumerate(headings):
+        table.add_column(Text(heading), justify='left' if place < left else 'right', no_wrap=True)
+    for row in rows:
+        table.add_row(*(Text(cell, _STYLES.get(cell, '')) for cell in row))
+    console = plain_console()
+    any_width = console.options.update(width=1000)
+    console.width = max(console.width, console.measure(table, options=any_width).maximum)
+    if title:
+        console.print(printable(title))
+    console.print(table)
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str, float, float], None]]:
+    """Yield a function that shows what is in work, how much of it is done, and of how much.
+
+    It draws a bar on a terminal, and prints a line for each new work elsewhere.
+    """
+    console, last = plain_console(stderr=True), ''
+    columns = TextColumn('{task.description}', markup=False), BarColumn(), MofNCompleteColumn()
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task('')
+
+    def show(what: str, done: float, total: float) -> None:
+        nonlocal last
+        bar.update(task, description=what, completed=done, total=total)
+        if what != last and not console.is_terminal:
+            console.print(what)
+        last = what
+
+    with bar:
+        yield show
+
+
+class Display:
+    """Shows the progress of work in a folder while it is entered.
+
+    console : stderr if none is given
+    """
+
+    def __init__(self, folder: Path, console: Console | None = None) -> None:
+        self.console = console or plain_console(stderr=True)
+        self.console.print(printable(folder))
+        columns = (
+            TextColumn('{task.description}', markup=False),
+            BarColumn(),
+            MofNCompleteColumn(),
+        )
+        self._bar = Progress(*columns, TextColumn('{task.fields[left]} left'))
+        self._task = self._bar.add_task('', total=None, left='?')
+        self._live = Live(console=self.console, refresh_per_second=4)
+        self._last = -EVERY_S
+        self._silence = threading.Timer(PATIENCE_S, self.console.print, (COMPILING,))
+        self._silence.daemon = True
+
+    def __enter__(self: Self) -> Self:
+        self._silence.start()
+        if self.console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._silence.cancel()
+        self._live.stop()
+
+    def draw(self, what: str, done: int, total: int, left_s: float, sentence: str) -> None:
+        """Show how much is done of how much, the time left [s], and a sentence about results.
+
+        left_s : infinite where it is not known yet
+        """
+        self._silence.cancel()
+        left = f'{int(left_s) // 60}:{int(left_s) % 60:02d}' if math.isfinite(left_s) else '?'
+        if self.console.is_terminal:
+            self._bar.update(self._task, description=what, total=total, completed=done, left=left)
+            self._live.update(Group(self._bar, sentence))
+        elif time.monotonic() - self._last >= EVERY_S:
+            self._last = time.monotonic()
+            line = f'{what} {done}/{total}  {sentence}  {left} left'
+            self.console.print(line, soft_wrap=True)

@@ -1,0 +1,156 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Files of commands: written complete or not at all, locked, read back with damage noticed."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from rpo_core import files
+from rpo_core.files.validation import InputError, shown, text
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rpo_core.chain.flight import Flight
+
+END = '<!-- end -->'
+
+
+def identifier(text: str) -> str:
+    """Return a name that every language, and every file system, takes."""
+    name = re.sub(r'\W', '_', text, flags=re.ASCII)
+    return name if name[:1].isalpha() else f'rpo_{name}'
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn an OSError inside into an InputError: `path` cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error.strerror or error}') from None
+
+
+@contextmanager
+def alone(path: Path, doing: str) -> Iterator[None]:
+    """Lock a file; raises InputError if another process holds it, and is `doing` the same."""
+    with ExitStack() as stack:
+        with writing(path):
+            file = stack.enter_context(path.open('r+b', buffering=0))
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f'{path.parent}: another process {doing}') from None
+        yield
+
+
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Return arrays of an .npz file, all if none is named.
+
+    Raises
+    ------
+    InputError
+        If it is missing, no regular file, or damaged in any way.
+    """
+    import numpy as np
+
+    try:
+        with files.open_regular(path) as file, np.load(file, allow_pickle=False) as saved:
+            if len(set(saved.files)) < len(saved.files):
+                raise ValueError('it holds an array twice')
+            return {name: saved[name] for name in names or saved.files}
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error.strerror or error}') from None
+    except Exception as error:  # zipfile and NumPy raise all kinds of them for damaged bytes
+        raise InputError(f'{path}: is damaged: {error}') from None
+
+
+def write_flight(flight: Flight, path: Path) -> None:
+    """Write time, state, force and disturbance of every tick as CSV; raises InputError."""
+    import numpy as np
+
+    heading = 't_s,x_m,y_m,z_m,vx_m_s,vy_m_s,vz_m_s,fx_n,fy_n,fz_n,dx_n,dy_n,dz_n'
+    columns = flight.scenario.times_s, flight.states, flight.forces_n, flight.disturbances_n
+    with writing(path):
+        np.savetxt(
+            path,
+            np.column_stack(columns),
+            fmt='%.17g',
+            delimiter=',',
+            header=heading,
+            comments='',
+        )
+
+
+def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
+    """Write a file beside `path` and rename it into place: the old one stays whole until then.
+
+    Raises
+    ------
+    InputError
+        If it cannot be written, as on a full disk; `path` is then as it was.
+    """
+    aside = path.with_name(f'.{path.name}.new')
+    try:
+        with aside.open('wb') as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except BaseException as error:
+        aside.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
+        raise
+
+
+def digest_of(*texts: str) -> str:
+    """Return the SHA-256 of texts, in hexadecimal."""
+    return hashlib.sha256('\0'.join(texts).encode()).hexdigest()
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    lines = [f'| {" | ".join(cells)} |' for cells in (headings, *rows)]
+    return [lines[0], '|' + '---|' * len(headings), *lines[1:]]
+
+
+def write_text(path: Path, content: str) -> None:
+    """Write a text file, as `write_aside` does."""
+    write_aside(path, lambda file: file.write(content.encode()))
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, with its parents, where there is none; raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: cannot be made: {error.strerror or error}') from None
+
+
+def check_name(name: str, what: str) -> None:
+    """Raise InputError if a `name` cannot name a file or a folder, as `what` says."""
+    text('name', name)
+    if not name.replace('_', '').replace('-', '').isalnum():
+        raise InputError(
+            f'`name` must be letters, digits, - and _, to name {what}; got {shown(name)}'
+        )
+
+
+def put(page: Path, command: str, content: str) -> None:
+    """Replace the text between the marker of a command and END; add both to a page without."""
+    begin = f'<!-- printed by `{command}` -->'
+    page_text = files.read_text(page) if page.is_file() else ''
+    if begin not in page_text:
+        page_text = f'{page_text.rstrip()}\n\n{begin}\n{END}\n'.lstrip()
+    before, _, rest = page_text.partition(begin)
+    after = rest.partition(END)[2]
+    write_text(page, f'{before}{begin}\n{content}{END}{after}')

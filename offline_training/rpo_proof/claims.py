@@ -1,0 +1,263 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What follows for every start of the box: each claim proven, refuted by a flight, or open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.flight import Flight
+from rpo_core.files.validation import InputError
+from rpo_core.judge import metrics, verdicts
+from rpo_core.judge.requirements import Requirements
+from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
+from rpo_proof.cells import Found
+from rpo_proof.problem import HOLD, Problem
+from rpo_proof.sets import Rest
+
+Floats = NDArray[np.float64]
+Groups = Mapping[str, Found]
+"""Cells of each group, in the order in which they are proven."""
+
+
+ROOM = 1e-9
+"""Share by which a mean is widened, for cells that overlap."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim over all starts of the box.
+
+    key : the requirement of `rpo_core.judge.requirements` that it is
+    bound : no start exceeds it; infinite: none is known
+    found : the greatest value that was flown, from `start` (6,) [m, m/s]
+    open_cells : cells whose bound exceeds the limit
+    """
+
+    key: str
+    statement: str
+    unit: str
+    limit: float
+    bound: float
+    found: float
+    start: tuple[float, ...]
+    open_cells: int
+
+    @property
+    def verdict(self) -> str:
+        """`PROVEN`, `REFUTED` or `UNDECIDED`."""
+        return verdict_of(self.limit, self.bound, self.found)
+
+
+def main(groups: Groups) -> Found:
+    """Return the cells of the group that is proven last, on which those before it add."""
+    return groups[list(groups)[-1]]
+
+
+def _others(groups: Groups, name: str) -> list[float]:
+    """Return the greatest bound of each other group."""
+    return [float(found.column(name).max()) for found in list(groups.values())[:-1]]
+
+
+def _planar(name: str) -> Callable[[Groups], Floats]:
+    """Return the bound of each planar cell, in which every vertical start is counted."""
+
+    def bounds(groups: Groups) -> Floats:
+        return main(groups).column(name)
+
+    return bounds
+
+
+def _per_axis(name: str) -> Callable[[Groups], Floats]:
+    """Return the bound of each planar cell, or of the vertical one where that is greater."""
+
+    def bounds(groups: Groups) -> Floats:
+        above = max(_others(groups, name), default=0.0)
+        return np.asarray(np.maximum(main(groups).column(name), above))
+
+    return bounds
+
+
+def _sum(name: str) -> Callable[[Groups], Floats]:
+    def bounds(groups: Groups) -> Floats:
+        return np.asarray(main(groups).column(name) + sum(_others(groups, name)))
+
+    return bounds
+
+
+BOUNDS: dict[str, Callable[[Groups], Floats]] = {
+    HOLD: _per_axis('hold_error_m'),
+    'hold_speed_per_axis_m_s': _per_axis('hold_speed_m_s'),
+    'mean_error_norm_m': _planar('mean_error_m'),
+    'mean_speed_norm_m_s': _planar('mean_speed_m_s'),
+    'slew_per_axis_n_s': _per_axis('slew_n_s'),
+    'energy_n2s': _sum('energy_high_n2s'),
+}
+"""Requirement -> bound (k,) for the planar cells, whatever the vertical start."""
+
+
+def of_planar(groups: Groups, key: str) -> Floats:
+    """Return the bound (k,) of each planar cell, where nothing moves on z."""
+    still = {
+        k: replace(found, values=np.zeros_like(found.values[:1])) for k, found in groups.items()
+    }
+    return BOUNDS[key]({**still, list(groups)[-1]: main(groups)})
+
+
+def unknown(problem: Problem) -> list[str]:
+    """Return the requirements of the scenario that the proof says nothing about."""
+    return [key for key in problem.limits if key not in BOUNDS]
+
+
+def asked_of(problem: Problem) -> list[str]:
+    """Return the requirements that the proof is about; raises InputError if there are none."""
+    found = [key for key in problem.limits if key in BOUNDS]
+    if not found:
+        asked = ', '.join(problem.limits)
+        raise InputError(f'`claim` must be one of {", ".join(BOUNDS)}; got {asked}')
+    return found
+
+
+def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
+    """Return requirement -> value of a flight, of all that the proof is about."""
+    found = {verdict.key: verdict.value for verdict in verdicts.verdicts(flight)}
+    if HOLD not in found:
+        late = flight.errors[problem.hold_tick :, :3]
+        found[HOLD] = float(np.abs(late).max())
+    asked = problem.limits
+    return {key: value for key, value in found.items() if key in BOUNDS and key in asked}
+
+
+def claims_of(
+    problem: Problem,
+    groups: Groups,
+    rest: Rest | None,
+    flown: Mapping[str, tuple[float, tuple[float, ...]]],
+) -> list[Claim]:
+    """Return the claims; flown : requirement -> greatest value, and its start."""
+    assumed: dict[str, Any] = {HOLD: 0.0}
+    required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
+    found = []
+    for key in asked_of(problem):
+        limit = problem.limits[key]
+        statement = verdicts.statement(key, required, problem.scenario.duration_s)
+        if key == HOLD:
+            hold_s = problem.hold_tick * problem.scenario.dt_s
+            ever = ', for ever' if rest_follows(problem, groups, rest) else ''
+            statement = f'position error per axis, from {hold_s:g} s on{ever}'
+        value, start = flown.get(key, (0.0, ()))
+        unit = metrics.UNITS[key]
+        bound = bound_of(problem, groups, rest, key)
+        found.append(
+            Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
+        )
+    return found
+
+
+def bound_of(problem: Problem, groups: Groups, rest: Rest | None, key: str) -> float:
+    """Return what no start exceeds; what is held for ever, in the set of rest too."""
+    found = float(BOUNDS[key](groups).max())
+    if key == HOLD and rest is not None and rest_follows(problem, groups, rest):
+        return max(found, rest.radius_m)
+    return found
+
+
+def _open(groups: Groups, key: str, limit: float) -> int:
+    """Return the number of cells that exceed a limit: of the last group, and of those before it."""
+    earlier = [BOUNDS[key]({name: groups[name]}) for name in list(groups)[:-1]]
+    return sum(int((bounds > limit).sum()) for bounds in [of_planar(groups, key), *earlier])
+
+
+def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
+    """Whether every tube ends in a set of rest that is small enough to hold."""
+    if rest is None or rest.radius_m > problem.hold_error_m:
+        return False
+    return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
+
+
+@dataclass(frozen=True)
+class Range:
+    """What the tubes say of every flight beside the claims.
+
+    low, high : no flight is outside; infinite where a tube does not last
+    """
+
+    statement: str
+    unit: str
+    low: float
+    high: float
+
+
+def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
+    """Return what the tubes say of every flight: energy, its mean, force, speed, arrival.
+
+    The mean is over starts that are equally likely everywhere in the box; cells overlap by less
+    than is added here. Axes apart have no mean: their cells are not of starts.
+    """
+    low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
+    for every in groups.values():
+        found = every.flown
+        least, most = found.column('energy_low_n2s'), found.column('energy_high_n2s')
+        least = np.where(np.isfinite(least), least, 0.0)
+        low, high = low + float(least.min()), high + float(most.max())
+        sides = np.where(found.half > 0.0, found.half, 1.0)
+        share = np.ldexp(sides, -np.frexp(sides.max(axis=0))[1]).prod(axis=1)  # not rounded by this
+        share = share / math.fsum(share)
+        # Exact sums: those of NumPy differ in the last digit where the memory is another.
+        mean_low += math.fsum(share * least)
+        mean_high += math.fsum(share * most)
+
+    def greatest(name: str) -> float:
+        return max(float(found.column(name).max()) for found in groups.values())
+
+    mean = Range(
+        'energy, mean over the box', 'N^2 s', mean_low * (1.0 - ROOM), mean_high * (1.0 + ROOM)
+    )
+    return {
+        'energy_n2s': Range('energy of each flight', 'N^2 s', low, high),
+        **({} if problem.settings.axes_apart else {'mean_energy_n2s': mean}),
+        'force_n': Range('force per axis', 'N', 0.0, greatest('force_n')),
+        'speed_m_s': Range('speed per axis, on the way', 'm/s', 0.0, greatest('speed_m_s')),
+        'arrival_s': Range('within 0.5 m per axis from', 's', 0.0, greatest('arrival_s')),
+    }
+
+
+def summary_of(
+    claims: Sequence[Claim], rest: Rest | None, ranges: Mapping[str, Range], groups: Groups
+) -> dict[str, Any]:
+    """Return the summary of a proof, as it is written."""
+    return {
+        'rest': None if rest is None else {k: float(v) for k, v in rest._asdict().items()},
+        'cells': {group: len(found.values) for group, found in groups.items()},
+        'claims': {
+            claim.key: {
+                'statement': claim.statement,
+                'verdict': claim.verdict,
+                'unit': claim.unit,
+                'limit': float(claim.limit),
+                'bound': float(claim.bound),
+                'found': float(claim.found),
+                'start': [float(x) for x in claim.start],
+                'open_cells': claim.open_cells,
+            }
+            for claim in claims
+        },
+        'ranges': {key: vars(found) for key, found in ranges.items()},
+    }
+
+
+def nowhere(problem: Problem) -> Rest:
+    """Return an empty set of rest, for tubes that fly on to the end."""
+    return Rest(problem.hold_error_m, 0.06, 0.0)
+
+
+def worst(claims: Sequence[Claim]) -> str:
+    """Return the verdict over all claims: refuted before undecided before proven."""
+    found = {claim.verdict for claim in claims}
+    return next((v for v in (REFUTED, UNDECIDED) if v in found), PROVEN)

@@ -1,0 +1,148 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The checker's own arithmetic: rational numbers, in which nothing is rounded.
+
+The inference is written anew from the controller file, without the kernels or their tables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.fuzzy import MembershipFunctions
+from rpo_proof.laws import Law
+from rpo_proof.tables import Table
+
+Row = list[Fraction]
+Matrix = list[Row]
+
+UNIT = Fraction(1, 2**53)
+
+FLIGHT = 16 * UNIT
+"""Share of the sizes of its terms by which a tick of a flight may be rounded.
+
+A component is a sum of five products: 6 roundings, and 8 of the coefficients.
+"""
+
+
+def exact(values: Any) -> Any:
+    """Return numbers, rows or matrices of floats as rational numbers."""
+    if isinstance(values, (float, int)):
+        return Fraction(values)
+    return [exact(value) for value in values]
+
+
+def _triangle(x: Fraction, left: Fraction, centre: Fraction, right: Fraction) -> Fraction:
+    if x == centre:
+        return Fraction(1)
+    share = (x - left) / (centre - left) if x < centre else (right - x) / (right - centre)
+    return max(share, Fraction(0))
+
+
+def grades(x: Fraction, functions: MembershipFunctions) -> Row:
+    """Return the memberships in LN, SN, Z, SP, LP of an error in [-1, 1]."""
+    f = [exact(value) for value in vars(functions).values()][:5]
+    one, two = Fraction(1), Fraction(2)
+    words = {
+        'Z': _triangle(abs(x), -f[0], Fraction(0), f[0]),
+        'S': _triangle(abs(x), f[1], f[2], f[3]),
+        'L': _triangle(abs(x), f[4], one, two),
+    }
+    none = Fraction(0)
+    right = [words['S'], words['L']] if x >= 0 else [none, none]
+    left = [words['L'], words['S']] if x < 0 else [none, none]
+    return [*left, words['Z'], *right]
+
+
+def output(controller: FuzzyController, e: Fraction, w: Fraction, limit: Fraction) -> Fraction:
+    """Return the inference at two errors, saturated at `limit`."""
+    system, one = controller.system, Fraction(1)
+    position = grades(min(max(e, -one), one), system.position)
+    velocity = grades(min(max(w, -one), one), system.velocity)
+    strength = [Fraction(0)] * 5
+    for row, line in enumerate(system.rules.codes.tolist()):
+        for column, word in enumerate(line):
+            strength[word] = max(strength[word], min(velocity[row], position[column]))
+    half = (system.samples - 1) // 2
+    moment = area = Fraction(0)
+    for i in range(-half, half + 1):
+        y = exact(float(i / half))
+        clipped = map(min, grades(y, system.force), strength)
+        grade = max(clipped)
+        moment, area = moment + y * grade, area + grade
+    u = moment / area if area else Fraction(0)
+    return min(max(u, -limit), limit)
+
+
+class Strip:
+    """The strip in r, v of an axis that holds a zonotope, in rational numbers.
+
+    r, v : middle; half_r : half-width; tilt, half : |v' - v - tilt (r' - r)| <= half
+    """
+
+    def __init__(self, c: Row, g: Matrix, d: Row, axis: int) -> None:
+        p = len(c) // 2
+        rows = g[axis], g[p + axis]
+        squares = sum(float(x) ** 2 for x in rows[0])
+        products = sum(float(x) * float(y) for x, y in zip(*rows, strict=True))
+        self.tilt = Fraction(products / squares) if squares else Fraction(0)
+        self.r, self.v = c[axis], c[p + axis]
+        self.half_r = d[axis] + sum(map(abs, rows[0]))
+        self.half = d[p + axis] + abs(self.tilt) * d[axis]
+        self.half += sum(abs(y - self.tilt * x) for x, y in zip(*rows, strict=True))
+
+
+def law_holds(
+    controller: FuzzyController, table: Table, law: Law, strip: Strip, slack: Fraction
+) -> bool:
+    """Whether a law holds on a strip, by what the table says of its cells.
+
+    Either the bilinear pieces, with their bends, are within rho of the law at the corners of the
+    cells' parts; or the output in the middle of the strip, with the slopes of all its cells.
+    """
+    position, velocity, force = (exact(scale) for scale in controller.scales)
+    k_r, k_v, k_0, rho = (exact(number) for number in law)
+    a, b, c = -k_r * position / force, -k_v * velocity / force, k_0 / force
+    room = rho / force
+    e, w = -strip.r / position, -strip.v / velocity
+    half_e, half_w = strip.half_r / position, strip.half / velocity
+    tilt = strip.tilt * position / velocity
+    edges = [list(map(float, edge)) for edge in (table.e, table.w)]
+    most = Fraction(0)
+    slopes: list[tuple[Fraction, ...]] = []
+    for i in _cells(edges[0], e - half_e, e + half_e):
+        left, right = max(e - half_e, exact(edges[0][i])), min(e + half_e, exact(edges[0][i + 1]))
+        ends = [w + tilt * (x - e) for x in (left, right)]
+        for j in _cells(edges[1], min(ends) - half_w, max(ends) + half_w):
+            low = max(min(ends) - half_w, exact(edges[1][j]))
+            high = min(max(ends) + half_w, exact(edges[1][j + 1]))
+            bend = exact(float(table.bend[i, j]))
+            slopes.append(tuple(exact(float(s)) for s in table.slopes[i, j]))
+            for x in (left, right):
+                for y in (low, high):
+                    rest = _bilinear(table, i, j, x, y) - a * x - b * y - c
+                    most = max(most, abs(rest) + bend + slack)
+    if most <= room:
+        return True
+    middle = output(controller, e, w, exact(table.limit)) - a * e - b * w - c
+    steep = [
+        max(max(s[2 * k + 1] for s in slopes) - side, side - min(s[2 * k] for s in slopes))
+        for k, side in enumerate((a, b))
+    ]
+    spread = (steep[0] + abs(tilt) * steep[1]) * half_e + steep[1] * half_w
+    return abs(middle) + slack + spread <= room
+
+
+def _cells(edges: Sequence[float], low: Fraction, high: Fraction) -> list[int]:
+    return [i for i in range(len(edges) - 1) if edges[i] <= high and edges[i + 1] >= low]
+
+
+def _bilinear(table: Table, i: int, j: int, x: Fraction, y: Fraction) -> Fraction:
+    e0, e1, w0, w1 = (exact(float(edge)) for edge in (*table.e[i : i + 2], *table.w[j : j + 2]))
+    s, t = (x - e0) / (e1 - e0), (y - w0) / (w1 - w0)
+    (u00, u01), (u10, u11) = exact(table.u[i : i + 2, j : j + 2].tolist())
+    low, high = u00 + s * (u10 - u00), u01 + s * (u11 - u01)
+    return Fraction(low + t * (high - low))

@@ -1,0 +1,320 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a proof: what was proven, cell by cell.
+
+controller.yaml, scenario.yaml, proof.yaml
+    All that the proof follows from.
+versions.yaml
+    Versions of the libraries, digests of the three files and of the code.
+table.npz
+    The enclosure of the control surface, for whoever checks it elsewhere; it is never read as true.
+parts/GROUP_NNNN.npz
+    Finished units: cells, bounds, boxes at checkpoints. An interrupted proof goes on from them.
+planar.npz, vertical.npz (or x.npz, y.npz, z.npz), summary.yaml
+    At the end: all cells; the set of rest, and the claims. They have the same bytes on any number
+    of workers, interrupted or not.
+counterexample_CLAIM.yaml, flown_CLAIM.yaml
+    The worst flight of each claim: one that refutes it, or one that does not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+import rpo_core
+import rpo_judge.analysis
+import rpo_montecarlo.engine
+import rpo_proof
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, mapping, real, shown, text, within
+from rpo_montecarlo.cluster.pool import versions
+from rpo_montecarlo.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
+from rpo_proof import cells
+from rpo_proof.cells import VALUES, Found, Layout
+from rpo_proof.problem import Problem
+from rpo_proof.sets import Rest
+
+TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
+SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
+_TABLES = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
+
+
+class Folder:
+    """The folder of one proof.
+
+    texts : content of the files of `TEXTS`, as they were read or are to be written
+    """
+
+    def __init__(self, path: Path, problem: Problem, texts: Sequence[str]) -> None:
+        self.path, self.problem, self.texts = path, problem, texts
+        self.bound = digest_of(*problem.texts)
+
+    @classmethod
+    def create(cls, path: Path, problem: Problem) -> Folder:
+        """Make the folder; raises InputError if it holds something."""
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            if (path / TEXTS[2]).is_file():
+                raise InputError(f'{path}: holds a proof already: go on with --resume, or check it')
+            raise InputError(f'{path}: must be a new or empty folder; it holds other things')
+        found = cls(path, problem, problem.texts)
+        make_folder(path / _PARTS)
+        stamped = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
+        write_text(path / _VERSIONS, yaml.safe_dump(stamped))
+        for name, content in zip(TEXTS, problem.texts, strict=True):
+            write_text(path / name, content)  # proof.yaml last: with it, the folder is one
+        return found
+
+    @classmethod
+    def open(cls, path: Path) -> Folder:
+        """Return the proof of a folder, finished or not; raises InputError."""
+        if not (path / TEXTS[2]).is_file():
+            raise InputError(f'{path}: must be the folder of a proof; it holds no {TEXTS[2]}')
+        for entry in sorted(path.iterdir()):
+            if entry.is_symlink():
+                raise InputError(f'{entry}: must be in the folder itself; it is a symbolic link')
+        texts = [files.read_text(path / name) for name in TEXTS]
+        with within(str(path)):
+            found = cls(path, Problem.of_texts(texts), texts)
+        if found.stamped['files_sha256'] != found.bound:
+            raise InputError(f'{path}: {", ".join(TEXTS)} must be as they were when it was begun')
+        return found
+
+    @property
+    def stamped(self) -> dict[str, str]:
+        """Versions and digests of when the proof was begun."""
+        known = [*versions(), 'code_sha256', 'files_sha256']
+        found = files.load(self.path / _VERSIONS, lambda found: mapping('', found, known))
+        with within(str(self.path / _VERSIONS)):
+            return {name: text(name, found[name]) for name in known}
+
+    def refuse_other_code(self) -> None:
+        """Raise InputError if the proof was begun with other code, or other libraries."""
+        theirs = self.stamped
+        if {name: theirs[name] for name in versions()} != versions():
+            raise InputError(f'{self.path}: was begun with other libraries: {theirs}')
+        if theirs['code_sha256'] != code_digest():
+            raise InputError(f'{self.path}: was begun with other code: begin anew elsewhere')
+
+    @property
+    def finished(self) -> bool:
+        """Whether the proof has come to its end."""
+        return (self.path / SUMMARY).is_file()
+
+    def put_table(self) -> None:
+        """Write the enclosure of the surface."""
+        made = self.problem.table
+        self._write(self.path / _TABLE, {name: getattr(made, name) for name in _TABLES})
+
+    def table(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that are said to be the enclosure of the surface."""
+        return exactly(self.path / _TABLE, *_TABLES)
+
+    def done(self, group: str, unit: int) -> Found | None:
+        """Return a finished unit, None if there is none, or it is damaged."""
+        try:
+            return cells_of(self._part(group, unit), self.problem, group)
+        except InputError:
+            return None
+
+    def put(self, group: str, unit: int, found: Found) -> None:
+        """Keep a finished unit."""
+        self._write(self._part(group, unit), vars(found))
+
+    def cells(self, group: str) -> Found:
+        """Return all cells of a finished proof."""
+        return cells_of(self.path / f'{group}.npz', self.problem, group)
+
+    def put_flight(self, key: str, refutes: bool, flight: Scenario) -> None:
+        """Write the worst flight of a claim, the only one that there is then."""
+        counterexample, flown = self.flights(key)
+        keep, drop = (counterexample, flown) if refutes else (flown, counterexample)
+        write_text(keep, scenario.dumps(flight))
+        drop.unlink(missing_ok=True)
+
+    def flights(self, key: str) -> tuple[Path, Path]:
+        """Return where the worst flight of a claim is, if it refutes the claim, and if not."""
+        return self.path / f'counterexample_{key}.yaml', self.path / f'flown_{key}.yaml'
+
+    def finish(self, groups: Mapping[str, Found], summary: Mapping[str, Any]) -> None:
+        """Write all cells and the summary; remove the parts."""
+        for group, found in groups.items():
+            self._write(self.path / f'{group}.npz', vars(found))
+        write_text(self.path / SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
+        for part in sorted((self.path / _PARTS).glob('*.npz')):
+            part.unlink()
+
+    def summary(self) -> dict[str, Any]:
+        """Return the summary of a finished proof; raises InputError if there is none."""
+        if not self.finished:
+            raise InputError(f'{self.path}: is not finished: go on with --resume')
+        return files.load(self.path / SUMMARY, summary_of)
+
+    def others(self) -> list[str]:
+        """Return names in the folder that nothing of the proof is read from."""
+        known = {*TEXTS, SUMMARY, _VERSIONS, _TABLE, _PARTS, 'report'}
+        known |= {f'{group}.npz' for group in self.problem.groups}
+        for key in self.problem.limits:
+            first = next((path for path in self.flights(key) if path.is_file()), None)
+            known |= {first.name} if first else set()
+        return sorted({entry.name for entry in self.path.iterdir()} - known)
+
+    def _part(self, group: str, unit: int) -> Path:
+        return self.path / _PARTS / f'{group}_{unit:04d}.npz'
+
+    def _write(self, path: Path, arrays: Mapping[str, Any]) -> None:
+        write_arrays(path, arrays)
+
+
+def joined(parts: Iterable[Found]) -> Found:
+    """Return the cells of all units."""
+    found = list(parts)
+    joint = {
+        name: np.concatenate([getattr(p, name) for p in found])
+        for name in ('centre', 'half', 'values', 'boxes', 'tail')
+    }
+    return Found(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
+
+
+def code_digest() -> str:
+    """Return a digest of the sources that a proof depends on."""
+    found = hashlib.sha256()
+    packages = rpo_core, rpo_judge.analysis, rpo_montecarlo.engine, rpo_proof
+    for package in packages:
+        base = Path(str(package.__file__)).parent
+        for path in sorted(base.rglob('*.py')):
+            name = f'{package.__name__} {path.relative_to(base)} '
+            found.update(name.encode() + path.read_bytes())
+    return found.hexdigest()
+
+
+def _archive(arrays: Mapping[str, Any]) -> bytes:
+    """Return an .npz of arrays, without times of files: the same bytes each time."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, 'w', zipfile.ZIP_DEFLATED) as archived:
+        for name, values in arrays.items():
+            entry = zipfile.ZipInfo(f'{name}.npy')
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with archived.open(entry, 'w') as member:
+                np.lib.format.write_array(member, np.asarray(values), allow_pickle=False)
+    return content.getvalue()
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write arrays: the same bytes each time."""
+    content = _archive(arrays)
+    write_aside(path, lambda file: file.write(content))
+
+
+Floats = NDArray[np.float64]
+
+FIELDS = tuple(Found.__dataclass_fields__)
+
+CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')
+"""Fields of a claim of a summary."""
+
+FARTHEST = 1e7
+"""Middle and half-width of a cell, at most; those of a box are a tenth of it."""
+
+_WHOLE = VALUES.index('depth')
+
+
+def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file that holds these, each once, and no other.
+
+    Raises
+    ------
+    InputError
+        If it is missing, a link or damaged, or holds other arrays.
+    """
+    found = read_arrays(path)
+    if sorted(found) != sorted(names):
+        raise InputError(f'{path}: must hold the arrays {", ".join(names)}; got {", ".join(found)}')
+    return found
+
+
+def cells_of(path: Path, problem: Problem, group: str) -> Found:
+    """Return the cells of a group that a file holds; raises InputError."""
+    arrays = exactly(path, *FIELDS)
+    layout = Layout.of(problem, group)
+    with within(str(path)):
+        _check_shapes(arrays, layout)
+        found = Found(**arrays)
+        _check_ranges(found)
+    return found
+
+
+def _check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Layout) -> None:
+    """Refuse arrays of other shapes, of other types, or without a row."""
+    rows, units = (arrays[name].shape[:1] for name in ('values', 'tail'))
+    shapes = {
+        'centre': (*rows, layout.sides),
+        'half': (*rows, layout.sides),
+        'values': (*rows, len(VALUES)),
+        'boxes': (*rows, layout.checkpoints, 2, layout.states),
+        'tail': (*units, 2, layout.tail),
+        'reach': (2, layout.reach, layout.states),
+    }
+    for name, shape in shapes.items():
+        found = arrays[name]
+        if found.shape != shape or found.dtype != np.float64 or not shape[0]:
+            raise InputError(
+                f'`{name}` must be float64 of shape {shape}, with a row at least; '
+                f'got {found.dtype} of {found.shape}'
+            )
+
+
+def _check_ranges(found: Found) -> None:
+    """Refuse numbers that are not what they stand for; written so that NaN is refused too."""
+    values, depth, last_s = found.values, found.values[:, _WHOLE], found.column('last_s')
+    low, high = found.boxes[:, :, 0], found.boxes[:, :, 1]
+    unknown = np.isnan(low) & np.isnan(high)
+    checks = {
+        f'`centre` must be within {FARTHEST:g}': np.abs(found.centre) <= FARTHEST,
+        f'`half` must be from 0 to {FARTHEST:g}': (found.half >= 0.0) & (found.half <= FARTHEST),
+        '`depth` must be whole': np.isfinite(depth) & (depth == np.floor(depth)),
+        '`last_s` must be finite': np.isfinite(last_s),
+        '`last_s` must be >= 0 somewhere': np.array([(last_s >= 0.0).any()]),
+        '`values` must be >= 0': np.delete(values, VALUES.index('last_s'), axis=1) >= 0.0,
+        '`boxes` must be from low to high, or not known': (low <= high) | unknown,
+        '`tail` must be >= 0': found.tail >= 0.0,
+        '`reach` must be from low to high': found.reach[0] <= found.reach[1],
+    }
+    for sentence, holds in checks.items():
+        if not holds.all():
+            raise InputError(f'{sentence}; row {int(np.argwhere(~holds)[0][0])} is not')
+
+
+def summary_of(document: Any) -> dict[str, Any]:
+    """Return a summary whose set of rest and flights have numbers that can be used.
+
+    What else it says is compared with what follows from the cells. Raises InputError.
+    """
+    found = dict(mapping('', document, ('rest', 'cells', 'claims', 'ranges')))
+    if found['rest'] is not None:
+        numbers = mapping('rest', found['rest'], Rest._fields)
+        found['rest'] = {
+            name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3) for name in Rest._fields
+        }
+    if not isinstance(found['claims'], Mapping):
+        raise InputError(f'`claims` must be a mapping; got {shown(found["claims"])}')
+    for key, claim in found['claims'].items():
+        mapping(f'claims.{key}', claim, CLAIM)
+        real(f'claims.{key}.found', claim['found'])
+        start = claim['start']
+        if not isinstance(start, list) or len(start) not in (0, 6):
+            raise InputError(f'`claims.{key}.start` must be 6 numbers, or none; got {shown(start)}')
+        for number in start:
+            real(f'claims.{key}.start', number)
+    return found

@@ -1,0 +1,273 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a controller: how it flies, how it decides, what is proven of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from rpo_core import files
+from rpo_core.chain.flight import fly
+from rpo_core.control.controller import AnyController, FuzzyController, load_controller
+from rpo_core.control.explain import SPOKEN
+from rpo_core.control.family import Family
+from rpo_core.control.fuzzy import WORDS
+from rpo_core.files.scenario import Scenario, ScenarioSet, load, load_scenario
+from rpo_core.judge.metrics import ENERGY
+from rpo_core.judge.verdicts import missed
+from rpo_judge.analysis.certificate import PROVEN, Certificate, Claim, certify
+from rpo_judge.analysis.rule_base import FORCES, WELL, force_rows, warnings
+from rpo_judge.evaluation.assessment import PAPER, Assessment, assess
+from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of, trained_for
+from rpo_judge.evaluation.targets import QUESTIONS
+from rpo_log.show import report as flight_report
+from rpo_log.show import style
+from rpo_montecarlo.engine.flights import flights_of
+from rpo_report import controller_plots
+from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.surface_plots import axis_forces
+
+SCENARIOS = ('paper_test', 'paper_test_phase', 'approach')
+"""What a report of a controller without rules flies."""
+
+
+def report_of(name: str, scenario: str = '') -> Report:
+    """Return the report of a shipped controller or a file; raises InputError.
+
+    scenario : what it is judged by; if not given, what it was trained for, else the paper's targets
+    """
+    controller, path = load_controller(name), files.find('controller', name)
+    of = scenario or trained_for(controller)
+    if of and (scenario or of != PAPER):
+        made = _judged(controller, load(of))
+    elif isinstance(controller, FuzzyController):
+        made = _fuzzy(controller)
+    else:
+        made = _without_rules(controller)
+    last = Section('Provenance', tuple(_provenance(controller, path.name, files.read_text(path))))
+    return replace(made, sections=(*made.sections, last))
+
+
+def _judged(controller: AnyController, found: Scenario | ScenarioSet) -> Report:
+    """Return the report of a controller by what a scenario or set requires."""
+    judgements = judge(controller, found, lambda *_: None).judgements
+    flight = next(flights_of(controller, found))
+    table = Table(f'Requirements of {found.name}', HEADINGS, tuple(rows_of(judgements)))
+    kept = sum(not j.missed for j in judgements)
+    with style.applied():
+        histories = Picture(
+            'time_histories',
+            flight_report.time_histories(flight),
+            f'{flight.scenario.name}: relative position, velocity and control force in LVLH.',
+            f'Time histories of {flight.scenario.name}.',
+        )
+        if isinstance(controller, FuzzyController):
+            certificate = certify(controller.system)
+            inside: tuple[Section, ...] = _inside(controller, certificate)
+        else:
+            inside = _inside_baseline(controller)
+    flights = judgements[0].flights
+    return Report(
+        f'Controller {controller.name}',
+        f'{controller.description} {kept} of {len(judgements)} requirements of {found.name} held '
+        f'in {"its flight" if flights == 1 else f"all {flights} flights"}.'.strip(),
+        (Section('How it flies', (table, histories)), *inside),
+        missed=kept < len(judgements),
+    )
+
+
+def _inside(controller: FuzzyController, certificate: Certificate) -> tuple[Section, ...]:
+    """Return how a fuzzy controller decides, and what is proven of it."""
+    return (
+        Section('Membership functions', (_functions(controller),)),
+        Section('Rules', tuple(_rules(controller))),
+        Section('Control surface', (_surface(controller),)),
+        Section('Certificate', tuple(_certificate(controller, certificate))),
+    )
+
+
+def _inside_baseline(controller: AnyController) -> tuple[Section, ...]:
+    """Return the force of a controller without the paper's rules; a family's rules and claims."""
+    force = Section('Force', (_surfaces(controller),))
+    if not isinstance(controller, Family):
+        return (force,)
+    rules = tuple(Table(t.title, t.headings, tuple(t.rows)) for t in controller.tables())
+    claims = tuple(
+        (claim.name, 'proven' if claim.holds else 'not proven', claim.statement)
+        for claim in controller.claims()
+    )
+    certificate = Table('Claims', ('claim', 'verdict', 'statement'), claims)
+    return Section('Rules', rules), force, Section('Certificate', (certificate,))
+
+
+def _surfaces(controller: AnyController) -> Picture:
+    return Picture(
+        'surface',
+        axis_forces(controller),
+        'The force of an axis over its position and velocity at t = 0, the other two axes at '
+        'rest at the target. Later, a controller that plans may command another force.',
+        'Force over position and velocity of each axis.',
+    )
+
+
+def _fuzzy(controller: FuzzyController) -> Report:
+    found, certificate = assess(controller), certify(controller.system)
+    with style.applied():
+        sections = (
+            Section('How it flies', tuple(_flights(found))),
+            *_inside(controller, certificate),
+        )
+    return Report(
+        f'Controller {controller.name}',
+        f'{controller.description} {_sentence(found.verdict())}. Mean J of {len(found.starts)} '
+        f'starts {found.mean_energy_n2s:.4g} N²s. {_certified(controller, certificate)}',
+        sections,
+        missed=not all(target.holds for target in found.targets()),
+    )
+
+
+def _sentence(text: str) -> str:
+    return text.replace('N^2 s', 'N²s')
+
+
+def _certified(controller: FuzzyController, certificate: Certificate) -> str:
+    """Return whether the certificate holds; of each claim that fails, where."""
+    if certificate.holds:
+        return 'The certificate of its surface holds.'
+    fails = (
+        f'{claim.name} is {claim.verdict}, {_places(controller, claim)}'
+        for claim in certificate.claims
+        if claim.verdict != PROVEN
+    )
+    return f'The certificate of its surface fails: {"; ".join(fails)}.'
+
+
+def _places(controller: FuzzyController, claim: Claim) -> str:
+    """Return the points of a claim in units: errors, and the force that the kernel gives."""
+    position, velocity, force = controller.scales
+    return '; '.join(
+        f'at errors of {p.position_error * position:.4g} m and {p.velocity_error * velocity:.4g} '
+        f'm/s the force is {p.output * force:.4g} N'
+        for p in claim.points
+    )
+
+
+def _without_rules(controller: AnyController) -> Report:
+    flights = {name: fly(load_scenario(name), controller) for name in SCENARIOS}
+    rows: list[tuple[str, ...]] = []
+    for name, flight in flights.items():
+        for section, lines in flight_report.rows(flight).items():
+            rows += [(f'{name}: {section}',), *lines]
+    with style.applied():
+        histories = Picture(
+            'time_histories',
+            flight_report.time_histories(flights[SCENARIOS[0]]),
+            f'{SCENARIOS[0]}: relative position, velocity and control force in LVLH.',
+            f'Time histories of {SCENARIOS[0]}; the table above has its metrics.',
+        )
+        inside = _inside_baseline(controller)
+    return Report(
+        f'Controller {controller.name}',
+        controller.description,
+        (
+            Section(
+                'How it flies', (Table('Flights', flight_report.COLUMNS, tuple(rows)), histories)
+            ),
+            *inside,
+        ),
+        missed=any(map(missed, flights.values())),
+    )
+
+
+def _flights(found: Assessment) -> list[Block]:
+    least = float(found.least.mean())
+    rows = tuple(
+        (
+            target.name,
+            target.what,
+            '' if target.limit is None else _sentence(f'≤ {target.limit:.4g} {target.unit}'),
+            _sentence(f'{target.reached:.4g} {target.unit}'),
+            target.word,
+        )
+        for target in found.targets()
+    )
+    worst = found.metrics[:, ENERGY].max()
+    return [
+        Table('Targets', ('target', 'what', 'limit', 'reached', 'verdict'), rows),
+        Text(QUESTIONS),
+        Picture(
+            'starts',
+            controller_plots.starts(found),
+            f'The {len(found.starts)} training starts. Left, energy used beside the least that '
+            'brings the chaser to rest in 200 s, without limits and conditions; right, how many '
+            'starts stay below a share of the limit of each condition.',
+            f'Mean J {found.mean_energy_n2s:.3g} N²s, {found.mean_energy_n2s / least:.2f} times '
+            f'the least without conditions; at most {worst:.3g} N²s.',
+        ),
+    ]
+
+
+def _functions(controller: FuzzyController) -> Picture:
+    position, velocity, force = controller.scales
+    return Picture(
+        'membership_functions',
+        controller_plots.membership_functions(controller),
+        'Membership functions: '
+        + ', '.join(f'{word} {SPOKEN[word]}' for word in WORDS)
+        + '. Errors beyond the edge count as the edge.',
+        f'Five triangles for each variable; position to {position:g} m, velocity to '
+        f'{velocity:g} m/s, force to {force:g} N.',
+    )
+
+
+def _rules(controller: FuzzyController) -> list[Block]:
+    headings, rows = force_rows(controller.system)
+    return [
+        Picture(
+            'rules',
+            controller_plots.rules(controller),
+            'The rule table: the word of the force for each pair of words.',
+            'The rule table; the table below has the same words.',
+        ),
+        Table(FORCES, headings, tuple(rows)),
+        *map(Text, warnings(controller.system) or (WELL,)),
+    ]
+
+
+def _surface(controller: FuzzyController) -> Picture:
+    return Picture(
+        'surface',
+        controller_plots.control_surface(controller),
+        'The force over position and velocity error (target at rest minus chaser), and sections '
+        'through it at five velocity errors.',
+        'Force over both errors: positive where they are, through zero at the target.',
+    )
+
+
+def _certificate(controller: FuzzyController, found: Certificate) -> list[Block]:
+    rows = tuple(
+        (claim.name, claim.verdict, claim.statement, _places(controller, claim))
+        for claim in found.claims
+    )
+    return [
+        Text(
+            'Proven over the whole input square, not on a grid; errors and outputs of a statement '
+            f'are shares of their scales. {found.boxes} boxes; the kernel that flies is within '
+            f'{found.rounding:.1e} of the exact surface. The points are those that refute a claim, '
+            'or the worst that were found.'
+        ),
+        Table('Claims', ('claim', 'verdict', 'statement', 'where'), rows),
+    ]
+
+
+def _provenance(controller: AnyController, name: str, text: str) -> list[Block]:
+    rows = tuple(
+        (str(key), f'{value:.6g}' if isinstance(value, float) else str(value))
+        for key, value in controller.provenance.items()
+        if not isinstance(value, Mapping)
+    )
+    return [
+        *([Table('How it came to be', ('what', 'value'), rows)] if rows else []),
+        File(name, text),
+    ]

@@ -1,0 +1,107 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The flight that a log shows, also where the log ends early: aborts are what people look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.flight import Flight
+from rpo_core.chain.stage import Stage
+from rpo_core.files.scenario import Scenario
+from rpo_core.wire import interfaces
+from rpo_log.read.run_log import RunLog, flight_of, other_signals, scenario_of
+from rpo_log.verify.recomputation import StageStates
+
+Floats = NDArray[np.float64]
+AnyStage = TypeVar('AnyStage', bound=Stage)
+
+LEAST_TICKS = 10
+"""A log that shows less from the start is not drawn."""
+
+
+@dataclass(frozen=True)
+class LoggedFlight:
+    """A flight beside its plan.
+
+    flight : as far as the log shows it without a gap; its scenario ends there
+    planned : the scenario as it should have been flown
+    gaps : why the log does not show a whole flight; empty if it does
+    """
+
+    flight: Flight
+    planned: Scenario
+    gaps: tuple[str, ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether the flight went to its end and the log shows it."""
+        return not self.gaps
+
+
+def logged_flight(log: RunLog) -> LoggedFlight:
+    """Return what a log shows; LogError if that is less than `LEAST_TICKS` from the start."""
+    planned = scenario_of(log)
+    ticks = _shown_ticks(log)
+    if log.complete or ticks < LEAST_TICKS:
+        return LoggedFlight(flight_of(log), planned, ())
+    shown = slice(0, ticks + 1)
+    disturbances = log.disturbances_n
+    flight = Flight(
+        replace(planned, duration_s=planned.time_s(ticks)),
+        log.states[shown],
+        log.forces_n[shown],
+        np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
+        {name: values[shown] for name, values in other_signals(log).items()},
+    )
+    return LoggedFlight(flight, planned, log.gaps)
+
+
+def _shown_ticks(log: RunLog) -> int:
+    """Return the last tick up to which every state and force is there."""
+    columns = [log.states, log.forces_n]
+    if log.disturbances_n is not None:
+        columns.append(log.disturbances_n)
+    present = np.isfinite(np.hstack(columns)).all(axis=1)
+    present &= log.ticks == np.arange(len(log.ticks))
+    return int(np.argmin(present) if not present.all() else len(present)) - 1
+
+
+def steps_again(
+    log: RunLog, flight: Flight, kind: type[AnyStage]
+) -> Iterator[tuple[int, AnyStage, list[tuple[float, ...]]]]:
+    """Yield (tick, stage, outputs) of the stage of a kind, run again on its logged inputs.
+
+    It gets the commands that it got in flight. Nothing is yielded where the scenario has no such
+    stage, or an input of a tick is missing.
+    """
+    links = [link for link in Chain.of(flight.scenario).links if isinstance(link.stage, kind)]
+    if not links:
+        return
+    stage, ticks = cast(AnyStage, links[0].stage), len(flight.states)
+    read = [_logged(log, name)[:ticks] for name in links[0].reads]
+    if not all(np.isfinite(values).all() for values in read):
+        return
+    states = StageStates()
+    states.take(log.events)
+    stage.reset()
+    states.tell(stage)
+    for tick in range(ticks):
+        inputs = [tuple(values[tick].tolist()) for values in read]
+        yield tick, stage, list(stage.step(tick, *inputs))
+
+
+def _logged(log: RunLog, read: str) -> Floats:
+    """Return a signal that a stage reads, (n, width); one of the tick before begins with zero."""
+    name = interfaces.current(read)
+    nothing = np.full((len(log.ticks), 1), np.nan)
+    if name == read:
+        return log.values.get(name, nothing)
+    sent = log.values.get(interfaces.APPLIED_FORCE, log.values.get(name, nothing))
+    return np.vstack([np.zeros((1, sent.shape[1])), sent])

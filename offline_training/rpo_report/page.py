@@ -1,0 +1,170 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A report as PNGs and one HTML page.
+
+The page has no script and loads nothing, which its content security policy enforces. Pictures are
+inline SVG whose colours are CSS variables: they follow the reader's light or dark theme, and print.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from rpo_log.show import style
+from rpo_montecarlo.outputs import writing
+from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
+
+PAGE = 'report.html'
+
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_VERDICTS = {
+    'holds': 'good',
+    'held': 'good',
+    'proven': 'good',
+    'MISSED': 'bad',
+    'refuted': 'bad',
+    'undecided': 'bad',
+}
+_NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
+
+
+def write(report: Report, folder: Path) -> list[Path]:
+    """Write the pictures as PNGs and the page; return their paths, the page last."""
+    paths = [folder / f'{picture.name}.png' for picture in report.pictures]
+    with writing(folder), style.applied():
+        folder.mkdir(parents=True, exist_ok=True)
+        for picture, path in zip(report.pictures, paths, strict=True):
+            _save(picture, path)
+        (folder / PAGE).write_text(html(report), encoding='utf-8')
+    return [*paths, folder / PAGE]
+
+
+def _save(picture: Picture, target: Any, **options: Any) -> None:
+    """Draw a picture; its layout is found the first time, and stays."""
+    picture.figure.savefig(target, **options)
+    picture.figure.set_layout_engine('none')
+
+
+def html(report: Report) -> str:
+    """Return the page."""
+    title = escape(report.title)
+    links = ''.join(
+        f'<li><a href="#{_anchor(s)}">{escape(s.title)}</a></li>' for s in report.sections
+    )
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>
+{_colours()}
+{files('rpo_report').joinpath('page.css').read_text('utf-8')}</style>
+</head>
+<body>
+<header><h1>{title}</h1><p>{escape(report.summary)}</p></header>
+<nav aria-label="Sections"><ul>{links}</ul></nav>
+<main>
+{''.join(map(_section, report.sections))}</main>
+</body>
+</html>
+"""
+
+
+def _colours() -> str:
+    def variables(index: int) -> str:
+        return ''.join(f'--{name}:{pair[index]};' for name, pair in style.COLOURS.items())
+
+    return (
+        f':root{{{variables(0)}}}\n'
+        f'@media screen and (prefers-color-scheme: dark){{:root{{{variables(1)}}}}}'
+    )
+
+
+def _anchor(section: Section) -> str:
+    return re.sub(r'[^a-z0-9]+', '-', section.title.lower()).strip('-')
+
+
+def _section(section: Section) -> str:
+    anchor, title = _anchor(section), escape(section.title)
+    blocks = ''.join(map(_block, section.blocks))
+    return f'<section id="{anchor}">\n<h2>{title}</h2>\n{blocks}</section>\n'
+
+
+def _block(block: Block) -> str:
+    match block:
+        case Text(text):
+            return f'<p>{escape(text)}</p>\n'
+        case File(name, text):
+            return (
+                f'<details open><summary>{escape(name)}</summary>'
+                f'<pre><code>{escape(text)}</code></pre></details>\n'
+            )
+        case Picture():
+            return (
+                f'<figure><div class="drawing">{svg(block)}</div>'
+                f'<figcaption>{escape(block.caption)}</figcaption></figure>\n'
+            )
+        case Table():
+            heads = ''.join(f'<th scope="col">{escape(column)}</th>' for column in block.columns)
+            return (
+                f'<div class="table"><table><caption>{escape(block.caption)}</caption>'
+                f'<thead><tr>{heads}</tr></thead><tbody>{"".join(_rows(block))}</tbody></table>'
+                '</div>\n'
+            )
+
+
+def _rows(table: Table) -> Iterator[str]:
+    for row in table.rows:
+        if len(row) == 1:
+            head = f'<th class="group" scope="rowgroup" colspan="{len(table.columns)}">'
+            yield f'<tr>{head}{escape(row[0])}</th></tr>\n'
+            continue
+        head, *cells = row
+        yield f'<tr><th scope="row">{escape(head)}</th>{"".join(map(_cell, cells))}</tr>\n'
+
+
+def _cell(text: str) -> str:
+    kind = _VERDICTS.get(text) or ('number' if _NUMBER.match(text) else '')
+    return f'<td class="{kind}">{escape(text)}</td>' if kind else f'<td>{escape(text)}</td>'
+
+
+def svg(picture: Picture) -> str:
+    """Return a picture as inline SVG: colours by name, identifiers its own, no foreign address."""
+    buffer = io.StringIO()
+    with style.applied():
+        _save(picture, buffer, format='svg', transparent=True, metadata={'Date': None})
+    text = buffer.getvalue()
+    text = text[text.index('<svg') :]
+    text = re.sub(r'<metadata>.*?</metadata>', '', text, flags=re.DOTALL)
+    text = re.sub('#[0-9a-f]{6}', _named, text)
+    numbers: dict[str, int] = {}
+    text = re.sub(
+        r'( id="|xlink:href="#|url\(#)([^")]+)',
+        lambda m: f'{m[1]}{picture.name}-{numbers.setdefault(m[2], len(numbers))}',
+        text,
+    )
+    text = re.sub(r'\s*\n\s*', '\n', text)
+    text = re.sub(r' d="[^"]*"', lambda d: re.sub(r'(\.\d\d)\d+', r'\1', d.group()), text)
+    box = re.search(r'viewBox="[^"]+"', text)
+    body = text[text.index('>') + 1 :]
+    return (
+        f'<svg xmlns:xlink="http://www.w3.org/1999/xlink" {box.group() if box else ""} '
+        f'role="img" aria-label="{escape(picture.alt)}">{body}'
+    )
+
+
+def _named(match: re.Match[str]) -> str:
+    colour = match.group()
+    if colour not in style.NAMES:
+        raise ValueError(f'{colour} is no colour of rpo_log.show.style')
+    return f'var(--{style.NAMES[colour]})'

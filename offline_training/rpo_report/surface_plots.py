@@ -1,0 +1,86 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The control surface: the force over the two inputs, in units."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_judge.analysis import surface
+from rpo_log.show import style
+
+Floats = NDArray[np.float64]
+
+_POINTS = 141
+_COARSE = 61
+_REACH_M, _REACH_M_S = 100.0, 1.0
+
+
+def draw_force(
+    axes: Any, controller: FuzzyController, spans: tuple[float, float], sign: float = -1.0
+) -> Any:
+    """Draw the force [N] over +- spans of position [m] and velocity [m/s]; return the contours.
+
+    sign : -1 over position and velocity, +1 over their errors
+    """
+    position_scale, velocity_scale, force_scale = controller.scales
+    r, v = (np.linspace(-span, span, _POINTS) for span in spans)
+    e, w = np.meshgrid(
+        np.clip(sign * r / position_scale, -1.0, 1.0), np.clip(sign * v / velocity_scale, -1.0, 1.0)
+    )
+    force = force_scale * surface.values(controller.system, e.ravel(), w.ravel()).reshape(e.shape)
+    return _contours(axes, (r, v), force, _peak_n(controller))
+
+
+def _contours(axes: Any, grid: tuple[Floats, Floats], force: Floats, peak: float) -> Any:
+    from matplotlib.colors import ListedColormap
+
+    levels = np.linspace(-peak, peak, style.SHADES + 1)
+    inside = np.clip(force, -peak, peak)  # the peak is that of a coarser grid; beyond it: holes
+    image = axes.contourf(*grid, inside, levels, cmap=ListedColormap(style.SCALE), extend='neither')
+    image.set_edgecolor('face')  # closes the hairlines between neighbouring shades
+    image.set_linewidth(0.4)
+    axes.grid(False)
+    return image
+
+
+def axis_forces(controller: AnyController) -> Any:
+    """Return each axis's force over its position and velocity, the others at rest, at t = 0."""
+    r, v = (np.linspace(-span, span, _COARSE) for span in (_REACH_M, _REACH_M_S))
+    forces = np.empty((3, _COARSE, _COARSE))
+    stage = controller.stage(getattr(controller, 'clock_s', None) or 1.0)
+    for axis, row, column in itertools.product(range(3), range(_COARSE), range(_COARSE)):
+        position, velocity = np.zeros(3), np.zeros(3)
+        position[axis], velocity[axis] = r[column], v[row]
+        (force,) = stage.step(0, (*position.tolist(), *velocity.tolist()))
+        forces[axis, row, column] = force[axis]
+    figure, panels = style.new_panels(3.9, 1, 3, sharey=True)
+    peak = float(np.abs(forces).max()) or 1.0
+    for axes, name, values in zip(panels, style.AXIS_NAMES, forces, strict=True):
+        image = _contours(axes, (r, v), values, peak)
+        axes.set(title=name, xlabel='position [m]', xticks=(-_REACH_M / 2, 0.0, _REACH_M / 2))
+    panels[0].set_ylabel('velocity [m/s]')
+    force_bar(figure, image, panels)
+    return figure
+
+
+def _peak_n(controller: FuzzyController) -> float:
+    """Return the largest |force| of the surface on a coarse grid that has its corners."""
+    e, v = np.meshgrid(np.linspace(-1.0, 1.0, 41), np.linspace(-1.0, 1.0, 41))
+    return controller.force_scale_n * float(
+        np.abs(surface.values(controller.system, e.ravel(), v.ravel())).max()
+    )
+
+
+def force_bar(figure: Any, image: Any, axes: Any) -> None:
+    """Draw the scale of forces beside some axes."""
+    from matplotlib.ticker import MaxNLocator
+
+    bar = figure.colorbar(image, ax=axes, label='force [N]', ticks=MaxNLocator(7, symmetric=True))
+    bar.ax.grid(False)
+    bar.outline.set_edgecolor(style.LIGHT['muted'])

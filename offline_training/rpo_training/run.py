@@ -1,0 +1,277 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A search in its folder: created, run, saved after each generation, resumed.
+
+The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
+controller `<name>.yaml`. The subclasses, `search.training` and `baselines.tuning`, define what is
+searched, and how a chromosome becomes a controller.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.control import controller as controllers
+from rpo_core.control.baselines import Baseline
+from rpo_core.control.controller import FuzzyController
+from rpo_core.control.family import Family
+from rpo_core.files.validation import InputError
+from rpo_judge.scoring.fitness import Fitness, Scores
+from rpo_montecarlo import processor
+from rpo_montecarlo.display import Display
+from rpo_montecarlo.outputs import alone, make_folder, write_text
+from rpo_training.algorithms import Search, Stage
+from rpo_training.checkpoint import Checkpoint, digest
+from rpo_training.fitting import training_set
+
+Floats = NDArray[np.float64]
+
+CHECKPOINT = 'checkpoint.npz'
+
+Config = TypeVar('Config')
+Found = TypeVar('Found', FuzzyController, Baseline, Family)
+Self = TypeVar('Self', bound='SearchRun[Any, Any]')
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The state of a run after a generation.
+
+    mean, spread : mean and standard deviation of the generation's fitness [N^2 s]
+    failures : condition -> starts that miss it, for the best so far
+    evaluated : controllers that this process has simulated; seconds : since its
+    first generation, which may have waited for the compiler, and is not counted
+    """
+
+    phase: str
+    generation: int
+    left: int
+    evaluations: int
+    best: float
+    energy: float
+    failures: dict[str, int]
+    arrival_s: float
+    mean: float
+    spread: float
+    evaluated: int
+    seconds: float
+
+
+class SearchRun(Generic[Config, Found]):
+    """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
+
+    config_file : name of the configuration in the folder
+    kind, command : the name of the run in messages, and the command that resumes it
+    workers : threads, or processes of a local cluster; 0, one per core
+    address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
+    """
+
+    config_file: ClassVar[str]
+    kind: ClassVar[str]
+    command: ClassVar[str]
+
+    def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
+        self.config, self.folder = config, folder
+        self.starts = training_set(self.scenario)
+        self.search = self.make_search()
+        self.fitness = self.make_fitness(workers, address)
+        self.checkpoint = Checkpoint(self.dumps(), self.inputs())
+        self.best = np.full(3, np.inf)
+        self.best_genes: Floats = np.empty(0)
+        self.stages: list[int] = []
+        self._evaluated = 0
+        self._began: float | None = None
+
+    @classmethod
+    def load(cls, path: Path) -> Config:
+        """Return the configuration of a file; raises InputError."""
+        raise NotImplementedError
+
+    @property
+    def scenario(self) -> str:
+        """The scenario or set that is searched for."""
+        raise NotImplementedError
+
+    def dumps(self) -> str:
+        """Return the configuration as the text of its file."""
+        raise NotImplementedError
+
+    def inputs(self) -> list[str]:
+        """Return the texts of the files that the configuration names."""
+        raise NotImplementedError
+
+    def make_search(self) -> Search:
+        """Return the search at its beginning."""
+        raise NotImplementedError
+
+    def make_fitness(self, workers: int, address: str) -> Fitness:
+        """Return the fitness that evaluates a generation."""
+        raise NotImplementedError
+
+    @property
+    def phase(self) -> str:
+        """What the run does now."""
+        return self.search.phase
+
+    @property
+    def stage(self) -> Stage:
+        """The stage of the search; most searches have but one."""
+        return getattr(self.search, 'stage', Stage(0, np.empty(0)))
+
+    def _enter_stage(self) -> None:
+        """Draw the flights of the stage."""
+        number, genes = self.stage
+        self.fitness.enter(number, self.decode(genes[None]) if len(genes) else None)
+
+    def decode(self, genes: Floats) -> Any:
+        """Return the controllers of a generation of chromosomes (n, genes)."""
+        raise NotImplementedError
+
+    def misses(self, scores: Scores) -> dict[str, int]:
+        """Return condition -> starts at which the first of some controllers misses it."""
+        labels = self.fitness.conditions.labels
+        return dict(zip(labels, map(int, scores.failures[0]), strict=False))
+
+    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+        """Return the objectives (n, objectives) of a generation."""
+        return self.checkpoint.scores[-1][:, :1]
+
+    def found(self) -> Found:
+        """Return the best so far, its provenance filled in."""
+        raise NotImplementedError
+
+    def save_more(self) -> None:
+        """Write what the folder holds at the end beside the best controller."""
+
+    @classmethod
+    def create(
+        cls: type[Self], config: Any, folder: Path, workers: int = 0, address: str = ''
+    ) -> Self:
+        """Return a new run; raises InputError if its folder holds another."""
+        if (folder / cls.config_file).exists():
+            raise InputError(
+                f'{folder}: holds a {cls.kind} already; resume it with `{cls.command} --resume '
+                f'{folder}`, or name another folder with `-o`'
+            )
+        new = cls(config, folder, workers, address)
+        make_folder(folder)
+        write_text(folder / cls.config_file, new.checkpoint.config)
+        return new
+
+    @classmethod
+    def resume(cls: type[Self], folder: Path, workers: int = 0, address: str = '') -> Self:
+        """Return the run of a folder, at its checkpoint.
+
+        Raises
+        ------
+        InputError
+            If folder or checkpoint are unusable, or the search asks for other chromosomes.
+        """
+        again = cls(cls.load(folder / cls.config_file), folder, workers, address)
+        own = again.checkpoint
+        saved = Checkpoint.load(folder / CHECKPOINT, own.config, own.inputs)
+        for number, (rows, before) in enumerate(zip(saved.scores, saved.digests, strict=True)):
+            genes = again.search.ask()
+            if digest(genes) != before:
+                raise InputError(
+                    f'{folder / CHECKPOINT}: generation {number} does not repeat: the run began '
+                    f'with other arithmetic than this process, {processor.named()}; resume it in '
+                    'a process like that one'
+                )
+            failures = rows[:, 2:-1].astype(np.int64)
+            again._enter(genes, Scores(rows[:, 0], rows[:, 1], failures, rows[:, -1]))
+        return again
+
+    def _enter(self, genes: Floats, scores: Scores) -> None:
+        """Take in a generation: checkpoint, best (of equals the first), search."""
+        self.checkpoint.add(genes, scores)
+        rows = self.checkpoint.scores[-1]
+        index = int(rows[:, 0].argmin())
+        self.stages.append(self.stage.number)
+        anew = self.stages[-2:-1] != self.stages[-1:]  # another stage has another fitness
+        if anew or rows[index, 0] < self.best[0]:
+            self.best, self.best_genes = rows[index], genes[index].copy()
+        self.search.tell(self.objectives(genes, scores))
+
+    def run(self, report: Callable[[Progress], None] = lambda _: None) -> Found:
+        """Run the search to its end; save after each generation; return the best.
+
+        Warns if the arithmetic of this process is not pinned (`rpo_montecarlo.processor`).
+
+        Raises
+        ------
+        InputError
+            If another process runs it, or a file cannot be written.
+        """
+        processor.warn_unless_pinned()
+        self._began = None
+        doing = f'goes on with this {self.kind}'
+        with alone(self.folder / self.config_file, doing), self.fitness.simulator:
+            while not self.search.stopped:
+                self._enter_stage()
+                genes = self.search.ask()
+                scores = self.fitness.score(self.decode(genes))
+                if self._began is None:  # the first generation may have waited for the compiler
+                    self._began = time.monotonic()
+                else:
+                    self._evaluated += len(genes)
+                self._enter(genes, scores)
+                self.checkpoint.save(self.folder / CHECKPOINT)
+                report(self.progress())
+            self._enter_stage()
+            best = self.found()
+            self.save(best)
+            self.save_more()
+        return best
+
+    def save(self, controller: Found) -> None:
+        """Write a controller into the folder."""
+        write_text(self.folder / f'{controller.name}.yaml', controllers.dumps(controller))
+
+    def progress(self) -> Progress:
+        """Return the state of the run, after one generation at least."""
+        fitness = self.checkpoint.scores[-1][:, 0]
+        best, energy, *failures, arrival = self.best.tolist()
+        return Progress(
+            self.phase,
+            len(self.checkpoint.scores) - 1,
+            self.search.left,
+            self.checkpoint.evaluations,
+            best,
+            energy,
+            dict(zip(self.fitness.labels, map(int, failures), strict=True)),
+            arrival,
+            float(fitness.mean()),
+            float(fitness.std()),
+            self._evaluated,
+            time.monotonic() - (self._began or 0.0),
+        )
+
+
+class TrainingDisplay(Display):
+    """Shows a training run while it is entered."""
+
+    def show(self, progress: Progress) -> None:
+        """Show the state of the run, and the longest time that the present phase can still take."""
+        missed = ' '.join(f'{c} {n}' for c, n in progress.failures.items())
+        left_s, rate = math.inf, ''
+        if progress.evaluated:
+            each_s = progress.seconds / progress.evaluated
+            left_s = each_s * progress.left * progress.evaluations / (progress.generation + 1)
+            rate = f'  {1.0 / max(each_s, 1e-9):.0f} controllers/s'
+        self.draw(
+            progress.phase,
+            progress.generation,
+            progress.generation + progress.left,
+            left_s,
+            f'best {progress.best:.4f} (J {progress.energy:.4f}; misses {missed}) '
+            f'mean {progress.mean:.1f} ± {progress.spread:.1f}{rate}',
+        )

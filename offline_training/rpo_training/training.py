@@ -1,0 +1,225 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The training of a fuzzy controller: its search, its simulator, and its folder.
+
+Beside the files of every search (`rpo_training.run`) the folder holds `config.yaml`,
+`history.csv`; for a front `front.csv` and a controller for each point; where held-out flights
+decide, `finalists.csv`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.control.controller import FuzzyController, load_fuzzy
+from rpo_judge.evaluation.assessment import PAPER, assess
+from rpo_judge.scoring.drawn import HELD_OUT
+from rpo_judge.scoring.fitness import Fitness, Scores
+from rpo_montecarlo import processor
+from rpo_montecarlo.cluster.simulator import ClusterSimulator
+from rpo_montecarlo.engine.population import Population
+from rpo_montecarlo.engine.simulator import Simulator
+from rpo_montecarlo.outputs import write_text
+from rpo_training import config as configs
+from rpo_training import fitting
+from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
+from rpo_training.checkpoint import versions
+from rpo_training.config import TrainingConfig
+from rpo_training.race import Finalist, TableRace
+from rpo_training.run import SearchRun
+
+Floats = NDArray[np.float64]
+
+CONFIG, HISTORY = 'config.yaml', 'history.csv'
+FRONT, FINALISTS = 'front.csv', 'finalists.csv'
+
+
+def _start(name: str, config: TrainingConfig) -> FuzzyController:
+    """Return a start with the scales of the search where those are fixed or given."""
+    start, space = load_fuzzy(name), config.genes
+    bounds = (space.position_scale_m, space.velocity_scale_m_s)
+    given = config.start_scales or start.scales
+    scales = [
+        value if least < most else least
+        for value, (least, most) in zip(given, bounds, strict=False)
+    ]
+    return replace(start, position_scale_m=scales[0], velocity_scale_m_s=scales[1])
+
+
+class Training(SearchRun[TrainingConfig, FuzzyController]):
+    """The training of a fuzzy controller."""
+
+    config_file, kind, command = CONFIG, 'run', 'rpo train'
+
+    def __init__(
+        self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
+    ) -> None:
+        super().__init__(config, folder, workers, address)
+        self._genes: list[Floats] = []
+
+    @classmethod
+    def load(cls, path: Path) -> TrainingConfig:
+        """Return the configuration of a file; raises InputError."""
+        return configs.load(path)
+
+    @property
+    def scenario(self) -> str:
+        """The scenario or set that is trained for."""
+        return self.config.scenario
+
+    def dumps(self) -> str:
+        """Return the configuration as the text of its file."""
+        return configs.dumps(self.config)
+
+    def inputs(self) -> list[str]:
+        """Return the texts of the scenario, of the starts, and of the campaigns."""
+        starts = (files.find('controller', name) for name in self.config.start)
+        paths = files.find('scenario', self.config.scenario), *starts
+        flown = (text for flights in self.fitness.drawn for text in flights.texts)
+        return [*(files.read_text(path) for path in paths), *flown]
+
+    def make_search(self) -> Search:
+        """Return the search of the configuration, at its beginning."""
+        config = self.config
+        starts = np.array([config.genes.encode(_start(name, config)) for name in config.start])
+        starts = starts.reshape(-1, config.genes.size)
+        cma = partial(CmaSearch, config.cmaes, config.seed)
+        if config.algorithm == 'cmaes':
+            return cma(starts[0])
+        if config.algorithm == 'race':
+            return TableRace(config.race, config.cmaes, config.seed, config.genes, starts[0])
+        if config.algorithm == 'nsga2':
+            return ParetoSearch(config.ga, config.seed, config.genes.size, starts)
+        ga = GaSearch(config.ga, config.seed, config.genes.size, starts)
+        return ga if config.algorithm == 'ga' else InTurn(ga, cma)
+
+    def make_fitness(self, workers: int, address: str) -> Fitness:
+        """Return the fitness of the configuration, on threads or on a cluster."""
+        make = partial(ClusterSimulator, address=address) if address else Simulator
+        return Fitness(self.starts, self.config.fitness, workers, make)
+
+    def decode(self, genes: Floats) -> Population:
+        """Return the controllers of a generation."""
+        return self.config.genes.decode(genes)
+
+    def objectives(self, genes: Floats, scores: Scores) -> Floats:
+        """Return the fitness (n, 1); for a front, with the penalised arrival time (n, 2)."""
+        if self.config.algorithm != 'nsga2':
+            return super().objectives(genes, scores)
+        self._genes.append(genes)
+        penalty = scores.fitness - scores.energy
+        return np.column_stack([scores.fitness, scores.arrival + penalty])
+
+    def found(self) -> FuzzyController:
+        """Return the best so far, its provenance filled in."""
+        return self.controller(self.best_genes, self.config.name)
+
+    def save_more(self) -> None:
+        """Write `history.csv`, a row for each generation; for a front, its controllers."""
+        history: list[Sequence[object]] = [
+            (
+                'generation',
+                'evaluations',
+                'best_fitness',
+                'mean_fitness',
+                'fitness_spread',
+                'best_energy_n2s',
+                *(f'best_misses_{name}' for name in self.fitness.labels),
+                'best_arrival_s',
+                'stage',
+            )
+        ]
+        best, evaluations = np.full(1, np.inf), 0
+        before = None
+        for number, scores in enumerate(self.checkpoint.scores):
+            evaluations += len(scores)
+            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
+            best = first if stage != before or first[0] < best[0] else best
+            before = stage
+            history.append(
+                [
+                    number,
+                    evaluations,
+                    repr(float(best[0])),
+                    float(scores[:, 0].mean()),
+                    float(scores[:, 0].std()),
+                    float(best[1]),
+                    *best[2:-1].astype(int),
+                    float(best[-1]),
+                    stage,
+                ]
+            )
+        self._write_csv(HISTORY, history)
+        if self.config.algorithm == 'nsga2':
+            self._save_front()
+        if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
+            self._save_finalists(self.search.finalists)
+
+    def _save_finalists(self, finalists: list[Finalist]) -> None:
+        """Write the finalists: by the draws that they were trained with, and by those held out."""
+        names = [f'held_out_misses_{name}' for name in self.fitness.labels]
+        rows: list[Sequence[object]] = [
+            ('stage', 'training_fitness', 'held_out_fitness', 'energy_n2s', *names)
+        ]
+        for finalist, scores in zip(finalists, self.checkpoint.scores[-1], strict=True):
+            fitness, energy, *missed, _ = scores.tolist()
+            rows.append((finalist.stage, finalist.fitness, fitness, energy, *map(int, missed)))
+        self._write_csv(FINALISTS, rows)
+
+    def _write_csv(self, name: str, rows: list[Sequence[object]]) -> None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator='\n').writerows(rows)
+        write_text(self.folder / name, text.getvalue())
+
+    def controller(self, genes: Floats, name: str) -> FuzzyController:
+        """Return the controller of a chromosome, its provenance filled in."""
+        config = self.config
+        population = config.genes.decode(genes[None])
+        scores = self.fitness.score(population)
+        found = population.controller(0, name)
+        provenance: dict[str, object] = {
+            'method': 'rpo train',
+            'command': fitting.command(config),
+            'algorithm': config.algorithm,
+            'seed': config.seed,
+            'scenario': config.scenario,
+            'generations': len(self.checkpoint.scores) - 1,
+            'evaluations': self.checkpoint.evaluations,
+            'stopped': self.search.stopped,
+            'fitness_n2s': float(scores.fitness[0]),
+            'mean_energy_n2s': float(scores.energy[0]),
+            'mean_arrival_s': float(scores.arrival[0]),
+            'starts_that_miss': self.misses(scores),
+            'versions': versions(),
+            'arithmetic': processor.in_use(),
+        }
+        if self.fitness.drawn:
+            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
+        if config.scenario == PAPER:
+            targets = assess(found).targets()
+            provenance['targets'] = {target.what: target.reached for target in targets}
+        return replace(found, provenance=provenance)
+
+    def _save_front(self) -> None:
+        """Write the controllers without penalty that no other beats in both objectives."""
+        genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
+        clean = np.flatnonzero(scores[:, 2:-1].sum(axis=1) == 0)
+        order = clean[np.lexsort((scores[clean, -1], scores[clean, 1]))]
+        front: list[Sequence[object]] = [('controller', 'mean_energy_n2s', 'mean_arrival_s')]
+        soonest = np.inf
+        for index in order:
+            if scores[index, -1] < soonest:
+                soonest = scores[index, -1]
+                name = f'{self.config.name}_{len(front) - 1:03d}'
+                self.save(self.controller(genes[index], name))
+                front.append((name, float(scores[index, 1]), float(soonest)))
+        self._write_csv(FRONT, front)

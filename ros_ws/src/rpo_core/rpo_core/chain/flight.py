@@ -1,0 +1,179 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A flight without ROS: the whole chain, tick by tick, with the bits that the nodes fly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.chain import Chain, Signals
+from rpo_core.chain.stage import Place, Signal, Stage
+from rpo_core.control.controller import Controller
+from rpo_core.control.controller_file import ControllerStage
+from rpo_core.files.scenario import Scenario
+from rpo_core.kernels import pulse_kernels
+from rpo_core.wire.interfaces import (
+    COMMAND,
+    CONTROL_FORCE,
+    DISTURBANCE_FORCE,
+    DUE_FORCE,
+    RELATIVE_STATE,
+    SATURATED_FORCE,
+    row_of,
+)
+from rpo_core.world.thrusters import ValvesStage, stage_of
+
+Floats = NDArray[np.float64]
+
+_TAKEN = (DUE_FORCE, SATURATED_FORCE)
+"""Commands that the thrusters have taken."""
+
+
+class Thrust(NamedTuple):
+    """What thrusters made of the commands of a flight.
+
+    forces_n : (N, 3) mean force of each tick, target LVLH
+    masses_kg : (N,) of the chaser in the middle of each tick
+    delta_v_m_s : sum over the thrusters of thrust x time / mass
+    propellant_kg : spent, 0 where the scenario has none
+    openings : times that a valve opened
+    """
+
+    forces_n: Floats
+    masses_kg: Floats
+    delta_v_m_s: float
+    propellant_kg: float
+    openings: int
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight, sampled at ticks 0..N.
+
+    states : (N+1, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH
+    forces_n : (N+1, 3) commanded force; the thrusters never took that of the last state
+    disturbances_n : (N+1, 3) disturbance force, held for the tick
+    signals : name -> (N+1, width) of the other signals of the chain, where they are known
+    """
+
+    scenario: Scenario
+    states: Floats
+    forces_n: Floats
+    disturbances_n: Floats
+    signals: Mapping[str, Floats] = field(default_factory=dict, compare=False)
+
+    @cached_property
+    def errors(self) -> Floats:
+        """States (N+1, 6) relative to the goal; metrics and requirements are about these."""
+        return self.states - np.array(self.scenario.goal_state)
+
+    @property
+    def positions_m(self) -> Floats:
+        """Relative positions (N+1, 3)."""
+        return self.states[:, :3]
+
+    @property
+    def velocities_m_s(self) -> Floats:
+        """Relative velocities (N+1, 3)."""
+        return self.states[:, 3:]
+
+    @property
+    def sent_forces_n(self) -> Floats:
+        """Commands (N+1, 3) on their way to the thrusters: what assurance made of them."""
+        sent = [n for n in self.signals if row_of(n).carries == COMMAND and n not in _TAKEN]
+        return self.signals[sent[-1]] if sent else self.forces_n
+
+    @cached_property
+    def saturated_forces_n(self) -> Floats:
+        """Commands (N, 3) that the thrusters took: late where they are, saturated."""
+        if SATURATED_FORCE in self.signals:
+            return self.signals[SATURATED_FORCE][:-1]
+        stage = stage_of(self.scenario.thrusters, self.scenario)
+        made = stage.steps(np.arange(len(self.forces_n) - 1), self.sent_forces_n[:-1])
+        return made[stage.outputs.index(SATURATED_FORCE)]
+
+    @cached_property
+    def thrust(self) -> Thrust:
+        """What the thrusters made of the commands, computed again."""
+        scenario = self.scenario
+        stage = stage_of(scenario.thrusters, scenario)
+        stage.reset()
+        made = [
+            stage.step(tick, tuple(f)) for tick, f in enumerate(self.sent_forces_n[:-1].tolist())
+        ]
+        forces_n = np.array([outputs[2] for outputs in made])
+        if not isinstance(stage, ValvesStage):
+            mass_kg = np.full(len(made), scenario.mass_kg)
+            impulse = np.abs(self.saturated_forces_n).sum() * scenario.dt_s
+            return Thrust(forces_n, mass_kg, float(impulse) / scenario.mass_kg, 0.0, 0)
+        memory = [float(value) for value in stage.memory]
+        masses = [made[i][3][0] if len(made[i]) > 3 else scenario.mass_kg for i in range(len(made))]
+        return Thrust(
+            forces_n,
+            np.array(masses),
+            memory[pulse_kernels.DELTA_V],
+            memory[pulse_kernels.SPENT],
+            round(memory[pulse_kernels.OPENINGS]),
+        )
+
+
+class _CommandedForces(ControllerStage):
+    """Commands that are known before the flight; they are not relative to a goal."""
+
+    inputs = ()
+
+    def __init__(self, forces_n: Floats) -> None:
+        self._forces = forces_n.tolist()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a tick; zero after the last one."""
+        return (tuple(self._forces[tick]) if tick < len(self._forces) else (0.0, 0.0, 0.0),)
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """A controller that commands forces (n, 3) [N], one a tick, whatever the state is."""
+
+    forces_n: Floats
+    name: str = 'open loop'
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; its forces are held for any tick."""
+        return _CommandedForces(self.forces_n)
+
+
+def fly(
+    scenario: Scenario, controller: Controller, more: Iterable[tuple[Place, Stage]] = ()
+) -> Flight:
+    """Return the flight of a controller through a scenario.
+
+    more : stages that no section of the scenario names, in their places
+
+    Raises InputError if the chain cannot be put together (`rpo_core.chain.chain.Chain.of`).
+    """
+    chain = Chain.of(scenario, controller, more)
+    chain.reset()
+    kept: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
+    signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
+    for tick in range(scenario.ticks + 1):
+        kept[RELATIVE_STATE].append(signals[RELATIVE_STATE])
+        chain.step(tick, signals)
+        for name, values in kept.items():
+            if name != RELATIVE_STATE:
+                values.append(signals[name])
+    arrays = {name: np.array(values) for name, values in kept.items()}
+    disturbances = arrays.pop(DISTURBANCE_FORCE, None)
+    return Flight(
+        scenario,
+        arrays.pop(RELATIVE_STATE),
+        arrays.pop(CONTROL_FORCE),
+        np.zeros((scenario.ticks + 1, 3)) if disturbances is None else disturbances,
+        arrays,
+    )

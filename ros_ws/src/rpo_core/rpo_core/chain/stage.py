@@ -1,0 +1,152 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A stage of a flight, the places of the chain, and the stages that a scenario file may name.
+
+A stage is a function of its inputs so far: deterministic, with memory if it needs any, without ROS.
+Randomness is a function of (tick, key). `rpo_core.chain.chain` puts stages in a row and flies them.
+
+A section of a scenario file adds a stage. To add a section, write a class and one line (`register`)
+in a module of your own (`rpo_core.files.plugins`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files import plugins
+from rpo_core.files.validation import InputError
+
+Signal = tuple[float, ...]
+"""The numbers of a signal at one tick; `rpo_core.wire.interfaces` says which."""
+
+
+WITHOUT_COMMAND = 'without_command'
+"""What a stage is told (`take_event`), and `stage_status` says, of a tick at which an input did not
+come in time; it took zero for it."""
+
+
+class Place(IntEnum):
+    """Where in the chain a stage stands; stages of one place follow in the order of the file."""
+
+    SENSOR = 10
+    ESTIMATOR = 20
+    GUIDANCE = 30
+    CONTROLLER = 40
+    ASSURANCE = 50
+    DISTURBANCE = 60
+    LINK = 70
+    THRUSTERS = 80
+    DYNAMICS = 90
+
+
+class Stage:
+    """One stage of a flight.
+
+    name : as verify, nodes and pages name it
+    inputs : names of signals, or what a signal carries (STATE, COMMAND, THRUST, DISTURBANCE of
+        `rpo_core.wire.interfaces`): then the last signal before this stage that carries it; or
+        PREVIOUS_COMMAND
+    outputs : names of signals, each a row of `rpo_core.wire.interfaces`
+    may_miss : those of `inputs` without which it goes on; see `goes_without`
+    decides : states that `stage_status` says of its decisions; see `told`
+    memory_ticks : how many earlier ticks the outputs depend on; None: all
+    counts_ticks : whether the outputs depend on the number of the tick
+    """
+
+    name: str = ''
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    may_miss: tuple[str, ...] = ()
+    decides: tuple[str, ...] = ()
+    memory_ticks: int | None = 0
+    counts_ticks: bool = True
+
+    def reset(self) -> None:
+        """Forget all earlier ticks: a flight begins."""
+
+    def take_event(self, tick: int, state: str) -> None:
+        """Take a state of the stage that a log tells of, from a tick on (`stage_status`)."""
+
+    def goes_without(self, tick: int) -> bool:
+        """Return whether it steps at a tick without what it may miss; it gets zeros for that."""
+        return False
+
+    def told(self) -> list[tuple[int, str]]:
+        """Return what `stage_status` says of its decisions so far: tick and state of each."""
+        return []
+
+    def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
+        """Return the outputs of a tick; ticks come in order, but some may be missing."""
+        raise NotImplementedError
+
+    def trouble(self) -> str:
+        """Return what is wrong with it now, for /diagnostics; '' if nothing is."""
+        return ''
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the outputs (n, width) of ticks (n,) one after the other; the same bits.
+
+        A stage without memory may do it faster than tick by tick.
+        """
+        rows = zip(*(values.tolist() for values in inputs), strict=True) if inputs else ()
+        every = rows if inputs else ((),) * len(ticks)
+        found = [self.step(t, *map(tuple, r)) for t, r in zip(ticks.tolist(), every, strict=True)]
+        return tuple(
+            np.array([outputs[i] for outputs in found], dtype=np.float64).reshape(len(ticks), -1)
+            for i in range(len(self.outputs))
+        )
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of a scenario file that adds a stage.
+
+    name : of the section
+    settings : frozen dataclass that holds and checks the section's fields
+    place : of the stage
+    make : from the settings and the scenario to the stage
+    check : raises InputError where the settings and the scenario do not go together
+    rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
+    zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
+    """
+
+    name: str
+    settings: type[Any]
+    place: Place
+    make: Callable[[Any, Any], Stage]
+    check: Callable[[Any, Any], None] | None = None
+    rehearse: Callable[[Any, Any], None] | None = None
+    zones: Callable[[Any, Any], Any] | None = None
+
+
+_SECTIONS: dict[str, Section] = {}
+
+
+def register(section: Section) -> Section:
+    """Let scenario files have a section; raises InputError if there is one of that name."""
+    if section.name in _SECTIONS:
+        raise InputError(f'section `{section.name}` must be registered once; it is there already')
+    _SECTIONS[section.name] = section
+    return section
+
+
+def sections() -> dict[str, Section]:
+    """Return name -> section of all that scenario files may have; loads the plug-ins first."""
+    plugins.load()
+    return _SECTIONS
+
+
+def section_of(settings: Any) -> Section:
+    """Return the section that some settings belong to; raises InputError."""
+    for section in sections().values():
+        if type(settings) is section.settings:
+            return section
+    raise InputError(f'section must be registered; got settings of {type(settings).__name__}')

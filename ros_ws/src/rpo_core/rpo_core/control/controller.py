@@ -1,0 +1,278 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Controllers and their files: the fuzzy one, and the door to `rpo_core.control.baselines`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rpo_core import files, kernels
+from rpo_core.chain.stage import Signal, Stage
+from rpo_core.control import baselines as _baselines  # noqa: F401  (these register their kinds)
+from rpo_core.control import controller_file
+from rpo_core.control import more_words as _more_words  # noqa: F401
+from rpo_core.control import pace as _pace  # noqa: F401
+from rpo_core.control import time_to_go as _time_to_go  # noqa: F401
+from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage
+from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
+from rpo_core.files import codec
+from rpo_core.files.validation import (
+    Description,
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    mapping,
+    real,
+    schema,
+    shown,
+)
+from rpo_core.kernels.jit import as_table
+
+FUZZY = 'fuzzy'
+"""Kind of a file that names none."""
+
+SYMMETRIES = ('free', 'transpose', 'odd')
+"""What a file claims of its rules: nothing; rule(i, j) = rule(j, i); and f(-e, -v) = -f(e, v)."""
+
+INFERENCE = {
+    'and': 'min',
+    'implication': 'min',
+    'aggregation': 'max',
+    'defuzzification': 'centroid',
+}
+
+_VARIABLES = ('position', 'velocity', 'force')
+_SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
+
+
+class Controller(Protocol):
+    """Whatever makes a stage that answers a relative state with a force."""
+
+    @property
+    def name(self) -> str:
+        """Name of the controller."""
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """How it came to be."""
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; with memory, one for each flight.
+
+        Raises InputError if it counts ticks of another length than `dt_s`.
+        """
+
+
+class FuzzyStage(ControllerStage):
+    """The fuzzy controller in the chain; its force follows from the state alone."""
+
+    counts_ticks = False
+
+    def __init__(self, controller: FuzzyController) -> None:
+        self._scales, self._tables = controller.scales, controller.system.tables
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the commanded force (3,) [N] of a state (6,)."""
+        return (kernels.fuzzy_force(inputs[0], self._scales, self._tables),)
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the commanded forces (n, 3) [N] of states (n, 6)."""
+        forces = np.empty((len(ticks), 3))
+        kernels.fuzzy_forces(as_table(inputs[0]), self._scales, self._tables, forces)
+        return (forces,)
+
+
+_scale = partial(real, above=0.0, most=1e6)
+
+
+@dataclass(frozen=True)
+class FuzzyController:
+    """One fuzzy inference system for each axis alike, with its scales.
+
+    position_scale_m, velocity_scale_m_s : the error that saturates an input
+    force_scale_n : force at full output, the paper's maximum force
+    provenance : how it came to be; free text and numbers, not read by the control
+    """
+
+    name: Name
+    system: FuzzySystem
+    position_scale_m: Annotated[float, partial(_scale, unit='m')]
+    velocity_scale_m_s: Annotated[float, partial(_scale, unit='m/s')]
+    force_scale_n: Annotated[float, partial(_scale, unit='N')]
+    description: Description = field(default='', compare=False)
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def scales(self) -> tuple[float, float, float]:
+        """Position [m], velocity [m/s] and force [N] scale."""
+        return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; it fits ticks of any length."""
+        return FuzzyStage(self)
+
+    def force_n(
+        self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
+    ) -> tuple[float, float, float]:
+        """Return the commanded force (3 floats, N) of a relative state, target LVLH, at any tick.
+
+        The state must be finite; callers at the edge check it.
+        """
+        tables = self.system.tables
+        x, y, z = (
+            float(kernels.axis_force(float(r), float(v), *self.scales, tables))
+            for r, v in zip(position_m, velocity_m_s, strict=True)
+        )
+        return x, y, z
+
+
+AnyController = FuzzyController | ControllerFile
+"""What a controller file holds; its `kind` says which, a file without one is fuzzy."""
+
+
+def parse(document: Any) -> AnyController:
+    """Return the controller of a parsed YAML document; raises InputError."""
+    schema(document, SCHEMA)
+    if isinstance(document, Mapping) and document.get('kind', FUZZY) != FUZZY:
+        choice('kind', document['kind'], [FUZZY, *controller_file.kinds()])
+        return controller_file.parse(document)
+    return _parse_fuzzy(document)
+
+
+def _parse_fuzzy(document: Any) -> FuzzyController:
+    data = mapping(
+        '',
+        document,
+        ['schema', 'name', 'scales', 'membership_functions', 'rules', 'inference'],
+        ['kind', 'description', 'provenance'],
+    )
+    scales = mapping('scales', data['scales'], _SCALES)
+    position_scale, velocity_scale, force_scale = (
+        _scale(f'scales.{key}', scales[key], unit) for key, unit in _SCALES.items()
+    )
+    functions = mapping('membership_functions', data['membership_functions'], _VARIABLES)
+    provenance = data.get('provenance', {})
+    if not isinstance(provenance, Mapping):
+        raise InputError(f'`provenance` must be a mapping; got {shown(provenance)}')
+    return FuzzyController(
+        name=data['name'],
+        description=data.get('description', ''),
+        system=FuzzySystem(
+            **{name: _functions(name, functions[name]) for name in _VARIABLES},
+            rules=_rules(data['rules']),
+            samples=_samples(data['inference']),
+        ),
+        position_scale_m=position_scale,
+        velocity_scale_m_s=velocity_scale,
+        force_scale_n=force_scale,
+        provenance=dict(provenance),
+    )
+
+
+def _functions(variable: str, value: Any) -> MembershipFunctions:
+    return codec.from_mapping(MembershipFunctions, f'membership_functions.{variable}', value)
+
+
+def _rules(value: Any) -> RuleTable:
+    data = mapping('rules', value, ['symmetry', 'columns', *WORDS])
+    symmetry = choice('rules.symmetry', data['symmetry'], SYMMETRIES)
+    if data['columns'] != list(WORDS):
+        raise InputError(
+            f'`rules.columns` must be [{", ".join(WORDS)}], the words of the position '
+            f'error; got {shown(data["columns"])}'
+        )
+    for word in WORDS:
+        if not isinstance(data[word], list) or len(data[word]) != 5:
+            raise InputError(f'`rules.{word}` must be a list of 5 words; got {shown(data[word])}')
+    table = RuleTable(tuple(tuple(data[word]) for word in WORDS))
+    if symmetry != 'free' and not table.is_transpose_symmetric:
+        raise InputError(f'`rules.symmetry` is {symmetry}, but the table is not its own transpose')
+    if symmetry == 'odd' and not table.is_odd:
+        raise InputError('`rules.symmetry` is odd, but rule(-e, -v) = -rule(e, v) does not hold')
+    return table
+
+
+def _samples(value: Any) -> int:
+    data = mapping('inference', value, [*INFERENCE, 'samples'])
+    for key, only in INFERENCE.items():
+        choice(f'inference.{key}', data[key], [only])
+    return odd_samples('inference.samples', data['samples'])
+
+
+def to_document(controller: AnyController) -> dict[str, Any]:
+    """Return the controller as the document that `parse` reads."""
+    if isinstance(controller, ControllerFile):
+        return {'schema': SCHEMA, **controller_file.to_document(controller)}
+    system, rules = controller.system, controller.system.rules
+    symmetry = 'free'
+    if rules.is_transpose_symmetric:
+        symmetry = 'odd' if rules.is_odd else 'transpose'
+    return {
+        'schema': SCHEMA,
+        'name': controller.name,
+        'description': controller.description,
+        'scales': dict(zip(_SCALES, controller.scales, strict=True)),
+        'membership_functions': {name: asdict(getattr(system, name)) for name in _VARIABLES},
+        'rules': {
+            'symmetry': symmetry,
+            'columns': list(WORDS),
+            **{word: list(row) for word, row in zip(WORDS, rules.words, strict=True)},
+        },
+        'inference': {**INFERENCE, 'samples': system.samples},
+        'provenance': dict(controller.provenance),
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """YAML with rows of words in flow style, so that the rule table reads as a table."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True  # the reader refuses them
+
+
+def _represent_list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
+    flat = not any(isinstance(item, (list, dict)) for item in items)
+    return dumper.represent_sequence('tag:yaml.org,2002:seq', items, flow_style=flat)
+
+
+_Dumper.add_representer(list, _represent_list)
+
+
+def dumps(controller: AnyController) -> str:
+    """Return the YAML text of a controller; floats round-trip bit for bit."""
+    return yaml.dump(
+        to_document(controller), Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
+    )
+
+
+def load_controller(name: str | Path) -> AnyController:
+    """Return the controller of a shipped name or a path; raises InputError."""
+    return files.load(files.find('controller', str(name)), parse)
+
+
+def load_fuzzy(name: str | Path) -> FuzzyController:
+    """Return a fuzzy controller; a baseline, which has no rules to show, is refused."""
+    return only_fuzzy(load_controller(name))
+
+
+def only_fuzzy(controller: AnyController) -> FuzzyController:
+    """Return the controller if it is fuzzy; raises InputError."""
+    if isinstance(controller, FuzzyController):
+        return controller
+    raise InputError(
+        f'`controller` must be a fuzzy one here; {controller.name} is of kind {controller.kind}'
+    )

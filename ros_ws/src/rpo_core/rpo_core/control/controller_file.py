@@ -1,0 +1,258 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What every controller file holds, and the kinds of controller that a file may name.
+
+To add a kind, write a frozen dataclass and one line (`register`) in a module of your own
+(`rpo_core.files.plugins`). Its fields are those of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import partial
+from operator import add, sub
+from typing import Annotated, Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.stage import Signal, Stage
+from rpo_core.files import codec, plugins
+from rpo_core.files.validation import (
+    Description,
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    real,
+    shown,
+    store,
+)
+from rpo_core.kernels import Vector
+from rpo_core.wire import interfaces
+
+SCHEMA = 'rpo/controller/1'
+
+Reason = tuple[str, Sequence[tuple[str, float]]]
+"""Why an axis gets its force: a sentence, and numbers with names."""
+
+
+class ControllerStage(Stage):
+    """A controller in the chain: from the state that it sees to the commanded force."""
+
+    name = 'controller'
+    inputs: tuple[str, ...] = (interfaces.STATE,)
+    outputs = (interfaces.CONTROL_FORCE,)
+
+
+_STATES = (interfaces.STATE, interfaces.RELATIVE_STATE, interfaces.NAVIGATION_STATE)
+
+
+class GoalStage(Stage):
+    """A controller that was made for the target, and flies to another goal.
+
+    It gets the state relative to the goal. Its command gets the force on top that holds a chaser
+    at rest there: off V-bar, relative gravity would otherwise push the chaser off the goal.
+
+    goal_m : (3,) [m]; force_n : (3,) [N], target LVLH
+    """
+
+    def __init__(self, inner: Stage, goal_m: Vector, force_n: Vector) -> None:
+        self._inner, self._offset, self._force_n = inner, (*goal_m, 0.0, 0.0, 0.0), force_n
+        self.name, self.inputs, self.outputs = inner.name, inner.inputs, inner.outputs
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is the sum of both forces."""
+        seen = [
+            tuple(map(sub, values, self._offset)) if name in _STATES else values
+            for name, values in zip(self.inputs, inputs, strict=True)
+        ]
+        made = self._inner.step(tick, *seen)
+        return tuple(
+            tuple(map(add, values, self._force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+    def steps(
+        self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], ...]:
+        """Return the outputs of many ticks."""
+        seen = [
+            values - np.array(self._offset) if name in _STATES else values
+            for name, values in zip(self.inputs, inputs, strict=True)
+        ]
+        made = self._inner.steps(ticks, *seen)
+        return tuple(
+            values + np.array(self._force_n) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+
+def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return a state (..., 6) relative to the reference, and a command (..., 3) without its force.
+
+    That is what a controller that follows a reference sees and answers.
+    """
+    reference = np.asarray(signals[interfaces.REFERENCE_STATE])
+    force = np.asarray(signals[interfaces.REFERENCE_FORCE])
+    return np.asarray(state) - reference, np.asarray(force_n) - force
+
+
+def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]:
+    """Return the state (6,) that a controller was given at a tick, and the force on top of its law.
+
+    The state is that of navigation where there is one, and relative to the reference of guidance
+    or else to the goal.
+
+    signals : those of the tick, each a sequence of numbers
+    """
+    state = signals.get(interfaces.NAVIGATION_STATE, signals[interfaces.RELATIVE_STATE])
+    if interfaces.REFERENCE_STATE in signals:
+        seen = tuple(map(sub, state, signals[interfaces.REFERENCE_STATE]))
+        return seen, tuple(signals[interfaces.REFERENCE_FORCE])
+    force_n = (0.0, 0.0, 0.0) if scenario.goal is None else scenario.goal.force_n
+    return tuple(scenario.from_goal(state)), force_n
+
+
+class FollowStage(Stage):
+    """A controller that was made for the target, and follows a reference.
+
+    It gets the state relative to the reference. Its command gets the force on top that a chaser on
+    the reference needs.
+    """
+
+    def __init__(self, inner: Stage) -> None:
+        self._inner = inner
+        self.name, self.outputs = inner.name, inner.outputs
+        self.inputs = (*inner.inputs, interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is the sum of both forces."""
+        *read, reference, force_n = inputs
+        seen = [
+            tuple(map(sub, values, reference)) if name in _STATES else values
+            for name, values in zip(self._inner.inputs, read, strict=True)
+        ]
+        made = self._inner.step(tick, *seen)
+        return tuple(
+            tuple(map(add, values, force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+
+class OpposeStage(Stage):
+    """A controller whose command opposes the disturbance that the estimator finds.
+
+    The force [N] that is estimated at a tick is taken from the command of that tick.
+    """
+
+    def __init__(self, inner: Stage) -> None:
+        self._inner = inner
+        self.name, self.outputs = inner.name, inner.outputs
+        self.inputs = (*inner.inputs, interfaces.ESTIMATED_DISTURBANCE)
+        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
+
+    def reset(self) -> None:
+        """Forget all earlier ticks."""
+        self._inner.reset()
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the outputs of the controller; its command is less by the disturbance."""
+        *read, force_n = inputs
+        made = self._inner.step(tick, *read)
+        return tuple(
+            tuple(map(sub, values, force_n)) if name == interfaces.CONTROL_FORCE else values
+            for name, values in zip(self.outputs, made, strict=True)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerFile:
+    """A controller of a kind that names itself.
+
+    max_force_n : largest |f| of an axis that is commanded
+    provenance : how its parameters came to be; free text and numbers, not read by the control
+    """
+
+    kind: ClassVar[str]
+
+    name: Name
+    description: Description = field(default='', compare=False)
+    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=1e6)] = 0.5
+    provenance: Mapping[str, Any] = field(default_factory=dict, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.provenance, Mapping):
+            raise InputError(f'`provenance` must be a mapping; got {shown(self.provenance)}')
+        store(self, provenance=dict(self.provenance))
+        check_fields(self)
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts; None if it counts none."""
+        return None
+
+    def stage(self, dt_s: float) -> Stage:
+        """Return the controller as a stage of the chain; with memory, one for each flight.
+
+        Raises InputError if it counts ticks of another length than `dt_s`.
+        """
+        raise NotImplementedError
+
+    def refuse_other_ticks(self, dt_s: float) -> None:
+        """Raise InputError if it counts ticks of another length than `dt_s`."""
+        if self.clock_s is not None and self.clock_s != dt_s:
+            raise InputError(
+                f'controller {self.name} counts ticks of {self.clock_s:g} s; '
+                f'the scenario has {dt_s:g} s'
+            )
+
+
+Kind = TypeVar('Kind', bound=type[ControllerFile])
+
+_KINDS: dict[str, type[ControllerFile]] = {}
+
+
+def register(kind: Kind) -> Kind:
+    """Let controller files be of a kind; raises InputError if there is one of that name."""
+    if kind.kind in _KINDS:
+        raise InputError(f'controller kind `{kind.kind}` must be registered once; it is already')
+    _KINDS[kind.kind] = kind
+    return kind
+
+
+def kinds() -> Mapping[str, type[ControllerFile]]:
+    """Return name -> class of all kinds that a file may name; loads the plug-ins first."""
+    plugins.load()
+    return _KINDS
+
+
+def parse(document: Mapping[str, Any]) -> ControllerFile:
+    """Return the controller of a document that names its kind; raises InputError."""
+    kind = kinds()[choice('kind', document['kind'], kinds())]
+    needed = {f.name for f in fields(kind)} - {'description', 'provenance'}
+    body = {key: value for key, value in document.items() if key not in ('schema', 'kind')}
+    return codec.from_mapping(kind, '', body, needed=needed)
+
+
+def to_document(controller: ControllerFile) -> dict[str, Any]:
+    """Return the fields of a controller as `parse` reads them, without the schema."""
+    found = codec.to_mapping(controller)
+    return {
+        **{key: found.pop(key) for key in ('name',)},
+        'kind': controller.kind,
+        **{key: found.pop(key) for key in ('description', 'max_force_n')},
+        **{key: value for key, value in found.items() if key != 'provenance'},
+        'provenance': found['provenance'],
+    }

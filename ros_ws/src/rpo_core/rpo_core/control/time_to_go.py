@@ -1,0 +1,293 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A fuzzy controller of three inputs: position, velocity, and the time to go until arrival.
+
+A first-order Takagi-Sugeno system: if the time to go is long, then f = -k r - d v with the gains of
+`long`; and so on for five words. Triangles partition the time to go, so the gains are interpolated
+between the words' peaks. With the mass m, the least-energy transfer of a free mass to rest in the
+time T is the law k = 6 m / T^2, d = 4 m / T (Bryson and Ho, Applied Optimal Control, 1975).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise, product
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from rpo_core.control.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
+from rpo_core.control.blend import Reasons, is_same, newtons
+from rpo_core.control.controller_file import Reason, register
+from rpo_core.control.family import Claim, Family, Gene, Mission, Table
+from rpo_core.files.validation import InputError, check_fields, choice, real, store
+from rpo_core.judge import limits
+from rpo_core.kernels import State
+from rpo_core.kernels.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
+from rpo_core.kernels.jit import as_table
+from rpo_core.world.cw import TickLength
+
+WORDS = ('long', 'medium', 'short', 'very short', 'due')
+"""The words of the time to go; `due` is also the word after arrival."""
+
+_ARRIVAL_S = (150.0, 200.0, 182.0)
+_PEAKS_S = ((130.0, 180.0), (75.0, 130.0), (40.0, 75.0), (18.0, 40.0), (4.0, 18.0))
+_STARTS = (
+    (155.0, 0.0022, 0.19),
+    (105.0, 0.005, 0.37),
+    (55.0, 0.0145, 0.57),
+    (29.0, 0.05, 1.13),
+    (12.0, 0.3, 3.1),
+)
+"""Least, most and start of genes: the arrival, the peaks [s]; starts of peak, k [N/m], d [N s/m].
+
+They were found by a search that began at the least-energy law of a free mass of 10 kg.
+"""
+
+_BOX_M, _BOX_M_S = 100.0, 0.05  # starts for which claims are made
+_FLIGHT_S = 200.0
+
+_gain = partial(real, least=0.0, most=MAX_GAIN)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """If the time to go is `time_to_go`, then f = -position_gain r - velocity_gain v.
+
+    peak_s : time to go at which only this rule fires
+    """
+
+    time_to_go: str
+    peak_s: Annotated[float, partial(real, unit='s', least=0.0, most=1e6)]
+    position_gain_n_m: Annotated[float, partial(_gain, unit='N/m')]
+    velocity_gain_n_s_m: Annotated[float, partial(_gain, unit='N s/m')]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        choice('time_to_go', self.time_to_go, WORDS)
+
+
+class _Worst(NamedTuple):
+    """Largest values over a box of starts."""
+
+    force_n: float
+    slew_n_s: float
+    distance_m: float
+    speed_m_s: float
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class TimeToGo(Family):
+    """Gains by the time to go: five rules in words, each axis alike.
+
+    arrival_s : since the start of the run, when the time to go becomes 0 and stays so
+    tick_s : length of the ticks that it counts
+    rules : one for each of `WORDS`, in this order, their peaks descending
+    """
+
+    kind: ClassVar[str] = 'time_to_go'
+    alike: ClassVar[bool] = True
+
+    arrival_s: float
+    tick_s: TickLength
+    rules: tuple[Rule, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        longest_s = MAX_HORIZON_TICKS * self.tick_s
+        store(self, arrival_s=real('arrival_s', self.arrival_s, 's', above=0.0, most=longest_s))
+        words = tuple(rule.time_to_go for rule in self.rules)
+        if words != WORDS:
+            raise InputError(f'`rules` must be one for each of {", ".join(WORDS)}; got {words}')
+        peaks = [rule.peak_s for rule in self.rules]
+        if any(late >= early for early, late in pairwise(peaks)):
+            raise InputError(f'`rules` must have descending `peak_s`; got {peaks}')
+
+    @property
+    def clock_s(self) -> float | None:
+        """Length of the ticks that it counts."""
+        return self.tick_s
+
+    def time_to_go_s(self, tick: int) -> float:
+        """Return the time to go at a tick."""
+        return max(self.arrival_s - tick * self.tick_s, 0.0)
+
+    @cached_property
+    def _peaks_s(self) -> Any:
+        return as_table([rule.peak_s for rule in reversed(self.rules)])
+
+    def grades(self, tick: int) -> tuple[float, ...]:
+        """Return the memberships of `WORDS` at a tick; they add up to 1."""
+        i, share = interval(self.time_to_go_s(tick), self._peaks_s)
+        found = [0.0] * len(WORDS)
+        found[len(WORDS) - 1 - i] = 1.0 - share
+        found[len(WORDS) - 2 - i] = share
+        return tuple(found)
+
+    def gains(self, tick: int) -> tuple[float, float]:
+        """Return the gains of position [N/m] and velocity [N s/m] at a tick."""
+        k = d = 0.0
+        for grade, rule in zip(self.grades(tick), self.rules, strict=True):
+            k += grade * rule.position_gain_n_m
+            d += grade * rule.velocity_gain_n_s_m
+        return k, d
+
+    @cached_property
+    def law(self) -> BaselineLaw:
+        """What the kernels read: gains for each tick, until only `due` fires."""
+        last = max(self.arrival_s - self.rules[-1].peak_s, 0.0)
+        ticks = int(last / self.tick_s) + 2
+        rows = np.zeros((ticks, 3, 6))
+        for tick in range(ticks):
+            k, d = self.gains(tick)
+            for axis in range(3):
+                rows[tick, axis, axis], rows[tick, axis, 3 + axis] = k, d
+        return law_of(self.max_force_n, gains=rows)
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies."""
+        found = [Gene('arrival_s', *_ARRIVAL_S, seconds=1)]
+        for word, (least, most), (t, k, d) in zip(WORDS, _PEAKS_S, _STARTS, strict=True):
+            found += [
+                Gene(f'{word}: peak_s', least, most, t, seconds=1),
+                Gene(f'{word}: k', 0.3 * k, 3.0 * k, k, -1, 0, 1, logarithmic=True),
+                Gene(f'{word}: d', 0.3 * d, 3.0 * d, d, -1, 1, 1, logarithmic=True),
+            ]
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> TimeToGo:
+        """Return the controller of the values of all genes."""
+        rules = (
+            Rule(word, *(values[f'{word}: {key}'] for key in ('peak_s', 'k', 'd')))
+            for word in WORDS
+        )
+        return cls(
+            name=name,
+            description='Gains by the time to go, in five words.',
+            max_force_n=mission.max_force_n,
+            arrival_s=values['arrival_s'],
+            tick_s=mission.dt_s,
+            rules=tuple(rules),
+        )
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        found = {'arrival_s': self.arrival_s}
+        for rule in self.rules:
+            numbers = (rule.peak_s, rule.position_gain_n_m, rule.velocity_gain_n_s_m)
+            for key, number in zip(('peak_s', 'k', 'd'), numbers, strict=True):
+                found[f'{rule.time_to_go}: {key}'] = number
+        return found
+
+    def tables(self) -> list[Table]:
+        """Return its rules as a table."""
+        rows: list[tuple[str, ...]] = [
+            (
+                rule.time_to_go,
+                f'{rule.peak_s:g}',
+                f'f = −{rule.position_gain_n_m:.4g} r − {rule.velocity_gain_n_s_m:.4g} v',
+            )
+            for rule in self.rules
+        ]
+        title = f'Rules of each axis [N, m, m/s]; arrival at {self.arrival_s:g} s'
+        return [Table(title, ('time to go', 'peak [s]', 'then'), rows)]
+
+    def claims(self) -> list[Claim]:
+        """Return what is proven for every start in the box of the paper's training.
+
+        The closed loop is linear in the start, as long as no force saturates. So each value here is
+        a convex function of the start, and is largest at a corner of the box: all are flown. For
+        the paper's chaser, without disturbance; floating point is not rounded outwards.
+        """
+        worst = self._worst_of_box(limits.ARRIVAL_WINDOW_S)
+        far, fast = limits.MAX_ARRIVAL_DISTANCE_M, limits.MAX_ARRIVAL_SPEED_M_S
+        conditions = (
+            ('force', 'of an axis, without saturation', worst.force_n, self.max_force_n, 'N'),
+            ('slew', 'of an axis', worst.slew_n_s, limits.MAX_SLEW_N_S, 'N/s'),
+            ('arrival', 'mean of |r| over the last 30 s', worst.distance_m, far, 'm'),
+            ('speed', 'mean of |v| over the last 30 s', worst.speed_m_s, fast, 'm/s'),
+        )
+        claims = [
+            Claim(
+                name,
+                f'{what}: at most {value:.4g} {unit}, limit {limit:g}, from any start in the box '
+                f'of {_BOX_M:g} m, at {_BOX_M_S:g} m/s',
+                value <= limit,
+            )
+            for name, what, value, limit, unit in conditions
+        ]
+        radius = self._hold_radius()
+        hold = f'stable after arrival: spectral radius {radius:.6f}'
+        return [*claims, Claim('hold', hold, radius < 1.0)]
+
+    def _closed_loop(self, gains: Any) -> Any:
+        a, b = replace(PAPER_MODEL, dt_s=self.tick_s).matrices()
+        return a - b @ gains
+
+    def _hold_radius(self) -> float:
+        """Return the spectral radius of the loop with the gains of `due`."""
+        last = np.asarray(self.law.gains[-1]).reshape(3, 6)
+        return float(np.abs(np.linalg.eigvals(self._closed_loop(last))).max())
+
+    def _worst_of_box(self, mean_s: float) -> _Worst:
+        """Return the largest values over all starts in the box; means over the last `mean_s`."""
+        ticks, tail = round(_FLIGHT_S / self.tick_s), round(mean_s / self.tick_s)
+        corners = np.array(list(product((1.0, -1.0), repeat=6))).T
+        state, forces = corners * np.repeat([_BOX_M, _BOX_M_S], 3)[:, None], []
+        distance, speed = np.zeros(64), np.zeros(64)
+        for tick in range(ticks):
+            k = np.asarray(self.law.gains[min(tick, len(self.law.gains) - 1)]).reshape(3, 6)
+            forces.append(-k @ state)
+            state = self._closed_loop(k) @ state
+            if tick >= ticks - tail:
+                distance = distance + np.linalg.norm(state[:3], axis=0) / tail
+                speed = speed + np.linalg.norm(state[3:], axis=0) / tail
+        found = np.array(forces)
+        steps = np.abs(np.diff(found, axis=0)).max() / self.tick_s
+        largest = (np.abs(found).max(), steps, np.max(distance), np.max(speed))
+        return _Worst(*map(float, largest))
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return a limited force in words; the sentence of any other reason says it all."""
+        names = 'force_n', 'position_gain_n_m', 'position_m', 'velocity_gain_n_s_m', 'velocity_m_s'
+        force, k, r, d, v = (published.get(name, 0.0) for name in names)
+        wanted = -(k * r + d * v)
+        limited = min(max(wanted, -self.max_force_n), self.max_force_n)
+        if limited == wanted or not is_same(limited, force):
+            return None
+        words = ', '.join(
+            f'{name.partition(".")[2].replace("_", " ")} {grade:.2f}'
+            for name, grade in published.items()
+            if name.startswith('time_to_go.')
+        )
+        law = f'−{k:.3g} r − {d:.3g} v = {newtons(wanted)}'
+        return Reasons(f'{newtons(force)}, limited from {law}, because time to go is {words}')
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z."""
+        to_go, grades, (k, d) = self.time_to_go_s(tick), self.grades(tick), self.gains(tick)
+        fired = [(w, g) for w, g in zip(WORDS, grades, strict=True) if g > 0.0]
+        fired.sort(key=lambda word: -word[1])
+        words = ', '.join(f'{word} {grade:.2f}' for word, grade in fired)
+        found = []
+        for axis, force in enumerate(baseline_force(state, tick, self.law)):
+            sentence = (
+                f'time to go is {words} ({to_go:.1f} s) → force −{k:.3g} r − {d:.3g} v '
+                f'= {force:.3g} N'
+            )
+            pairs = [
+                ('force_n', force),
+                ('time_to_go_s', to_go),
+                *((f'time_to_go.{word.replace(" ", "_")}', grade) for word, grade in fired),
+                ('position_gain_n_m', k),
+                ('velocity_gain_n_s_m', d),
+                ('position_m', state[axis]),
+                ('velocity_m_s', state[3 + axis]),
+            ]
+            found.append((sentence, pairs))
+        return found

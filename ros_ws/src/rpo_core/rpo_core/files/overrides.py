@@ -1,0 +1,63 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fields of a scenario changed on the command line: `--set initial_position_m=[0,80,0]`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import yaml
+
+from rpo_core import files
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError, shown, within
+
+CHANGED = ' (changed)'
+"""Ends the name of a scenario that is no longer that of its file."""
+
+
+def text_of(name: str, changes: Sequence[str]) -> str:
+    """Return the YAML text of a scenario of a shipped name or a path, with fields changed.
+
+    changes : KEY=VALUE; the value as in a file, the key with dots into sections
+
+    Raises InputError if the result is no scenario. Without changes it is the text of the file.
+    """
+    path = files.find('scenario', name)
+    content = files.read_text(path)
+    if not changes:
+        return content
+    with within(f'{path} with --set'):
+        document = files.parse_yaml(content)
+        if isinstance(document, dict) and isinstance(document.get('name'), str):
+            document['name'] += CHANGED
+        for change in changes:
+            _apply(document, change)
+        scenario.parse(document)
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+
+
+def load(name: str, changes: Sequence[str]) -> Scenario:
+    """Return a single scenario with fields changed; raises InputError."""
+    if not changes:
+        return scenario.load_scenario(name)
+    found = files.loads(text_of(name, changes), scenario.parse, name)
+    if not isinstance(found, Scenario):
+        raise InputError(f'`scenario` must be a single flight; {name} is a set')
+    return found
+
+
+def _apply(document: Any, change: str) -> None:
+    """Change one field of a document."""
+    key, equals, value = change.partition('=')
+    *sections, last = key.strip().split('.')
+    if not equals or not last:
+        raise InputError(f'`--set` must be KEY=VALUE, like mass_kg=12.0; got {shown(change)}')
+    for section in sections:
+        document = document.setdefault(section, {}) if isinstance(document, dict) else None
+    if not isinstance(document, dict):
+        raise InputError(f'`--set {key}` must name a field; a part of it has no fields')
+    with within(f'`{key}`'):
+        document[last] = files.parse_yaml(value)

@@ -1,0 +1,389 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Scenarios: what flies, from where, for how long. The one source of dt."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from math import hypot
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.chain.stage import section_of, sections
+from rpo_core.files import codec, starts
+from rpo_core.files.starts import MAX_POSITION_M, Starts
+from rpo_core.files.validation import (
+    Description,
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    mapping,
+    real,
+    schema,
+    shown,
+    store,
+    vector3,
+)
+from rpo_core.judge import requirements
+from rpo_core.judge.requirements import Requirements
+from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
+from rpo_core.world import cw
+from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
+from rpo_core.world.dynamics import Dynamics
+from rpo_core.world.navigation import Navigation
+from rpo_core.world.thrusters import Thrusters
+
+Settings = TypeVar('Settings')
+
+SCHEMA = 'rpo/scenario/1'
+SET_SCHEMA = 'rpo/scenario_set/1'
+SET_SECTIONS = ('guidance',)
+"""Stages that the flights of a set may have."""
+
+NANOSECONDS = 1_000_000_000
+
+DISTURBANCES = ('none', 'paper_offset', 'paper_phase')
+"""Presets of the field `disturbance`."""
+
+MAX_TICKS = 10_000_000
+MAX_VELOCITY_M_S = 1_000.0
+AT_TARGET: Vector = (0.0, 0.0, 0.0)
+
+_STAMP_END_NS = 2**31 * NANOSECONDS  # the seconds of a ROS stamp are an int32
+
+_OPTIONAL = ('goal_position_m', 'body', 'requirements', 'description')
+_FIELDS = ('orbit_radius_m', 'mass_kg', 'max_force_n', 'dt_s', 'duration_s', 'initial_velocity_m_s')
+
+
+class Goal(NamedTuple):
+    """A goal away from the target.
+
+    position_m : (3,) target LVLH
+    force_n : (3,) that the controller's command gets on top, to rest there
+    """
+
+    position_m: Vector
+    force_n: Vector
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One flight: target orbit, chaser, times, start and disturbance.
+
+    initial_position_m, initial_velocity_m_s : (3,) target LVLH
+    epoch_ns : int, UTC nanoseconds since 1970 of tick 0
+    sections : settings of stages that are not the identity (`rpo_core.chain.stage.sections`)
+    goal_position_m : (3,) target LVLH, where the chaser shall come to rest
+    requirements : what flights are judged by; None: they are not judged
+    """
+
+    name: Name
+    orbit_radius_m: float
+    mass_kg: cw.Mass
+    max_force_n: Annotated[float, partial(real, unit='N', above=0.0, most=MAX_FORCE_N)]
+    dt_s: cw.TickLength
+    duration_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e9)]
+    initial_position_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)]
+    initial_velocity_m_s: Annotated[Vector, partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)]
+    epoch_ns: int
+    disturbance: Disturbance = NONE
+    sections: tuple[Any, ...] = ()
+    goal_position_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)] = AT_TARGET
+    body: cw.Body = cw.EARTH
+    description: Description = field(default='', compare=False)
+    requirements: Requirements | None = field(default=None, compare=False)  # they change no flight
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        store(self, orbit_radius_m=cw.orbit_radius(self.orbit_radius_m, self.body))
+        self._check_sections()
+        self._check_ticks()
+        self._check_angles()
+
+    def _check_sections(self) -> None:
+        """Put the sections in the order of the chain."""
+        known = list(sections().values())  # of one place, in the order of registration
+        found = {id(s): section_of(s) for s in self.sections}
+        order = sorted(self.sections, key=lambda s: (found[id(s)].place, known.index(found[id(s)])))
+        if len({type(settings) for settings in order}) < len(order):
+            raise InputError('`sections` must hold settings of each kind once')
+        store(self, sections=tuple(order))
+        for settings in order:
+            check = section_of(settings).check
+            if check is not None:
+                check(settings, self)
+        if self.requirements is not None:
+            self.requirements.check_thrusters(self.thrusters)
+
+    def _check_ticks(self) -> None:
+        if abs(self.dt_s * NANOSECONDS - self.dt_ns) > 1e-3:
+            raise InputError(
+                '`dt_s` must be a whole number of nanoseconds, the tick of a stamp; '
+                f'got {self.dt_s!r}'
+            )
+        duration_ns = round(self.duration_s * NANOSECONDS)
+        if duration_ns % self.dt_ns != 0 or duration_ns < self.dt_ns:
+            raise InputError(
+                f'`duration_s` must be a multiple of `dt_s` = {self.dt_s!r} s; '
+                f'got {self.duration_s!r}'
+            )
+        if self.ticks > MAX_TICKS:
+            raise InputError(
+                f'`duration_s` must be at most {MAX_TICKS} ticks of `dt_s`; got {self.ticks}'
+            )
+        if not 0 < self.epoch_ns <= self.stamp_ns(self.ticks) < _STAMP_END_NS:
+            raise InputError(
+                '`epoch` and the end of the flight must lie between 1970 and '
+                '2038-01-19, the range of a ROS stamp; got '
+                f'{self.epoch_ns / NANOSECONDS!r} s since 1970, and '
+                f'`duration_s` = {self.duration_s!r}'
+            )
+
+    def _check_angles(self) -> None:
+        for i, term in enumerate(self.disturbance.harmonics):
+            angle = abs(term.angular_rate_rad_s) * self.duration_s + abs(term.phase_rad)
+            if angle >= MAX_ANGLE_RAD:
+                raise InputError(
+                    f'`disturbance.harmonics[{i}]` must turn less than '
+                    f'{MAX_ANGLE_RAD:g} rad in the flight; got {angle!r}'
+                )
+
+    def section(self, kind: type[Settings]) -> Settings | None:
+        """Return the settings of a stage, None where it is the identity."""
+        return next((found for found in self.sections if type(found) is kind), None)
+
+    @property
+    def dynamics(self) -> Dynamics | None:
+        """How chaser and target move; None: as Clohessy and Wiltshire say."""
+        return self.section(Dynamics)
+
+    @property
+    def thrusters(self) -> Thrusters | None:
+        """Thrusters with a delay or a matrix; None: saturation alone."""
+        return self.section(Thrusters)
+
+    @property
+    def navigation(self) -> Navigation | None:
+        """Errors of navigation; None: the controller sees the truth."""
+        return self.section(Navigation)
+
+    def equipped(self, *settings: Any) -> Scenario:
+        """Return the scenario with these settings of stages, in place of any of their kind."""
+        kinds = {type(new) for new in settings}
+        kept = [old for old in self.sections if type(old) not in kinds]
+        return replace(self, sections=(*kept, *settings))
+
+    @cached_property
+    def dt_ns(self) -> int:
+        """Tick length [ns]."""
+        return round(self.dt_s * NANOSECONDS)
+
+    @cached_property
+    def ticks(self) -> int:
+        """Number of steps N; states are numbered 0..N."""
+        return round(self.duration_s * NANOSECONDS) // self.dt_ns
+
+    @property
+    def mean_motion_rad_s(self) -> float:
+        """Mean motion of the target."""
+        return cw.mean_motion(self.orbit_radius_m, self.body)
+
+    @property
+    def goal(self) -> Goal | None:
+        """The goal, and the force that holds the chaser there; None: the target itself."""
+        if not any(self.goal_position_m):
+            return None
+        position_m, n = self.goal_position_m, self.mean_motion_rad_s
+        return Goal(position_m, cw.holding_force_n(position_m, n, self.mass_kg))
+
+    @property
+    def compensated(self) -> bool:
+        """Whether the controller opposes the disturbance that its estimator finds."""
+        return any(getattr(settings, 'compensate', False) for settings in self.sections)
+
+    @property
+    def goal_state(self) -> State:
+        """State (6,) [m, m/s] at rest at the goal."""
+        return (*self.goal_position_m, 0.0, 0.0, 0.0)
+
+    def from_goal(self, state: Sequence[float]) -> State:
+        """Return a state (6,) [m, m/s] relative to the goal."""
+        (gx, gy, gz), (x, y, z, vx, vy, vz) = self.goal_position_m, state
+        return x - gx, y - gy, z - gz, vx, vy, vz
+
+    @property
+    def start(self) -> State:
+        """Initial state (x, y, z, vx, vy, vz) [m, m/s], target LVLH."""
+        return (*self.initial_position_m, *self.initial_velocity_m_s)
+
+    @cached_property
+    def step(self) -> CwStep:
+        """Exact discretisation of the relative dynamics for one tick."""
+        return cw.discretise(self.mean_motion_rad_s, self.mass_kg, self.dt_s)
+
+    def time_s(self, tick: int) -> float:
+        """Time since the start; one rounding, never a sum."""
+        return tick * self.dt_ns / NANOSECONDS
+
+    def stamp_ns(self, tick: int) -> int:
+        """UTC nanoseconds since 1970 of a tick."""
+        return self.epoch_ns + tick * self.dt_ns
+
+    def tick_of(self, stamp_ns: int) -> int | None:
+        """Return the tick of a stamp, None if it is not the stamp of any tick of this run."""
+        tick, rest = divmod(stamp_ns - self.epoch_ns, self.dt_ns)
+        return tick if rest == 0 and 0 <= tick <= self.ticks else None
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """Times (N + 1,) [s] of the states."""
+        return np.array([self.time_s(tick) for tick in range(self.ticks + 1)])
+
+
+@dataclass(frozen=True)
+class ScenarioSet:
+    """Scenarios that differ in their initial position."""
+
+    base: Scenario
+    starts: Starts
+
+    @property
+    def name(self) -> str:
+        """Name of the set."""
+        return self.base.name
+
+    @property
+    def initial_positions_m(self) -> NDArray[np.float64]:
+        """Starts (n, 3) [m], target LVLH."""
+        return self.starts.positions_m
+
+    @property
+    def farthest(self) -> Scenario:
+        """The member that begins farthest from the target."""
+        x, y, z = max(self.initial_positions_m.tolist(), key=lambda r: hypot(*r))
+        return replace(self.base, initial_position_m=(x, y, z))
+
+    def scenarios(self) -> list[Scenario]:
+        """Return every member, named <set>_<index>."""
+        return [
+            replace(self.base, name=f'{self.name}_{index}', initial_position_m=(x, y, z))
+            for index, (x, y, z) in enumerate(self.initial_positions_m.tolist())
+        ]
+
+
+def parse(document: Any) -> Scenario | ScenarioSet:
+    """Return the scenario, or set, of a parsed YAML document; raises InputError."""
+    is_set = schema(document, SCHEMA, SET_SCHEMA) == SET_SCHEMA
+    start = starts.field_of(document) if is_set else 'initial_position_m'
+    known = {n: s for n, s in sections().items() if not is_set or n in SET_SECTIONS}
+    required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
+    _refuse_ellipses(document)
+    data = mapping('', document, required, [*known, *_OPTIONAL])
+    base = Scenario(
+        name=data['name'],
+        description=data.get('description', ''),
+        initial_position_m=(0.0, 0.0, 0.0) if is_set else data[start],
+        epoch_ns=_epoch_ns(data['epoch']),
+        sections=tuple(
+            codec.from_mapping(section.settings, name, data[name])
+            for name, section in known.items()
+            if name in data
+        ),
+        requirements=(requirements.parse(data['requirements']) if 'requirements' in data else None),
+        goal_position_m=data.get('goal_position_m', AT_TARGET),
+        body=cw.body_of('body', data.get('body', 'earth')),
+        **{name: data[name] for name in _FIELDS},
+    )
+    base = replace(base, disturbance=_disturbance(data['disturbance'], base.mean_motion_rad_s))
+    found = ScenarioSet(base, starts.parse(start, data[start])) if is_set else None
+    rehearsed = base if found is None else found.farthest
+    for settings in base.sections:
+        rehearse = section_of(settings).rehearse
+        if rehearse is not None:
+            rehearse(settings, rehearsed)
+    return base if found is None else found
+
+
+def to_document(scenario: Scenario) -> dict[str, Any]:
+    """Return one scenario as the document that `parse` reads, its disturbance spelt out."""
+    moment = datetime.datetime.fromtimestamp(
+        scenario.epoch_ns // NANOSECONDS, datetime.timezone.utc
+    )
+    document: dict[str, Any] = {
+        'schema': SCHEMA,
+        'name': scenario.name,
+        'description': scenario.description,
+        **{name: getattr(scenario, name) for name in ('initial_position_m', *_FIELDS)},
+        'epoch': moment + datetime.timedelta(microseconds=scenario.epoch_ns % NANOSECONDS // 1000),
+        'disturbance': scenario.disturbance,
+        **{section_of(settings).name: settings for settings in scenario.sections},
+    }
+    if scenario.goal is not None:
+        document['goal_position_m'] = scenario.goal_position_m
+    if scenario.body != cw.EARTH:
+        document['body'] = cw.document_of(scenario.body)
+    if scenario.requirements is not None:
+        document['requirements'] = scenario.requirements.to_document()
+    return {key: codec.to_mapping(value) for key, value in document.items()}
+
+
+def dumps(scenario: Scenario) -> str:
+    """Return the YAML text of one scenario; it is read back to the same bits."""
+    document = to_document(scenario)
+    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _refuse_ellipses(document: Any) -> None:
+    if isinstance(document, Mapping) and 'eccentricity' in document:
+        raise InputError(
+            '`eccentricity` belongs into section `dynamics`, with `kind` linear_elliptic or '
+            'two_body; without the section the orbit is a circle of radius `orbit_radius_m`'
+        )
+
+
+def _epoch_ns(value: Any) -> int:
+    if not isinstance(value, datetime.datetime):
+        raise InputError(
+            f'`epoch` must be a UTC date and time like 2026-01-01T00:00:00Z; got {shown(value)}'
+        )
+    moment = value.replace(tzinfo=value.tzinfo or datetime.timezone.utc)
+    since = moment - datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+    return (since // datetime.timedelta(microseconds=1)) * 1000
+
+
+def _disturbance(value: Any, mean_motion_rad_s: float) -> Disturbance:
+    if isinstance(value, str):
+        preset = choice('disturbance', value, DISTURBANCES)
+        return NONE if preset == 'none' else paper(preset.split('_')[1], mean_motion_rad_s)
+    return codec.from_mapping(Disturbance, 'disturbance', value, needed=('constant_n', 'harmonics'))
+
+
+def load(name: str | Path) -> Scenario | ScenarioSet:
+    """Return the scenario or set of a shipped name or a path; raises InputError."""
+    return files.load(files.find('scenario', str(name)), parse)
+
+
+def load_scenario(name: str | Path) -> Scenario:
+    """Return one scenario; a set is refused, since one run flies one start."""
+    found = load(name)
+    if isinstance(found, ScenarioSet):
+        count = len(found.initial_positions_m)
+        raise InputError(f'`scenario` must be a single flight; {name} is a set of {count}')
+    return found
+
+
+def load_set(name: str | Path) -> ScenarioSet:
+    """Return a set of scenarios; a single one is refused."""
+    found = load(name)
+    if isinstance(found, Scenario):
+        raise InputError(f'`scenario` must be a set ({SET_SCHEMA}); {name} is a single flight')
+    return found

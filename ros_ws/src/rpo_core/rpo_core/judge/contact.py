@@ -1,0 +1,135 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""When a chaser touches the port, how fast, and how deep it was in a zone before.
+
+Kernels of + - * / sqrt and comparisons, tick by tick: `verdicts` and the Monte Carlo engine count
+with them, with the same bits.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, NamedTuple
+
+from rpo_core.judge.metrics import norm
+from rpo_core.judge.requirements import Requirements
+from rpo_core.kernels import Vector, sin_cos
+from rpo_core.kernels.jit import as_table, kernel
+
+LINE_OF_SIGHT = -1
+"""The axis of a contact that has none: speeds are along the line of sight, and across it."""
+
+
+class Port(NamedTuple):
+    """What counts as contact, and where a path may be before it.
+
+    range_m : largest distance to the goal
+    axis, side : x, y, z = 0, 1, 2 and +1.0 or -1.0, from the port outward; or LINE_OF_SIGHT
+    least_m_s : slower, the latches do not catch
+    goal : (3,) of the port [m]
+    zone_m, slope : sphere about the target, 0: none; tangent of the cone that leads to the port,
+        where it is `range_m` wide to each side
+    """
+
+    range_m: float
+    axis: int
+    side: float
+    least_m_s: float
+    goal: Vector
+    zone_m: float
+    slope: float
+
+
+def port_of(required: Requirements, goal: Vector) -> Port:
+    """Return what requirements say of contact and zone."""
+    along = required.contact_axis or ''
+    sine, cosine = sin_cos((required.corridor_half_angle_deg or 0.0) * 0.017453292519943295)
+    return Port(
+        required.contact_range_m or 0.0,
+        'xyz'.index(along[1]) if along else LINE_OF_SIGHT,
+        -1.0 if along.startswith('-') else 1.0,
+        required.contact_least_closing_speed_m_s or 0.0,
+        goal,
+        required.keep_out_m or 0.0,
+        sine / cosine,
+    )
+
+
+@kernel
+def outward(x: float, y: float, z: float, axis: int, side: float) -> float:
+    """Return the component of a vector along an axis, outward."""
+    return side * (x if axis == 0 else (y if axis == 1 else z))
+
+
+@kernel
+def across(x: float, y: float, z: float, axis: int) -> float:
+    """Return the length of a vector across an axis."""
+    if axis == 0:
+        return norm(0.0, y, z)
+    return norm(x, 0.0, z) if axis == 1 else norm(x, y, 0.0)
+
+
+@kernel
+def touches(x: float, y: float, z: float, port: Port) -> bool:
+    """Whether an error of position [m] is contact: near the goal; with an axis, at its plane."""
+    if norm(x, y, z) > port.range_m:
+        return False
+    return port.axis < 0 or outward(x, y, z, port.axis, port.side) <= 0.0
+
+
+@kernel
+def contact_speeds(
+    x: float, y: float, z: float, vx: float, vy: float, vz: float, port: Port
+) -> tuple[float, float]:
+    """Return the closing and the lateral speed [m/s] of a contact; infinite: nothing caught.
+
+    x, y, z : position [m] from the goal; vx, vy, vz : velocity [m/s]. Along the port's axis and
+    across it; without one along the line of sight and across. At the goal itself there is no line
+    of sight, and all of the speed is closing.
+    """
+    distance = norm(x, y, z)
+    if port.axis >= 0:
+        closing = -outward(vx, vy, vz, port.axis, port.side)
+        lateral = across(vx, vy, vz, port.axis)
+    elif distance == 0.0:
+        closing, lateral = norm(vx, vy, vz), 0.0
+    else:
+        sx, sy, sz = x / distance, y / distance, z / distance
+        along = sx * vx + sy * vy + sz * vz
+        closing, lateral = -along, norm(vx - along * sx, vy - along * sy, vz - along * sz)
+    if closing < port.least_m_s:
+        return inf, inf
+    return closing, lateral
+
+
+@kernel
+def depth_m(x: float, y: float, z: float, port: Port) -> float:
+    """Return how deep [m] an error of position is in the zone and off the cone; 0.0 outside."""
+    depth = port.zone_m - norm(x + port.goal[0], y + port.goal[1], z + port.goal[2])
+    if port.axis >= 0 and port.slope > 0.0:
+        beside = across(x, y, z, port.axis) - port.range_m
+        beside -= port.slope * outward(x, y, z, port.axis, port.side)
+        depth = beside if beside < depth else depth
+    return depth if depth > 0.0 else 0.0
+
+
+@kernel
+def judge(errors: Any, port: Port) -> tuple[float, float, float]:
+    """Return closing and lateral speed [m/s] of the first contact, depth [m] in the zone before.
+
+    errors : (n, 6) position from the goal [m], velocity [m/s]
+    """
+    deepest = 0.0
+    for i in range(len(errors)):
+        e = errors[i]
+        if touches(e[0], e[1], e[2], port):
+            closing, lateral = contact_speeds(e[0], e[1], e[2], e[3], e[4], e[5], port)
+            return closing, lateral, deepest
+        depth = depth_m(e[0], e[1], e[2], port)
+        deepest = depth if depth > deepest else deepest
+    return inf, inf, deepest
+
+
+def judged(errors: Any, required: Requirements, goal: Vector) -> tuple[float, float, float]:
+    """Return `judge` of a flight's errors (n, 6), by what it requires."""
+    return judge(as_table(errors), port_of(required, goal))

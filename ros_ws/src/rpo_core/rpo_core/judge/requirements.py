@@ -1,0 +1,184 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a scenario requires of its flights: section `requirements`. `verdicts` judges by it.
+
+Requirements change no flight. `per_axis`: the largest absolute value of any axis. `norm`: of the
+vector. Errors are positions relative to the goal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Annotated, Any
+
+from rpo_core.files import codec
+from rpo_core.files.validation import InputError, check_fields, choice, mapping, real
+
+DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
+"""Axes of target LVLH, by which a chaser comes in."""
+
+MEAN_WINDOW_S = 30.0
+"""The means are over the last 30 s, as in the paper, if the file does not say."""
+
+
+def _limit(name: str, value: Any, unit: str, above: float | None = None) -> float | None:
+    """Return a limit >= 0, or > `above`; None where there is none."""
+    if value is None:
+        return None
+    least = 0.0 if above is None else None
+    return real(name, value, unit, least=least, above=above, most=1e9)
+
+
+def _angle(name: str, value: Any) -> float | None:
+    return None if value is None else real(name, value, 'deg', above=0.0, most=60.0)
+
+
+def _direction(name: str, value: Any) -> str | None:
+    return None if value is None else choice(name, value, DIRECTIONS)
+
+
+Metres = Annotated[float | None, partial(_limit, unit='m')]
+MetresPerSecond = Annotated[float | None, partial(_limit, unit='m/s')]
+Newtons = Annotated[float | None, partial(_limit, unit='N')]
+Seconds = Annotated[float | None, partial(_limit, unit='s')]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Requirements:
+    """Upper limits; None: no requirement.
+
+    final : at the last state
+    mean : means over the last `mean_window_s`
+    hold : at all states after `hold_from_s`, not judged where the flight ends earlier;
+        `force_per_disturbance` is the largest |force| of an axis as a share of the largest
+        |disturbance| of an axis over the flight
+    arrival : the error stays within the limit from a time on, at most `arrival_time_s`
+    contact : at the first state within `contact_range_m` of the goal; closing along the line of
+        sight, lateral across it. With `contact_axis`, that of the port outward: at the first such
+        state that has come to the port's plane, along the axis and across it. Slower than
+        `contact_least_closing_speed_m_s` nothing catches, and there is no contact
+    keep_out_depth : how far, before the contact, inside the sphere of `keep_out_m` about the target
+        and beside the cone of `corridor_half_angle_deg` about `contact_axis`, which at the goal
+        is as wide as `contact_range_m` to each side
+    delta_v_axis_sum : integral of |f_x| + |f_y| + |f_z| over the mass
+    thruster_delta_v, propellant, valve_openings : what thrusters with `pulses` or `propellant`
+        spent in the flight, waste included
+    """
+
+    final_error_per_axis_m: Metres = None
+    final_error_norm_m: Metres = None
+    final_speed_per_axis_m_s: MetresPerSecond = None
+    final_speed_norm_m_s: MetresPerSecond = None
+    mean_window_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e9)] = MEAN_WINDOW_S
+    mean_error_norm_m: Metres = None
+    mean_speed_norm_m_s: MetresPerSecond = None
+    hold_from_s: Seconds = None
+    hold_error_per_axis_m: Metres = None
+    hold_error_norm_m: Metres = None
+    hold_speed_per_axis_m_s: MetresPerSecond = None
+    hold_speed_norm_m_s: MetresPerSecond = None
+    hold_force_per_axis_n: Newtons = None
+    hold_force_per_disturbance: Annotated[float | None, partial(_limit, unit='')] = None
+    arrival_time_s: Seconds = None
+    arrival_error_per_axis_m: Metres = None
+    arrival_error_norm_m: Metres = None
+    contact_range_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    contact_axis: Annotated[str | None, _direction] = None
+    contact_least_closing_speed_m_s: MetresPerSecond = None
+    contact_closing_speed_m_s: MetresPerSecond = None
+    contact_lateral_speed_m_s: MetresPerSecond = None
+    keep_out_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    corridor_half_angle_deg: Annotated[float | None, _angle] = None
+    keep_out_depth_m: Metres = None
+    slew_per_axis_n_s: Annotated[float | None, partial(_limit, unit='N/s')] = None
+    energy_n2s: Annotated[float | None, partial(_limit, unit='N^2 s')] = None
+    delta_v_axis_sum_m_s: MetresPerSecond = None
+    thruster_delta_v_m_s: MetresPerSecond = None
+    propellant_kg: Annotated[float | None, partial(_limit, unit='kg')] = None
+    valve_openings: Annotated[float | None, partial(_limit, unit='')] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for key, limits in _NEEDS.items():
+            given = [name for name in limits if getattr(self, name) is not None]
+            if given and getattr(self, key) is None:
+                raise InputError(f'`{key}` is missing; `{given[0]}` needs it')
+            if not given and getattr(self, key) is not None:
+                raise InputError(f'`{key}` must go with one of {", ".join(limits)}; got none')
+        for key, other in _BESIDE.items():
+            if getattr(self, key) is not None and getattr(self, other) is None:
+                raise InputError(f'`{other}` is missing; `{key}` needs it')
+        if not self.limits:
+            raise InputError(f'`requirements` must have a limit, like `{LIMITS[0]}`; got none')
+        if self.arrival_error_per_axis_m is not None and self.arrival_error_norm_m is not None:
+            raise InputError(
+                '`arrival_time_s` must go with `arrival_error_per_axis_m` or '
+                '`arrival_error_norm_m`; got both'
+            )
+
+    def check_thrusters(self, thrusters: Any) -> None:
+        """Raise InputError where they limit what thrusters do not spend, or do not count."""
+        pulses = thrusters is not None and thrusters.pulses is not None
+        tank = thrusters is not None and thrusters.propellant is not None
+        for name, has, what in (
+            ('thruster_delta_v_m_s', pulses or tank, '`pulses` or `propellant`'),
+            ('propellant_kg', tank, '`propellant`'),
+            ('valve_openings', pulses, '`pulses`'),
+        ):
+            if getattr(self, name) is not None and not has:
+                raise InputError(f'`requirements.{name}` needs thrusters with {what}; got none')
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """Name -> limit of what is required, in the order of the fields."""
+        found = {name: getattr(self, name) for name in LIMITS}
+        return {name: limit for name, limit in found.items() if limit is not None}
+
+    def to_document(self) -> dict[str, float | str]:
+        """Return the section as `parse` reads it."""
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+_NEEDS = {
+    'hold_from_s': tuple(
+        f.name
+        for f in fields(Requirements)
+        if f.name.startswith('hold_') and f.name != 'hold_from_s'
+    ),
+    'arrival_time_s': ('arrival_error_per_axis_m', 'arrival_error_norm_m'),
+    'contact_range_m': ('contact_closing_speed_m_s', 'contact_lateral_speed_m_s'),
+    'keep_out_m': ('keep_out_depth_m',),
+}
+"""Field -> limits that mean nothing without it."""
+
+_BESIDE = {
+    'contact_axis': 'contact_range_m',
+    'contact_least_closing_speed_m_s': 'contact_range_m',
+    'corridor_half_angle_deg': 'contact_axis',
+}
+"""Setting -> setting that it needs."""
+
+_SETTINGS = (
+    'mean_window_s',
+    'hold_from_s',
+    'contact_range_m',
+    'contact_axis',
+    'contact_least_closing_speed_m_s',
+    'keep_out_m',
+    'corridor_half_angle_deg',
+    'arrival_error_per_axis_m',
+    'arrival_error_norm_m',
+)
+LIMITS = tuple(f.name for f in fields(Requirements) if f.name not in _SETTINGS)
+"""Fields that are limits; the others say when or where the limits hold."""
+
+
+def parse(value: Any) -> Requirements:
+    """Return the section `requirements` of a scenario file; raises InputError."""
+    known = [f.name for f in fields(Requirements)]
+    for name, item in mapping('requirements', value, (), known).items():
+        if item is None:
+            raise InputError(f'`requirements.{name}` must be a number; got nothing')
+    return codec.from_mapping(Requirements, 'requirements', value)

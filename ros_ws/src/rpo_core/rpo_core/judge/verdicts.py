@@ -1,0 +1,212 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts: what a scenario requires (`rpo_core.judge.requirements`) beside the values of a flight.
+
+A keep-out zone of any of its sections is required too, whoever commands.
+
+The only place where they are computed: `final_approach`, `rpo simulate`, `rpo evaluate`, reports
+and campaigns show these.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.flight import Flight
+from rpo_core.judge import contact, metrics
+from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.zones import zones_of
+
+Floats = NDArray[np.float64]
+
+HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
+
+_SHOWN = {
+    'final_error_per_axis_m': ('m', 'position error per axis, at the end'),
+    'final_error_norm_m': ('m', 'position error (norm), at the end'),
+    'final_speed_per_axis_m_s': ('m/s', 'speed per axis, at the end'),
+    'final_speed_norm_m_s': ('m/s', 'speed (norm), at the end'),
+    'mean_error_norm_m': ('m', 'mean error (norm), last {mean:g} s'),
+    'mean_speed_norm_m_s': ('m/s', 'mean speed (norm), last {mean:g} s'),
+    'hold_error_per_axis_m': ('m', 'position error per axis, after {hold:g} s'),
+    'hold_error_norm_m': ('m', 'position error (norm), after {hold:g} s'),
+    'hold_speed_per_axis_m_s': ('m/s', 'speed per axis, after {hold:g} s'),
+    'hold_speed_norm_m_s': ('m/s', 'speed (norm), after {hold:g} s'),
+    'hold_force_per_axis_n': ('N', 'force per axis, after {hold:g} s'),
+    'hold_force_per_disturbance': ('N', 'force per axis, after {hold:g} s'),
+    'arrival_time_s': ('s', 'time to goal, {arrival}'),
+    'contact_closing_speed_m_s': ('m/s', 'closing speed at {contact:g} m{least}'),
+    'contact_lateral_speed_m_s': ('m/s', 'lateral speed at {contact:g} m'),
+    'keep_out_depth_m': ('m', 'depth inside the sphere of {zone:g} m{cone}'),
+    'slew_per_axis_n_s': ('N/s', 'slew per axis'),
+    'energy_n2s': ('N²s', 'energy J'),
+    'delta_v_axis_sum_m_s': ('m/s', 'Δv (sum of the axes)'),
+    'thruster_delta_v_m_s': ('m/s', 'Δv of the thrusters, waste included'),
+    'propellant_kg': ('kg', 'propellant'),
+    'valve_openings': ('', 'openings of the valves'),
+}
+"""Requirement -> unit, statement."""
+
+ZONE_DEPTH = 'zone_depth_m'
+"""Key of the verdicts about keep-out zones, one for each zone."""
+
+THRUST = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
+"""Requirement -> unit of what thrusters spend, in the order of `rpo_core.chain.flight.Thrust`."""
+
+
+class Verdict(NamedTuple):
+    """A requirement beside the value of a flight.
+
+    value : infinite where the flight never gets there; not a number where it ends too early
+    """
+
+    key: str
+    statement: str
+    unit: str
+    limit: float
+    value: float
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the flight keeps it; None where it ends before the requirement begins."""
+        return None if math.isnan(self.value) else self.value <= self.limit
+
+    @property
+    def word(self) -> str:
+        """The verdict as it is shown."""
+        return {True: HOLDS, False: MISSED, None: NOT_JUDGED}[self.holds]
+
+
+def verdicts(flight: Flight) -> list[Verdict]:
+    """Return each requirement of the flight's scenario beside its value; none where none are."""
+    required = flight.scenario.requirements
+    found = [] if required is None else _of_requirements(flight, required)
+    return found + _of_zones(flight)
+
+
+def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
+    values, found = _values(flight, required), []
+    for key, limit in required.limits.items():
+        unit, _ = _SHOWN[key]
+        if key == 'hold_force_per_disturbance':
+            limit *= metrics.disturbance_level_n(flight)
+        shown = statement(key, required, flight.scenario.duration_s)
+        found.append(Verdict(key, shown, unit, limit, values[key]))
+    return found
+
+
+def missed(flight: Flight) -> bool:
+    """Return whether a requirement that the flight is judged by is missed."""
+    return any(verdict.holds is False for verdict in verdicts(flight))
+
+
+def _of_zones(flight: Flight) -> list[Verdict]:
+    """Return how deep a flight comes into each keep-out zone of its scenario, beside none."""
+    states, dt_s = flight.states, flight.scenario.dt_s
+    known = bool(np.isfinite(states).all())
+    return [
+        Verdict(
+            ZONE_DEPTH,
+            f'depth inside {zones.keep_out}',
+            'm',
+            limit=0.0,
+            value=zones.deepest_m(states, dt_s) if known else math.inf,
+        )
+        for zones in zones_of(flight.scenario)
+        if zones.keep_out_m
+    ]
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a requirement."""
+    return _SHOWN[key][0]
+
+
+def statement(key: str, required: Requirements, duration_s: float) -> str:
+    """Return what a requirement is about, with its times and places."""
+    axis, norm = required.arrival_error_per_axis_m, required.arrival_error_norm_m
+    arrival = f'within {axis:g} m per axis' if axis is not None else f'within {norm or 0.0:g} m'
+    least, angle = required.contact_least_closing_speed_m_s, required.corridor_half_angle_deg
+    return _SHOWN[key][1].format(
+        mean=min(required.mean_window_s, duration_s),
+        hold=required.hold_from_s or 0.0,
+        arrival=arrival,
+        contact=required.contact_range_m or 0.0,
+        least='' if least is None else f', at least {least:g} m/s',
+        zone=required.keep_out_m or 0.0,
+        cone='' if angle is None else f', beside the corridor of {angle:g}°',
+    )
+
+
+def _values(flight: Flight, required: Requirements) -> dict[str, float]:
+    row = metrics.row_of(flight).tolist()
+    if not math.isfinite(row[metrics.ENERGY]):
+        return dict.fromkeys(_SHOWN, math.inf)  # not a number in flight: nothing is kept
+    late = _late(flight)
+    errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
+    flown = len(errors) > 0
+    touched = contact.judged(flight.errors, required, flight.scenario.goal_position_m)
+    error, speed = flight.errors[-1:, :3], flight.velocities_m_s[-1:]
+    return {
+        'final_error_per_axis_m': _per_axis(error),
+        'final_error_norm_m': _norm(error),
+        'final_speed_per_axis_m_s': _per_axis(speed),
+        'final_speed_norm_m_s': _norm(speed),
+        'mean_error_norm_m': row[metrics.ARRIVAL_DISTANCE],
+        'mean_speed_norm_m_s': row[metrics.ARRIVAL_SPEED],
+        'hold_error_per_axis_m': _per_axis(errors),
+        'hold_error_norm_m': _norm(errors),
+        'hold_speed_per_axis_m_s': _per_axis(speeds),
+        'hold_speed_norm_m_s': _norm(speeds),
+        'hold_force_per_axis_n': row[metrics.LATE_FORCE] if flown else math.nan,
+        'hold_force_per_disturbance': row[metrics.LATE_FORCE] if flown else math.nan,
+        'arrival_time_s': _arrival_s(flight, required),
+        'contact_closing_speed_m_s': touched[0],
+        'contact_lateral_speed_m_s': touched[1],
+        'keep_out_depth_m': touched[2],
+        'slew_per_axis_n_s': row[metrics.SLEW],
+        'energy_n2s': row[metrics.ENERGY],
+        'delta_v_axis_sum_m_s': row[metrics.DELTA_V],
+        **(_spent(flight) if THRUST.keys() & required.limits.keys() else {}),
+    }
+
+
+def _spent(flight: Flight) -> dict[str, float]:
+    """Return what the thrusters spent; it takes a pass over the flight."""
+    return dict(zip(THRUST, map(float, flight.thrust[2:]), strict=True))
+
+
+def _late(flight: Flight) -> slice:
+    """Return the states after `hold_from_s`."""
+    return slice((metrics.hold_tick(flight.scenario) or 0) + 1, None)
+
+
+def _per_axis(vectors: Floats) -> float:
+    """Return the largest absolute value of any axis of vectors (n, 3); not a number of none."""
+    return float(np.abs(vectors).max(initial=0.0)) if len(vectors) else math.nan
+
+
+def _norms(vectors: Floats) -> Floats:
+    x, y, z = vectors.T
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _norm(vectors: Floats) -> float:
+    """Return the largest norm of vectors (n, 3); not a number of none."""
+    return float(_norms(vectors).max()) if len(vectors) else math.nan
+
+
+def _arrival_s(flight: Flight, required: Requirements) -> float:
+    """Return the time of the last state outside; infinite if that is the end of the flight."""
+    most_m = required.arrival_error_per_axis_m
+    if most_m is None:
+        most_m, sizes = required.arrival_error_norm_m, _norms(flight.errors[:, :3])
+    else:
+        sizes = np.abs(flight.errors[:, :3]).max(axis=1)
+    outside = np.flatnonzero(sizes > (0.0 if most_m is None else most_m))
+    last = int(outside[-1]) if outside.size else 0
+    return math.inf if last == flight.scenario.ticks else flight.scenario.time_s(last)

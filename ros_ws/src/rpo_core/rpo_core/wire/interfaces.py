@@ -1,0 +1,282 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The table of interfaces: what flies between stages, and how a topic carries it.
+
+A signal is a tuple of floats with a name. A signal whose row names a type of message is a topic of
+that name too. Nodes, recorder, log reader, verify, replay and the pages of the documentation read
+this table; a new topic needs one row (`add`) and nothing else. See `rpo_core.files.plugins`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rpo_core.files import plugins
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr
+from rpo_core.wire.layout import Layout
+
+LVLH_FRAME = 'target_lvlh'
+"""Target-centred: x R-bar outward, y V-bar along the velocity, z H-bar along angular momentum."""
+
+CHASER_FRAME = 'chaser'
+"""Chaser body; its axes are parallel to LVLH, attitude being synchronised."""
+
+CLOCK_TYPE = cdr.CLOCK
+STATE_TYPE = cdr.ODOMETRY
+FORCE_TYPE = cdr.WRENCH
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
+ARRAY_TYPE = 'diagnostic_msgs/msg/DiagnosticArray'
+
+CLOCK = 'clock'
+RELATIVE_STATE = 'relative_state'
+NAVIGATION_STATE = 'navigation_state'
+NAVIGATION_COVARIANCE = 'navigation_covariance'
+ESTIMATED_DISTURBANCE = 'estimated_disturbance'
+REFERENCE_STATE = 'reference_state'
+REFERENCE_FORCE = 'reference_force'
+CONTROL_FORCE = 'control_force'
+DISTURBANCE_FORCE = 'disturbance_force'
+DUE_FORCE = 'due_force'
+SATURATED_FORCE = 'saturated_force'
+THRUST_FORCE = 'thrust_force'
+EXERTED_FORCE = 'exerted_force'
+CHASER_MASS = 'chaser_mass'
+APPLIED_FORCE = 'applied_force'
+APPLIED_DISTURBANCE = 'applied_disturbance'
+STAGE_STATUS = 'stage_status'
+GUIDANCE_STATUS = 'guidance_status'
+RUN_STATUS = 'run_status'
+DECISION = 'decision'
+NODE_MANIFEST = 'node_manifest'
+RECORDER_STATUS = 'recorder_status'
+DIAGNOSTICS = 'diagnostics'
+
+STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
+"""What a signal carries: a relative state; a force commanded, on its way to the thrusters; the
+force that thrusters exert; a force from outside. A stage that reads one of these gets the last
+signal made before it."""
+
+PREVIOUS_COMMAND = 'command of the tick before'
+"""What a stage before the controller may read: the last command, made one tick ago; zero at tick 0.
+Of commands that a link may lose or delay, it is the one that was sent."""
+
+_PREVIOUS = ' of the tick before'
+
+TRUTH, EACH_TICK, EVENT = 'truth', 'each tick', 'event'
+"""When a message is due: at each tick, by the plant itself; at each tick, in answer to a state (in
+free running it may be late or missing); now and then."""
+
+_COLUMNS = {
+    STATE_TYPE: tuple(
+        f'{part}.{axis}'
+        for part in ('pose.pose.position', 'twist.twist.linear')
+        for axis in 'xyz'
+    ),
+    FORCE_TYPE: tuple(f'wrench.force.{axis}' for axis in 'xyz'),
+}  # fmt: skip
+
+_COVARIANCES = tuple(
+    f'{part}.covariance[{6 * row + column}]'
+    for part in ('pose', 'twist')
+    for row in range(3)
+    for column in range(3)
+)
+"""Covariances of position and of velocity, 3 x 3 each, row by row."""
+
+
+@dataclass(frozen=True)
+class Qos:
+    """Quality of service that the publisher of a topic offers."""
+
+    reliability: str = 'reliable'
+    durability: str = 'volatile'
+    depth: int = 64
+
+
+LOCKSTEP = Qos()
+"""States and forces. One tick is under way at a time; the depth lets DDS repair a loss for a
+recorder some ticks behind. Not deeper: a hole is repaired at a heartbeat, up to 3 s later, and all
+that follows would be held back until then. Not transient local: a late joiner must not get another
+run's forces."""
+
+PROGRESS_TICKS, MOST_AHEAD_TICKS = 16, 48
+"""A recorder says every so many ticks how far it is; in lockstep the plant waits for one that is so
+many ticks behind. With what is under way that is less than the depth: nothing is lost."""
+
+LATCHED = Qos(durability='transient_local', depth=1)
+"""Statuses and manifests: who comes late still learns the last one."""
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One row of the table.
+
+    name : of the signal and of the topic, relative, so that two runs live in two namespaces
+    type : ROS type of the message; '' for a signal that is no topic
+    meaning : in a few words, with unit and frame
+    carries : STATE, COMMAND, THRUST, DISTURBANCE, or '' for a signal read by its name only
+    due : TRUTH, EACH_TICK or EVENT
+    logged : whether `run.mcap` holds it
+    qos : offered by its publisher
+    numbers : of a signal that is no topic
+    covariance : whether the numbers of a state are followed by the covariances of position and of
+        velocity, 9 each
+    rider : name of a signal whose numbers are the covariances in the same message; '' for none
+    rides : name of the signal in whose message it travels; '' for none
+    beside : name of the signal without which a run has no such events; '' for none
+    """
+
+    name: str
+    type: str
+    meaning: str
+    carries: str = ''
+    due: str = EACH_TICK
+    logged: bool = True
+    qos: Qos = field(default=LOCKSTEP)
+    numbers: int = 3
+    covariance: bool = False
+    rider: str = ''
+    rides: str = ''
+    beside: str = ''
+
+    @property
+    def topic(self) -> str:
+        """Name of the topic for a node: relative, but for the clock and diagnostics."""
+        return f'/{self.name}' if self.name in (CLOCK, DIAGNOSTICS) else self.name
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the message's fields that the numbers of the signal fill, in their order."""
+        if self.rides:
+            return _COVARIANCES
+        return _COLUMNS.get(self.type, ()) + (_COVARIANCES if self.covariance else ())
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frame ids in the message: that of the header, and the child frame of a state."""
+        both = (LVLH_FRAME, CHASER_FRAME)
+        return {STATE_TYPE: both, FORCE_TYPE: both[:1]}.get(self.type, ())
+
+    @property
+    def layout(self) -> Layout:
+        """Where the numbers of the signal lie in the bytes of its message."""
+        return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
+
+
+_TABLE: dict[str, Interface] = {}
+
+
+def add(row: Interface, before: str = '') -> Interface:
+    """Add a row to the table, in the order in which the messages of a tick are logged.
+
+    before : name of the row that follows; '' for the end
+
+    Raises InputError if there is a row of that name already, or none of the name `before`; or if it
+    is logged each tick and its type is none that has a layout.
+    """
+    if row.name in _TABLE:
+        raise InputError(f'interface `{row.name}` must be added once; it is in the table already')
+    types = (STATUS_TYPE,) if row.due == EVENT else (CLOCK_TYPE, STATE_TYPE, FORCE_TYPE)
+    if row.logged and row.type not in types:
+        allowed = ' or '.join(types)
+        raise InputError(f'interface `{row.name}` must be {allowed} to be logged; got {row.type}')
+    rows = list(_TABLE.values())
+    if before and before not in _TABLE:
+        raise InputError(f'`before` must be one of {", ".join(_TABLE)}; got {before!r}')
+    rows.insert(list(_TABLE).index(before) if before else len(rows), row)
+    _TABLE.clear()
+    _TABLE.update((r.name, r) for r in rows)
+    return row
+
+
+def table() -> dict[str, Interface]:
+    """Return name -> row of all signals; loads the plug-ins first."""
+    plugins.load()
+    return _TABLE
+
+
+def previous(name: str) -> str:
+    """Return the name of a signal as it was one tick ago."""
+    return name + _PREVIOUS
+
+
+def current(name: str) -> str:
+    """Return the name of a signal without its delay of a tick."""
+    return name.removesuffix(_PREVIOUS)
+
+
+def row_of(name: str) -> Interface:
+    """Return the row of a signal, of this tick or the one before; raises InputError if none."""
+    found = table().get(current(name))
+    if found is None:
+        raise InputError(f'interface must be one of {", ".join(_TABLE)}; got {name!r}')
+    return found
+
+
+def find(name: str) -> Interface | None:
+    """Return the row of a signal or topic, absolute or in a namespace; None if it has none."""
+    return table().get(name.rsplit('/', 1)[-1])
+
+
+def rows(*, logged: bool | None = None) -> tuple[Interface, ...]:
+    """Return the rows of topics in their order; those logged, those that are not, or all."""
+    return tuple(r for r in table().values() if r.type and logged in (None, r.logged))
+
+
+# fmt: off
+for _row in (
+    Interface(CLOCK, CLOCK_TYPE,
+              'simulated time, for others; no control depends on it', due=TRUTH),
+    Interface(RELATIVE_STATE, STATE_TYPE,
+              'true state of the chaser, target LVLH, stamp of its tick', STATE, TRUTH),
+    Interface(NAVIGATION_STATE, STATE_TYPE,
+              'state as navigation finds it, where the scenario has errors of it', STATE,
+              rider=NAVIGATION_COVARIANCE),
+    Interface(NAVIGATION_COVARIANCE, '',
+              'covariances of position and velocity in navigation_state, where it is estimated',
+              logged=False, rides=NAVIGATION_STATE),
+    Interface(ESTIMATED_DISTURBANCE, FORCE_TYPE,
+              'disturbance as the estimator finds it, target LVLH, where it does'),
+    Interface(REFERENCE_STATE, STATE_TYPE,
+              'state that the controller shall follow, where the scenario has guidance'),
+    Interface(REFERENCE_FORCE, FORCE_TYPE,
+              'force that a chaser on the reference needs, target LVLH'),
+    Interface(CONTROL_FORCE, FORCE_TYPE,
+              'commanded force, target LVLH, stamp of the state it answers', COMMAND),
+    Interface(DISTURBANCE_FORCE, FORCE_TYPE,
+              'disturbance, target LVLH, stamp of the state it answers', DISTURBANCE),
+    Interface(APPLIED_FORCE, FORCE_TYPE,
+              'command that acts, saturated (free running)', COMMAND, TRUTH),
+    Interface(APPLIED_DISTURBANCE, FORCE_TYPE,
+              'disturbance that acts (free running)', DISTURBANCE, TRUTH),
+    Interface(DUE_FORCE, '',
+              'command that is due at the thrusters, late where they are', logged=False),
+    Interface(SATURATED_FORCE, '', 'the same, saturated', logged=False),
+    Interface(THRUST_FORCE, '', 'force that the thrusters exert', THRUST, logged=False),
+    Interface(EXERTED_FORCE, FORCE_TYPE,
+              'force that thrusters exert in pulses, mean of a tick, target LVLH', THRUST, TRUTH),
+    Interface(CHASER_MASS, '', 'mass of the chaser in the middle of a tick [kg], where it falls',
+              logged=False, numbers=1),
+    Interface(STAGE_STATUS, STATUS_TYPE,
+              'a stage that was switched off or on in flight, and from which tick',
+              due=EVENT, qos=LATCHED),
+    Interface(GUIDANCE_STATUS, STATUS_TYPE,
+              'phase of the plan that begins, its first tick and why',
+              due=EVENT, logged=False, qos=LATCHED),
+    Interface(RUN_STATUS, STATUS_TYPE,
+              'waiting, running, paused, finished or aborted; reason and metrics',
+              due=EVENT, qos=LATCHED),
+    Interface(DECISION, ARRAY_TYPE,
+              'why the controller commands: per axis a sentence, grades and strengths',
+              due=EVENT, logged=False),
+    Interface(NODE_MANIFEST, STATUS_TYPE,
+              'files and parameters that shape the flight, for the log',
+              due=EVENT, logged=False, qos=LATCHED),
+    Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready, closed or failed',
+              due=EVENT, logged=False, qos=LATCHED),
+    Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
+              due=EVENT, logged=False, qos=Qos(depth=10)),
+):
+    add(_row)
+# fmt: on

@@ -1,0 +1,109 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the numbers of a signal lie in the bytes of its message."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from functools import lru_cache
+
+from rpo_core.wire import cdr
+
+WRONG_FRAME, NOT_FINITE, MALFORMED = 'wrong_frame', 'not_finite', 'malformed'
+"""Why a message cannot be used."""
+
+_NS = 1_000_000_000
+_THREE = struct.Struct('<3d')
+
+
+class Layout:
+    """Where the numbers of a signal lie in its message; all else in the message is fixed.
+
+    Making and reading a message is a copy and a few packed floats: a tenth of the time that message
+    objects take.
+
+    texts : frame ids in the message, in their order
+    size : of the message [bytes]
+    columns : places of the signal's numbers among the floats of the message
+    plain : the message with zeros for stamp and numbers
+    places : offsets of the numbers in the message, three at each
+    """
+
+    def __init__(self, type_name: str, texts: tuple[str, ...], covariance: bool = False) -> None:
+        if type_name == cdr.CLOCK:
+            self.columns: tuple[int, ...] = ()
+            self.plain = cdr.encode_clock(0)
+        elif type_name == cdr.ODOMETRY:
+            self.columns = (0, 1, 2, 43, 44, 45)  # position, linear velocity
+            if covariance:  # three rows of three, of each
+                rows = [part + 6 * row for part in (7, 49) for row in range(3)]
+                self.columns += tuple(row + i for row in rows for i in range(3))
+            self.plain = cdr.encode_odometry(0, texts[0], texts[1], (0.0,) * 6)
+        else:
+            self.columns = (0, 1, 2)  # force
+            self.plain = cdr.encode_wrench(0, texts[0], (0.0,) * 3)
+        self.type, self.texts, self.size = type_name, texts, len(self.plain)
+        first = self.size - 8 * len(cdr.FIELDS[type_name][1])
+        self.places = tuple(first + 8 * column for column in self.columns[::3])
+        # What must stand between the stamp and the numbers, with the gaps cleared.
+        self._fixed = self.plain[12:first]
+        self._first = first
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of(type_name: str, texts: tuple[str, ...], covariance: bool = False) -> Layout:
+        """Return the layout of a type of message with these frame ids."""
+        return Layout(type_name, texts, covariance)
+
+    def encode(self, stamp_ns: int, values: Sequence[float]) -> bytes:
+        """Return the CDR of a message that holds a stamp and the numbers of a signal.
+
+        Of numbers that are not given, the covariances, the message holds zeros.
+        """
+        message = bytearray(self.plain)
+        cdr.STAMP.pack_into(message, cdr.STAMP_AT, *divmod(stamp_ns, _NS))
+        for i, place in enumerate(self.places[: len(values) // 3]):
+            _THREE.pack_into(message, place, *values[3 * i : 3 * i + 3])
+        return bytes(message)
+
+    def knows(self, data: bytes) -> bool:
+        """Return whether a message has the size, frame ids and clear gaps of this layout."""
+        return (
+            len(data) == self.size
+            and data[12 : self._first] == self._fixed
+            and data[:2] == cdr.HEADER[:2]
+        )
+
+    def decode(self, data: bytes) -> tuple[int, tuple[float, ...], bool]:
+        """Return stamp [ns], numbers of the signal, and whether the frame ids are as they must be.
+
+        Raises CdrError if the bytes are not a message of this type.
+        """
+        if not self.knows(data):
+            stamp, texts, floats = cdr.decode_stamped(self.type, data)
+            return stamp, tuple(floats[i] for i in self.columns), texts[:1] == self.texts[:1]
+        seconds, nanoseconds = cdr.STAMP.unpack_from(data, cdr.STAMP_AT)
+        values: tuple[float, ...] = ()
+        for place in self.places:
+            values += _THREE.unpack_from(data, place)
+        return seconds * _NS + nanoseconds, values, True
+
+    def use(self, data: bytes) -> tuple[str, int, tuple[float, ...]]:
+        """Return why a message cannot be used ('' if it can), its stamp [ns] and its numbers.
+
+        What the plant ignores, the recorder ignores too: both ask here.
+        """
+        try:
+            stamp_ns, values, right_frame = self.decode(data)
+        except cdr.CdrError:
+            return MALFORMED, 0, ()
+        at = cdr.STAMP_AT + 4
+        if int.from_bytes(data[at : at + 4], 'little') >= _NS:  # a second way to write a stamp
+            return MALFORMED, stamp_ns, values
+        if not right_frame:
+            return WRONG_FRAME, stamp_ns, values
+        # A finite sum has finite terms; one that is not may have overflowed.
+        finite = math.isfinite(sum(values)) or all(map(math.isfinite, values))
+        return '' if finite else NOT_FINITE, stamp_ns, values

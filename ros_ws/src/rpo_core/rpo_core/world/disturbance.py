@@ -1,0 +1,108 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Disturbance forces as a constant plus harmonics per axis, held constant during a tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.files.validation import check_fields, choice, real, vector3
+from rpo_core.kernels import Vector, sin_cos
+
+AXES = ('x', 'y', 'z')
+
+MAX_FORCE_N = 1e6
+"""Largest force a file may name; beyond it a number is a typing error."""
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """One term: amplitude_n * function(angular_rate_rad_s * t + phase_rad) on one axis."""
+
+    axis: Annotated[str, partial(choice, known=AXES)]
+    function: Annotated[str, partial(choice, known=('sin', 'cos'))]
+    amplitude_n: Annotated[float, partial(real, unit='N', least=-MAX_FORCE_N, most=MAX_FORCE_N)]
+    angular_rate_rad_s: Annotated[float, partial(real, unit='rad/s', least=-10.0, most=10.0)]
+    phase_rad: Annotated[float, partial(real, unit='rad', least=-100.0, most=100.0)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Force on the chaser from outside, in target LVLH axes [N]."""
+
+    constant_n: Annotated[Vector, partial(vector3, unit='N', bound=MAX_FORCE_N)] = (0.0, 0.0, 0.0)
+    harmonics: tuple[Harmonic, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether nothing acts at any time."""
+        return not any(self.constant_n) and not any(h.amplitude_n for h in self.harmonics)
+
+    def varied(
+        self, amplitude_share: float, *, phase_rad: float = 0.0, frequency_share: float = 0.0
+    ) -> Disturbance:
+        """Return it (1 + share) as strong, shifted in phase, (1 + frequency share) as fast."""
+        x, y, z = (c * (1.0 + amplitude_share) for c in self.constant_n)
+        return Disturbance(
+            (x, y, z),
+            tuple(
+                replace(
+                    h,
+                    amplitude_n=h.amplitude_n * (1.0 + amplitude_share),
+                    angular_rate_rad_s=h.angular_rate_rad_s * (1.0 + frequency_share),
+                    phase_rad=h.phase_rad + phase_rad,
+                )
+                for h in self.harmonics
+            ),
+        )
+
+    def force_n(self, t_s: float) -> tuple[float, float, float]:
+        """Return the force (3 floats, N, target LVLH) at time `t_s` since the start.
+
+        Sine and cosine are `kernels.sin_cos`, the same bits on every machine.
+        """
+        total = list(self.constant_n)
+        for term in self.harmonics:
+            sine, cosine = sin_cos(term.angular_rate_rad_s * t_s + term.phase_rad)
+            total[AXES.index(term.axis)] += term.amplitude_n * (
+                sine if term.function == 'sin' else cosine
+            )
+        return total[0], total[1], total[2]
+
+    def over(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the forces (len(times_s), 3) [N] at the given times."""
+        return np.array([self.force_n(float(t)) for t in times_s]).reshape(-1, 3)
+
+
+NONE = Disturbance()
+
+
+def paper(reading: str, mean_motion_rad_s: float) -> Disturbance:
+    """Return 1e-2 x [-1.1 cos(pi n t), -2.2 sin(pi n t) + pi/3, 1.4 cos(pi n t)] N, AAS 23-199.
+
+    reading : 'offset', +pi/3 added as printed, or 'phase', -2.2 sin(pi n t + pi/3)
+    """
+    choice('reading', reading, ('offset', 'phase'))
+    rate = math.pi * mean_motion_rad_s
+    third = math.pi / 3
+    offset, phase = (1e-2 * third, 0.0) if reading == 'offset' else (0.0, third)
+    return Disturbance(
+        (0.0, offset, 0.0),
+        (
+            Harmonic('x', 'cos', -1.1e-2, rate),
+            Harmonic('y', 'sin', -2.2e-2, rate, phase),
+            Harmonic('z', 'cos', 1.4e-2, rate),
+        ),
+    )

@@ -1,0 +1,380 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Thrusters: what becomes of a command. Section `thrusters` of a scenario.
+
+The thrusters take the command of `delay_ticks` ago, saturate it per axis, and exert it with their
+own magnitude and direction; or in pulses of valves (`Pulses`). Energy is counted of the saturated
+command. With `propellant`, the mass of the chaser falls.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core import kernels
+from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.validation import (
+    InputError,
+    check_fields,
+    choice,
+    flag,
+    real,
+    shown,
+    vector3,
+    whole,
+)
+from rpo_core.kernels import Vector, pulse_kernels
+from rpo_core.kernels.jit import as_table
+from rpo_core.kernels.pulse_kernels import OFF, ON, Tank, Valves
+from rpo_core.wire import interfaces
+from rpo_core.world import cw
+
+Floats = NDArray[np.float64]
+
+MAX_DELAY_TICKS = 1000
+MAX_GAIN = 10.0
+"""Largest entry of a thrust matrix; beyond it a number is a typing error."""
+
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+STANDARD_GRAVITY_M_S2 = 9.80665
+
+PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
+
+_NEVER_S = 1e9
+
+
+def _matrix(name: str, value: Any) -> tuple[Vector, ...]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise InputError(f'`{name}` must be a list of 3 rows of 3 numbers; got {shown(value)}')
+    return tuple(vector3(f'{name}[{i}]', row, '', bound=MAX_GAIN) for i, row in enumerate(value))
+
+
+def _count(name: str, value: Any) -> int:
+    if value not in (6, 12) or isinstance(value, bool):
+        raise InputError(f'`{name}` must be 6 or 12; got {shown(value)}')
+    return int(value)
+
+
+def valve_names(count: int) -> list[str]:
+    """Return the names of 6 or 12 thrusters; each pushes the chaser to where its name says."""
+    sides = [axis + sign for axis in 'xyz' for sign in '+-']
+    return sides if count == 6 else [side + which for side in sides for which in 'ab']
+
+
+_time = partial(real, unit='s', least=0.0, most=_NEVER_S)
+_misalignment = partial(vector3, unit='deg', bound=90.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failure:
+    """A valve that is stuck for a time.
+
+    stuck : `off` or `on`
+    known : whether the allocation knows of it, and lets the other valves make up for it
+    """
+
+    thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
+    stuck: Annotated[str, partial(choice, known=('off', 'on'))]
+    from_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
+    until_s: Annotated[float, _time] = field(default=_NEVER_S, metadata=UNLESS_DEFAULT)
+    known: Annotated[bool, flag] = field(default=False, metadata=UNLESS_DEFAULT)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.until_s <= self.from_s:
+            raise InputError(f'`until_s` must be > `from_s`, {self.from_s!r}; got {self.until_s!r}')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterError:
+    """One thruster's error of magnitude, and of direction as a rotation vector, LVLH axes."""
+
+    thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
+    magnitude_share: Annotated[float, partial(real, least=-1.0, most=1.0)] = 0.0
+    misalignment_deg: Annotated[Vector, _misalignment] = ZERO
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses:
+    """Thrusters that are open or shut.
+
+    count : 6, one in each direction of each axis, or 12, two of half the thrust
+    modulation : `pulse_width`, what cannot be fired in a tick is lost; `sigma_delta`, it is carried
+        to the next ticks
+    minimum_on_time_s : no pulse is shorter; times the thrust it is the minimum impulse bit
+    on_time_quantum_s : pulses last a whole number of these; 0: any time
+    dead_time_s, rise_time_s : from the signal to the first thrust, from there to full thrust
+    """
+
+    count: Annotated[int, _count]
+    modulation: Annotated[str, partial(choice, known=MODULATIONS)]
+    minimum_on_time_s: Annotated[float, _time]
+    on_time_quantum_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
+    dead_time_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
+    rise_time_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
+    errors: tuple[ThrusterError, ...] = field(default=(), metadata=UNLESS_DEFAULT)
+    failures: tuple[Failure, ...] = field(default=(), metadata=UNLESS_DEFAULT)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        names = valve_names(self.count)
+        for part in ('errors', 'failures'):
+            for i, item in enumerate(getattr(self, part)):
+                choice(f'{part}[{i}].thruster', item.thruster, names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Propellant:
+    """What thrust costs: the mass falls by impulse / (specific impulse x 9.80665 m/s^2).
+
+    mass_kg : in the tank at the start, part of the mass of the chaser; without any there is no
+        thrust
+    """
+
+    specific_impulse_s: Annotated[float, partial(real, unit='s', least=1.0, most=1e5)]
+    mass_kg: Annotated[float, partial(real, unit='kg', above=0.0, most=1e9)]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class Thrusters:
+    """What becomes of a command.
+
+    matrix : 3 rows of 3, force exerted = matrix x saturated command, target LVLH axes
+    delay_ticks : from a state to the force that answers it; zero force before the first
+    pulses : None: any force up to the largest
+    propellant : None: the mass stays
+    """
+
+    matrix: Annotated[tuple[Vector, Vector, Vector], _matrix] = IDENTITY
+    delay_ticks: Annotated[int, partial(whole, least=0, most=MAX_DELAY_TICKS)] = 0
+    pulses: Pulses | None = field(default=None, metadata=UNLESS_DEFAULT)
+    propellant: Propellant | None = field(default=None, metadata=UNLESS_DEFAULT)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def _check(settings: Thrusters, scenario: Any) -> None:
+    """Raise InputError where the ticks or the mass of a scenario do not allow these thrusters."""
+    pulses, propellant, dt_s = settings.pulses, settings.propellant, scenario.dt_s
+    if propellant is not None and propellant.mass_kg >= scenario.mass_kg:
+        raise InputError(
+            f'`thrusters.propellant.mass_kg` must be below `mass_kg`, {scenario.mass_kg!r} kg; '
+            f'got {propellant.mass_kg!r}'
+        )
+    if pulses is None:
+        return
+    for name in ('minimum_on_time_s', 'on_time_quantum_s'):
+        if getattr(pulses, name) > dt_s:
+            raise InputError(
+                f'`thrusters.pulses.{name}` must be at most `dt_s`, {dt_s!r} s; '
+                f'got {getattr(pulses, name)!r}'
+            )
+    late_s = pulses.dead_time_s + pulses.rise_time_s
+    if late_s > dt_s:
+        raise InputError(
+            '`thrusters.pulses.dead_time_s` and `rise_time_s` together must be at most `dt_s`, '
+            f'{dt_s!r} s; got {late_s!r}'
+        )
+    for failure in pulses.failures:
+        if failure.from_s >= scenario.duration_s:
+            raise InputError(
+                '`thrusters.pulses.failures` must begin before the end of the flight, '
+                f'{scenario.duration_s!r} s; got `from_s` {failure.from_s!r}'
+            )
+
+
+def rotation(vector_rad: Floats) -> Floats:
+    """Return the matrix (3, 3) of a rotation vector, by Rodrigues' formula.
+
+    sin a / a and (1 - cos a) / a^2 are Stumpff's functions: the same bits on every machine.
+    """
+    x, y, z = vector_rad.tolist()
+    _, c1, c2, _ = cw.stumpff(math.sqrt(x * x + y * y + z * z))
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    square = np.array(
+        [
+            [-(y * y + z * z), x * y, x * z],
+            [x * y, -(x * x + z * z), y * z],
+            [x * z, y * z, -(x * x + y * y)],
+        ]
+    )
+    return np.eye(3) + c1 * cross + c2 * square
+
+
+def directions(settings: Thrusters, pulses: Pulses, thrust_n: float) -> list[Vector]:
+    """Return the force (3,) [N] of each valve at full thrust, with its errors."""
+    names = valve_names(pulses.count)
+    each = len(names) // 6
+    errors = {error.thruster: error for error in pulses.errors}
+    found = []
+    for i, name in enumerate(names):
+        error = errors.get(name, ThrusterError(thruster=name))
+        axis, sign = i // each // 2, 1.0 if i // each % 2 == 0 else -1.0
+        size = sign * thrust_n * (1.0 + error.magnitude_share)
+        turned = rotation(np.array(error.misalignment_deg) * (math.pi / 180.0))[:, axis] * size
+        x, y, z = turned.tolist()
+        a, b, c = (row[0] * x + row[1] * y + row[2] * z for row in settings.matrix)
+        found.append((a, b, c))
+    return found
+
+
+def valves_of(settings: Thrusters, pulses: Pulses, scenario: Any) -> Valves:
+    """Return thrusters that fire in pulses as the kernels read them."""
+    names, dt_s = valve_names(pulses.count), scenario.dt_s
+    thrust_n = scenario.max_force_n / (pulses.count // 6)
+
+    def tick_of(time_s: float) -> int:
+        """Return the first tick at or after a time."""
+        return math.ceil(round(time_s / dt_s, 6))
+
+    failures = [
+        (
+            names.index(f.thruster),
+            ON if f.stuck == 'on' else OFF,
+            tick_of(f.from_s),
+            tick_of(f.until_s),
+            int(f.known),
+        )
+        for f in pulses.failures
+    ]
+    return Valves(
+        pulses.count,
+        int(pulses.modulation == SIGMA_DELTA),
+        dt_s,
+        pulses.minimum_on_time_s,
+        pulses.on_time_quantum_s,
+        pulses.dead_time_s,
+        pulses.rise_time_s,
+        thrust_n,
+        as_table(directions(settings, pulses, thrust_n)),
+        as_table(np.array(failures).reshape(-1, 5), np.int64),
+    )
+
+
+def tank_of(settings: Thrusters | None, scenario: Any) -> Tank:
+    """Return what thrust costs in a scenario."""
+    propellant = settings.propellant if settings else None
+    if propellant is None:
+        return Tank(0.0, 0.0, scenario.mass_kg)
+    exhaust = propellant.specific_impulse_s * STANDARD_GRAVITY_M_S2
+    return Tank(exhaust, propellant.mass_kg, scenario.mass_kg)
+
+
+class ThrustersStage(Stage):
+    """From the command to the force on the chaser; without settings, saturation alone.
+
+    limit_n : largest |f| of an axis
+    """
+
+    name = 'thrusters'
+    inputs = (interfaces.COMMAND,)
+    outputs: tuple[str, ...] = (
+        interfaces.DUE_FORCE,
+        interfaces.SATURATED_FORCE,
+        interfaces.THRUST_FORCE,
+    )
+
+    def __init__(self, settings: Thrusters | None, limit_n: float) -> None:
+        self._matrix: Any = tuple(t for row in settings.matrix for t in row) if settings else ()
+        self._limit_n = float(limit_n)
+        self._delay = self.memory_ticks = settings.delay_ticks if settings else 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the commands that are on their way."""
+        self._line: deque[Signal] = deque([ZERO] * self._delay)
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command that is due (3,), saturated (3,), and the force exerted (3,) [N]."""
+        due = inputs[0]
+        if self._delay:
+            self._line.append(due)
+            due = self._line.popleft()
+        limit = self._limit_n
+        fx, fy, fz = due
+        saturated = (
+            kernels.saturate(fx, limit),
+            kernels.saturate(fy, limit),
+            kernels.saturate(fz, limit),
+        )
+        if not self._matrix:
+            return due, saturated, saturated
+        exerted: Any = kernels.exerted_force(*self._matrix, *saturated)  # type: ignore[call-arg]
+        return due, saturated, exerted
+
+    def steps(self, ticks: NDArray[np.int64], *inputs: Floats) -> tuple[Floats, ...]:
+        """Return the outputs (n, 3) of many ticks."""
+        if self.memory_ticks != 0 or self._matrix:
+            return super().steps(ticks, *inputs)
+        saturated = np.clip(inputs[0], -self._limit_n, self._limit_n)
+        return inputs[0], saturated, saturated
+
+
+class ValvesStage(ThrustersStage):
+    """Thrusters with pulses, or with propellant, or both; the fourth output is the mass [kg].
+
+    memory : see `pulse_kernels`; on_times_s : for how long each valve was open in the last tick
+    """
+
+    def __init__(self, settings: Thrusters, scenario: Any) -> None:
+        self._valves = None
+        if settings.pulses is not None:
+            self._valves = valves_of(settings, settings.pulses, scenario)
+        self._tank, self._dt_s = tank_of(settings, scenario), scenario.dt_s
+        super().__init__(settings, scenario.max_force_n)
+        self.memory_ticks = None
+        force = interfaces.EXERTED_FORCE if settings.pulses else interfaces.THRUST_FORCE
+        mass = [interfaces.CHASER_MASS] if settings.propellant else []
+        self.outputs = (interfaces.DUE_FORCE, interfaces.SATURATED_FORCE, force, *mass)
+
+    def reset(self) -> None:
+        """Forget all commands: the tank is full, the valves are shut."""
+        super().reset()
+        self.memory: Any = as_table(np.zeros(pulse_kernels.MEMORY))
+        self.on_times_s: Any = as_table(np.zeros(self._valves.number if self._valves else 0))
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the command due, saturated, the mean force (3,) [N], and the mass where it falls.
+
+        Without pulses the tank allows the force that the matrix gives.
+        """
+        vectors: Any = super().step(tick, *inputs)
+        due, saturated, exerted = vectors
+        force: Any
+        if self._valves is not None:
+            force, mass = pulse_kernels.fire(
+                tick, saturated, self.memory, self._valves, self._tank, self.on_times_s
+            )
+        else:
+            force, mass = pulse_kernels.burn(
+                exerted, saturated, self.memory, self._tank, self._dt_s
+            )
+        found: tuple[Signal, ...] = (due, saturated, force, (mass,))
+        return found[: len(self.outputs)]
+
+
+def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
+    """Return the thrusters of a scenario as a stage of the chain."""
+    if settings is not None and (settings.pulses or settings.propellant):
+        return ValvesStage(settings, scenario)
+    return ThrustersStage(settings, scenario.max_force_n)
+
+
+register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check))
