@@ -26,7 +26,7 @@ from rpo_proof.cells import VALUES
 from rpo_proof.check import check
 from rpo_proof.check_claims import strayed
 from rpo_proof.claims import values_of
-from rpo_proof.folder import TEXTS, Folder
+from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
 from tools.mutate_proofs import KINDS, SAMPLE, Case, proof_of, run_cases
