@@ -31,6 +31,8 @@ _VERDICTS = {
     'refuted': 'bad',
     'undecided': 'bad',
 }
+_LONGEST = 40
+"""Characters of a number with its unit; a sentence may begin with one, and is folded."""
 _NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
 
 
@@ -134,7 +136,9 @@ def _rows(table: Table) -> Iterator[str]:
 
 
 def _cell(text: str) -> str:
-    kind = _VERDICTS.get(text) or ('number' if _NUMBER.match(text) else '')
+    kind = _VERDICTS.get(text) or (
+        'number' if _NUMBER.match(text) and len(text) <= _LONGEST else ''
+    )
     return f'<td class="{kind}">{escape(text)}</td>' if kind else f'<td>{escape(text)}</td>'
 
 

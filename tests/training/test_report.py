@@ -337,3 +337,10 @@ def test_passage_of_the_aids_on_a_straight_line():
     aids = approach.Aids.of(away)
     assert aids.off_axis_deg(away.positions_m)[0] == pytest.approx(np.rad2deg(np.arctan2(30, 40)))
     assert dict(approach.passage(away, aids))['within 5 m of the target'] == 'never'
+
+
+def test_a_sentence_that_begins_with_a_number_is_folded():
+    """As a number it would be one line, wider than the page."""
+    sentence = '-0.23 N, between large negative and small negative (46 % of 0.5 N)'
+    assert page._cell(sentence) == f'<td>{sentence}</td>'
+    assert page._cell('-0.23 N').startswith('<td class="number">')
