@@ -34,6 +34,9 @@ CAPACITY, FEW = 64, 48
 SHARE = 0.01
 """Share of position, or of velocity, by which moments of an abort that share a drift may differ."""
 
+Floats = NDArray[np.float64]
+Matrix = list[list[Fraction]]
+
 
 class Laws(NamedTuple):
     """Matrices (4, 4) of s' = A s, in m and s; `near` acts beyond the plane x = switch_m."""
@@ -306,10 +309,6 @@ def fly(tables: Tables, c: Any, g: Any, d: Any, limits: Trace, ticks: int, trace
                 return began
             began = i + 1
     return len(trace.cone)
-
-
-Floats = NDArray[np.float64]
-Matrix = list[list[Fraction]]
 
 
 def times(a: Matrix, b: Matrix) -> Matrix:

@@ -46,6 +46,18 @@ from rpo_proof.cells import VALUES, Found, Layout
 from rpo_proof.problem import Problem
 from rpo_proof.sets import Rest
 
+Floats = NDArray[np.float64]
+
+FIELDS = tuple(Found.__dataclass_fields__)
+
+CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')
+"""Fields of a claim of a summary."""
+
+FARTHEST = 1e7
+"""Middle and half-width of a cell, at most; those of a box are a tenth of it."""
+
+_WHOLE = VALUES.index('depth')
+
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
 _TABLES = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
@@ -215,19 +227,6 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays: the same bytes each time."""
     content = _archive(arrays)
     write_aside(path, lambda file: file.write(content))
-
-
-Floats = NDArray[np.float64]
-
-FIELDS = tuple(Found.__dataclass_fields__)
-
-CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')
-"""Fields of a claim of a summary."""
-
-FARTHEST = 1e7
-"""Middle and half-width of a cell, at most; those of a box are a tenth of it."""
-
-_WHOLE = VALUES.index('depth')
 
 
 def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:

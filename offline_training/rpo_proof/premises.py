@@ -36,7 +36,7 @@ def _rounded(value: float, way: str) -> str:
     return f'{float(Context(prec=4, rounding=way).create_decimal(repr(value))):.4g}'
 
 
-def cells_of(claim: Claim) -> tuple[str, ...]:
+def row_of(claim: Claim) -> tuple[str, ...]:
     """Return a claim as tables show it: what, limit, proven, flown, open cells, verdict."""
     return (
         claim.statement,

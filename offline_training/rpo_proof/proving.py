@@ -4,25 +4,20 @@
 
 from __future__ import annotations
 
-import math
 import os
 import pickle
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from rpo_judge.analysis.certificate import REFUTED
 from rpo_montecarlo.cluster import pool
-from rpo_montecarlo.display import Display
 from rpo_proof import probing
 from rpo_proof.apart import Beside
 from rpo_proof.cells import Cell, Found, Targets, roots
@@ -207,20 +202,3 @@ def _on_cluster(
     calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
     with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
         yield from pool.results(client, prove_remote, calls)
-
-
-class ProofDisplay(Display):
-    """Shows a proof while it is entered."""
-
-    def __init__(self, folder: Path, console: Console | None = None) -> None:
-        super().__init__(folder, console)
-        self._what, self._began, self._before = '', 0.0, 0
-
-    def advance(self, what: str, done: int, total: int) -> None:
-        """Show how much of some work is done."""
-        now = time.monotonic()
-        if what != self._what:
-            self._what, self._began, self._before = what, now, done
-        new = done - self._before
-        left_s = (now - self._began) / new * (total - done) if new else math.inf
-        self.draw(what, done, total, left_s, '')

@@ -26,6 +26,12 @@ from rpo_montecarlo.engine.lanes import compiled
 from rpo_proof.laws import TINY, cell_of, law_of
 from rpo_proof.tables import Table
 
+MOST_PARTS = 400
+"""Parts of a strip that are looked at, at most."""
+
+SMALLEST = 2.0**-14
+"""Size of a part in errors; one that is smaller, and too fast, ends the search."""
+
 
 class Drift(NamedTuple):
     """How far a tick is from r' = v, v' = F / m; greatest sizes.
@@ -263,13 +269,6 @@ def pushed(drift: Drift, r: float, half_m: float, v: float, half: float) -> Drif
     )
 
 
-MOST_PARTS = 400
-"""Parts of a strip that are looked at, at most."""
-
-SMALLEST = 2.0**-14
-"""Size of a part in errors; one that is smaller, and too fast, ends the search."""
-
-
 @compiled
 def slew_by_parts(
     table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enough: float
@@ -285,7 +284,7 @@ def slew_by_parts(
     while left > 0:
         left -= 1
         r, v, half_m, half, whole = todo[left]
-        bound = _bound(table, drift, Strip(r, v, half_m, strip.tilt, half), f0, f1, enough)
+        bound = _bound_of_part(table, drift, Strip(r, v, half_m, strip.tilt, half), f0, f1, enough)
         bound = min(bound, whole)
         looked += 1
         by_r = half_m * (1.0 / table.position_m + abs(strip.tilt) / table.velocity_m_s)
@@ -310,7 +309,9 @@ def slew_by_parts(
 
 
 @compiled
-def _bound(table: Table, drift: Drift, part: Strip, f0: float, f1: float, enough: float) -> float:
+def _bound_of_part(
+    table: Table, drift: Drift, part: Strip, f0: float, f1: float, enough: float
+) -> float:
     """Return a bound of the slew of a part, whose force is between f0, f1 and what its law says."""
     low, high = part.r - part.half_m, part.r + part.half_m
     law = law_of(table, low, high, part.v, part.tilt, part.half)

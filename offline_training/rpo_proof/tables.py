@@ -25,6 +25,27 @@ from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files.validation import InputError
 from rpo_judge.analysis import surface
 
+Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns (k,) of cells."""
+
+PARTS = 16
+"""Parts of a divided cell, along each error."""
+
+SHARE = 0.9
+"""A cell is divided where the command may change by so much of the limit of slew."""
+
+MOST = 512
+"""Cells that are divided, at most: the steepest."""
+
+FASTEST = 1.5
+"""Velocity error at which the rates of cells without end are taken."""
+
+DRIFT_M_S2 = 0.0035
+"""Acceleration beside the control's own, which the choice of the cells assumes."""
+
+CHANGE = 0.01
+"""Change of the output in a tick, which the choice of the cells assumes."""
+
 Floats = NDArray[np.float64]
 
 FINEST = 2.0**-11
@@ -181,30 +202,11 @@ def saturated(found: surface.Enclosure, limit: float) -> Floats:
     return slopes
 
 
-Cells = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Rows and columns (k,) of cells."""
-
-PARTS = 16
-"""Parts of a divided cell, along each error."""
-
-SHARE = 0.9
-"""A cell is divided where the command may change by so much of the limit of slew."""
-
-MOST = 512
-"""Cells that are divided, at most: the steepest."""
-
-FASTEST = 1.5
-"""Velocity error at which the rates of cells without end are taken."""
-
-DRIFT_M_S2 = 0.0035
-"""Acceleration beside the control's own, which the choice of the cells assumes."""
-
-CHANGE = 0.01
-"""Change of the output in a tick, which the choice of the cells assumes."""
-
-
 def divided(controller: FuzzyController, table: Table, limit_n_s: float, mass_kg: float) -> Table:
-    """Return a table with its steep cells divided: limit of slew [N/s], mass [kg]."""
+    """Return a table with its steep cells divided: limit of slew [N/s], mass [kg].
+
+    Which cells are divided changes how sharp a bound is, never whether it holds.
+    """
     rates = _rates(table, mass_kg)
     found = np.flatnonzero(rates > SHARE * limit_n_s)
     found = np.sort(found[np.argsort(-rates.ravel()[found], kind='stable')[:MOST]])

@@ -17,9 +17,9 @@ from rpo_proof.cells import Found
 from rpo_proof.check_claims import Written, flights_again, what_follows
 from rpo_proof.claims import Claim, Range, of_planar
 from rpo_proof.folder import TEXTS, Folder
-from rpo_proof.premises import cells_of, lower, origins, range_of, title_of, upper
+from rpo_proof.premises import lower, origins, range_of, row_of, title_of, upper
 from rpo_proof.sets import Rest
-from rpo_report import proof_apart
+from rpo_report import plane, proof_apart
 from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
@@ -69,7 +69,7 @@ def report_of(path: Path) -> Report:
 
 
 def _table(claims: Sequence[Claim]) -> Table:
-    rows = tuple(tuple(map(_unit, cells_of(claim))) for claim in claims)
+    rows = tuple(tuple(map(_unit, row_of(claim))) for claim in claims)
     columns = ('claim', 'limit', 'proven', 'flown', 'open cells', 'verdict')
     caption = (
         'If the cells are right, no start exceeds what is proven. A flight reaches what is flown.'
@@ -113,13 +113,13 @@ def _margins(folder: Folder, groups: dict[str, Found], claim: Claim) -> Picture:
     """Return the x-y plane of starts, coloured by bound beside limit."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
-    x, y = (proof_apart.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    x, y = (plane.points(settings.centre[i], settings.half[i]) for i in (0, 1))
     low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
-    values = proof_apart.greatest(x, y, low, high, shares)
+    values = plane.greatest(x, y, low, high, shares)
     if folder.problem.odd:
-        values = np.fmax(values, proof_apart.greatest(x, y, -high, -low, shares))
+        values = np.fmax(values, plane.greatest(x, y, -high, -low, shares))
     figure, axes = style.new_panels(6.2)
-    proof_apart.draw(figure, [axes], [(y, x, values)])
+    plane.draw(figure, [axes], [(y, x, values)])
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])

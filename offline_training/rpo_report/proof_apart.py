@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.world.disturbance import Harmonic
 from rpo_log.show import style
 from rpo_proof.cells import Found
 from rpo_proof.problem import APART, Problem
+from rpo_report import plane
 from rpo_report.blocks import Picture
 
 _BEFORE_S = 50.0
@@ -64,14 +63,14 @@ def _constants(problem: Problem, groups: Mapping[str, Found]) -> list[Picture]:
             continue
         chosen = slice(place, place + 2)
         low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
-        a = points(0.0, 1.0)
+        a = plane.points(0.0, 1.0)
         shares = found.column('hold_error_m') / problem.hold_error_m
-        planes.append((a, a, greatest(a, a, low, high, shares).T))
+        planes.append((a, a, plane.greatest(a, a, low, high, shares).T))
         names.append(style.AXIS_NAMES[APART[group][0]])
     if not planes:
         return []
     figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
-    draw(figure, every, planes)
+    plane.draw(figure, every, planes)
     for axes, name in zip(every, names, strict=True):
         axes.set(title=name, xlabel='share of the cosine')
     every[0].set_ylabel('share of the sine')
@@ -91,43 +90,3 @@ def _place(problem: Problem, group: str) -> int | None:
     waves = problem.waves(APART[group][0])
     kinds = [isinstance(wave, Harmonic) for wave in waves]
     return len(APART[group]) + kinds.index(True) if any(kinds) else None
-
-
-Floats = NDArray[np.float64]
-
-_POINTS = 161
-_LEVELS = (0.0, 0.25, 0.5, 0.7, 0.8, 0.9, 1.0)
-"""Shares of a limit; what is beyond is open, or refuted."""
-
-
-def points(centre: float, half: float) -> Floats:
-    """Return the places of a side of the plane."""
-    return centre + half * np.linspace(-1.0, 1.0, _POINTS)
-
-
-def greatest(x: Floats, y: Floats, low: Floats, high: Floats, shares: Floats) -> Floats:
-    """Return the greatest share (len(x), len(y)) of the cells at each place; nan where none is.
-
-    low, high : (k, 2) of each cell; shares : (k,)
-    """
-    values = np.full((len(x), len(y)), np.nan)
-    first = [np.searchsorted(a, low[:, i], side='left') for i, a in ((0, x), (1, y))]
-    last = [np.searchsorted(a, high[:, i], side='right') for i, a in ((0, x), (1, y))]
-    for k, share in enumerate(shares):
-        part = values[first[0][k] : last[0][k], first[1][k] : last[1][k]]
-        np.fmax(part, share, out=part)
-    return values
-
-
-def draw(
-    figure: Any, every: Sequence[Any], planes: Sequence[tuple[Floats, Floats, Floats]]
-) -> None:
-    """Draw planes, each in its axes: places along and up, and shares (up, along); one scale."""
-    half = style.SHADES // 2
-    colours = [*style.SCALE[half : half + len(_LEVELS) - 1], style.LIGHT['bad']]
-    for axes, (along, up, values) in zip(every, planes, strict=True):
-        image = axes.contourf(along, up, values, [*_LEVELS, 1e9], colors=colours)
-        axes.grid(False)
-        axes.set_aspect('equal')
-    bar = figure.colorbar(image, ax=list(every), label='bound / limit', ticks=_LEVELS)
-    bar.ax.grid(False)

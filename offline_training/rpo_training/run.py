@@ -9,7 +9,6 @@ searched, and how a chromosome becomes a controller.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +25,6 @@ from rpo_core.control.family import Family
 from rpo_core.files.validation import InputError
 from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo import processor
-from rpo_montecarlo.display import Display
 from rpo_montecarlo.outputs import alone, make_folder, write_text
 from rpo_training.algorithms import Search, Stage
 from rpo_training.checkpoint import Checkpoint, digest
@@ -253,25 +251,4 @@ class SearchRun(Generic[Config, Found]):
             float(fitness.std()),
             self._evaluated,
             time.monotonic() - (self._began or 0.0),
-        )
-
-
-class TrainingDisplay(Display):
-    """Shows a training run while it is entered."""
-
-    def show(self, progress: Progress) -> None:
-        """Show the state of the run, and the longest time that the present phase can still take."""
-        missed = ' '.join(f'{c} {n}' for c, n in progress.failures.items())
-        left_s, rate = math.inf, ''
-        if progress.evaluated:
-            each_s = progress.seconds / progress.evaluated
-            left_s = each_s * progress.left * progress.evaluations / (progress.generation + 1)
-            rate = f'  {1.0 / max(each_s, 1e-9):.0f} controllers/s'
-        self.draw(
-            progress.phase,
-            progress.generation,
-            progress.generation + progress.left,
-            left_s,
-            f'best {progress.best:.4f} (J {progress.energy:.4f}; misses {missed}) '
-            f'mean {progress.mean:.1f} ± {progress.spread:.1f}{rate}',
         )

@@ -62,8 +62,8 @@ def bench(
 def _all(output: Path, page: Path | None) -> bool:
     """Measure all; return whether every target is held."""
     from rpo_cli.bench import table
+    from rpo_cli.display import print_table, progress
     from rpo_montecarlo import outputs
-    from rpo_montecarlo.display import print_table, progress
 
     with progress() as show:
         found = table.run(lambda what, share: show(what, 100.0 * share, 100.0))

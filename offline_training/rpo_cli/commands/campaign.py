@@ -108,10 +108,10 @@ def campaign(
 
 
 def _sweep(chosen: Campaign, runs: int) -> None:
+    from rpo_cli.display import print_table, progress
     from rpo_montecarlo.campaign.faults import Faults
     from rpo_montecarlo.campaign.judging import sentence
     from rpo_montecarlo.campaign.sweep import FAULTS, PERCENTS, Sweep
-    from rpo_montecarlo.display import print_table, progress
 
     config, base = chosen.config, chosen.config.faults or Faults()
     done, total = itertools.count(1), len(FAULTS) * len(PERCENTS)
@@ -161,7 +161,8 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
-    from rpo_montecarlo.campaign.execution import CampaignDisplay, fly
+    from rpo_cli.progress import CampaignDisplay
+    from rpo_montecarlo.campaign.execution import fly
 
     again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])
     sentence = f'Interrupted; finished runs are saved. Go on with: {again}'
@@ -177,9 +178,9 @@ def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
 
 def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
+    from rpo_cli.display import print_table
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.statistics import QUANTILES, rates, spreads
-    from rpo_montecarlo.display import print_table
 
     config = store.campaign.config
     found = rates(store)
@@ -204,10 +205,10 @@ def _print(store: Store, least: float | None) -> bool:
 
 
 def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | None) -> None:
+    from rpo_cli.display import print_table
     from rpo_montecarlo.campaign import judging
     from rpo_montecarlo.campaign.run_batch import fly_runs
     from rpo_montecarlo.campaign.single import fly_run
-    from rpo_montecarlo.display import print_table
 
     if number >= chosen.config.runs:
         raise InputError(f'`--run` must be at most {chosen.config.runs - 1}; got {number}')

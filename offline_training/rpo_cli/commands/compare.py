@@ -53,8 +53,8 @@ def compare(
 
     Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
+    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation import comparison, comparison_table
-    from rpo_montecarlo.display import print_table, progress
     from rpo_training.provenance import saw
 
     names = controllers or list(comparison.CONTROLLERS)

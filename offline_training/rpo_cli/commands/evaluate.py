@@ -70,10 +70,10 @@ def evaluate(
     estimates over many flights with the noise that it is told; those in its world are reported.
     Exit code 1: something that was judged is missed.
     """
+    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_judge.evaluation.assessment import PAPER, assess
     from rpo_judge.evaluation.judgement import trained_for
-    from rpo_montecarlo.display import print_table
 
     if bool(estimator) == bool(controllers):
         raise InputError('`controllers` or `--estimator` must be given, and not both')
@@ -111,9 +111,9 @@ def evaluate(
 
 def _judge(controller: AnyController, name: str, scenario: str) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
+    from rpo_cli.display import print_table, progress
     from rpo_core.files.scenario import load
     from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of
-    from rpo_montecarlo.display import print_table, progress
 
     found = load(scenario)
     with progress() as show:
@@ -129,6 +129,7 @@ def _judge_estimator(name: str, runs: int) -> bool:
     With the sensors as they are, and with a tenth of the measurements lost and 0.3 s late: this is
     what is asked. Then, as the world is: this is reported.
     """
+    from rpo_cli.display import print_table, progress
     from rpo_core.control.controller import load_controller
     from rpo_core.files import DEFAULT_CONTROLLER
     from rpo_core.files.scenario import load_scenario
@@ -142,7 +143,6 @@ def _judge_estimator(name: str, runs: int) -> bool:
         size_of,
         told,
     )
-    from rpo_montecarlo.display import print_table, progress
 
     scenario = load_scenario(name)
     late = round(0.3 / scenario.dt_s)
@@ -177,8 +177,8 @@ def _judge_estimator(name: str, runs: int) -> bool:
 
 
 def _print_targets(found: Assessment) -> None:
+    from rpo_cli.display import print_table
     from rpo_judge.evaluation.targets import QUESTIONS
-    from rpo_montecarlo.display import print_table
 
     rows = [
         (
@@ -197,8 +197,8 @@ def _print_targets(found: Assessment) -> None:
 
 def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
     """Print how a controller does in draws of this seed; return whether it misses a target."""
+    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.everywhere import SEED, everywhere
-    from rpo_montecarlo.display import print_table, progress
     from rpo_training.provenance import saw
 
     with progress() as show:
@@ -227,8 +227,8 @@ def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bo
 
 def _sensitivity(controller: FuzzyController, workers: int) -> None:
     """Print what each parameter does, the strongest first."""
+    from rpo_cli.display import print_table
     from rpo_judge.evaluation.sensitivity import RUNS, STEP, effects
-    from rpo_montecarlo.display import print_table
 
     base, found = effects(controller, workers)
 

@@ -59,10 +59,10 @@ def explain(
     Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
     """
     from rpo_cli.commands import explain_family
+    from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_core.control.explain import decisions, state_of
     from rpo_core.control.family import Family
-    from rpo_montecarlo.display import plain_console
 
     console = plain_console()
     if state is not None:
@@ -210,8 +210,8 @@ def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequenc
 
 
 def _print_decisions(console: Console, found: tuple[Decision, ...]) -> None:
+    from rpo_cli.display import print_table
     from rpo_core.control.fuzzy import WORDS
-    from rpo_montecarlo.display import print_table
 
     def error(value: float, saturated: bool) -> str:
         return f'{value + 0.0:.4f}{" (saturated)" if saturated else ""}'
@@ -283,16 +283,16 @@ def _explain_controller(console: Console, controller: FuzzyController, certify: 
 
 
 def _print_rules(controller: FuzzyController) -> None:
+    from rpo_cli.display import print_table
     from rpo_judge.analysis.rule_base import FORCES, force_rows
-    from rpo_montecarlo.display import print_table
 
     headings, rows = force_rows(controller.system)
     print_table(headings, rows, FORCES)
 
 
 def _print_functions(controller: FuzzyController) -> None:
+    from rpo_cli.display import print_table
     from rpo_export.parts import variables
-    from rpo_montecarlo.display import print_table
 
     parts, rows = variables(controller), []
     for terms in zip(*(part.terms for part in parts), strict=True):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def print_controller(console: Console, controller: Family, certify: bool) -> bool:
     """Print the rules of a controller, with `certify` what is proven; return whether it holds."""
-    from rpo_montecarlo.display import print_table
+    from rpo_cli.display import print_table
 
     console.print(controller.name, style='bold', end='')
     console.print(f': {printable(controller.description)}')

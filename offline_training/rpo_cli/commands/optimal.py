@@ -104,8 +104,8 @@ def _of_start(scenario: Scenario, controller: str | None, csv: Path | None, marg
 
 
 def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
+    from rpo_cli.display import print_table
     from rpo_core.judge import metrics
-    from rpo_montecarlo.display import print_table
 
     best = metrics.of_flight(flights[_BEST]).energy_n2s
     position = ', '.join(f'{r:g}' for r in scenario.initial_position_m)
@@ -127,8 +127,8 @@ def _print(scenario: Scenario, flights: dict[str, Flight]) -> None:
 def _of_set(starts: ScenarioSet, margin: float) -> None:
     import numpy as np
 
+    from rpo_cli.display import progress
     from rpo_judge.evaluation import optimal as limits
-    from rpo_montecarlo.display import progress
 
     base, positions = starts.base, starts.initial_positions_m
     states = np.hstack([positions, np.tile(base.initial_velocity_m_s, (len(positions), 1))])

@@ -38,11 +38,11 @@ def plan(
     Others have the same begin, end and time: the best that is found, and a bound that is below all.
     For the folder of a campaign: the energy that its runs flew, beside others.
     """
+    from rpo_cli.display import print_table
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.evaluation import plan_bound
     from rpo_judge.evaluation.keep_out import KeepOut
-    from rpo_montecarlo.display import print_table
 
     if Path(scenario).is_dir():
         _compare(Path(scenario), sample)
@@ -91,9 +91,9 @@ def _compare(folder: Path, sample: int) -> None:
     """Print how the flown energy of some runs compares with other paths out of their zones."""
     import numpy as np
 
+    from rpo_cli.display import print_table, progress
     from rpo_judge.evaluation.plan_bound import ratios
     from rpo_montecarlo.campaign.store import Store
-    from rpo_montecarlo.display import print_table, progress
 
     store = Store.open(folder)
     if not store.finished:

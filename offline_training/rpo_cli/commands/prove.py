@@ -168,9 +168,9 @@ def _problem(
 
 def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
+    from rpo_cli.progress import ProofDisplay
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.claims import worst
-    from rpo_proof.proving import ProofDisplay
     from rpo_proof.proving import prove as make
 
     problem = folder.problem
@@ -199,7 +199,7 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
 
 
 def _estimate(problem: Problem, count: int) -> None:
-    from rpo_montecarlo.display import print_table, progress
+    from rpo_cli.display import print_table, progress
     from rpo_proof.estimating import estimate
     from rpo_proof.premises import title_of
 
@@ -222,8 +222,8 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     """Check a proof, end at a wrong one; return whether a claim is refuted or open."""
     import secrets
 
+    from rpo_cli.display import progress
     from rpo_judge.analysis.certificate import PROVEN
-    from rpo_montecarlo.display import progress
     from rpo_proof.check import Sample, check
     from rpo_proof.claims import worst
     from rpo_proof.folder import code_digest
@@ -285,11 +285,11 @@ def _print(
     checked: Checked | None = None,
 ) -> None:
     """Print what was computed in this call."""
-    from rpo_montecarlo.display import print_table
+    from rpo_cli.display import print_table
     from rpo_proof.claims import unknown
-    from rpo_proof.premises import cells_of, lower, range_of, title_of, upper
+    from rpo_proof.premises import lower, range_of, row_of, title_of, upper
 
-    rows = [cells_of(claim) for claim in claims]
+    rows = [row_of(claim) for claim in claims]
     whole = checked is None or checked.whole
     verdict = '' if whole else 'if the cells that were not drawn are right'
     columns = 'claim', 'limit', 'proven', 'flown', 'open cells', verdict

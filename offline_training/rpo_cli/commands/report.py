@@ -54,7 +54,7 @@ def report(
     """
     from rich.text import Text
 
-    from rpo_montecarlo.display import plain_console
+    from rpo_cli.display import plain_console
     from rpo_report import recognise
     from rpo_report.page import write
 

@@ -62,9 +62,9 @@ def show(scenario: Name, changes: Set = None) -> None:
 
     With `RPO_JIT=0` in the environment, the time is that of plain Python.
     """
+    from rpo_cli.display import print_table
     from rpo_core.files import overrides
     from rpo_judge.safety.quiet import speeds
-    from rpo_montecarlo.display import print_table
     from rpo_safety.guard import proof_of
     from rpo_safety.settings import Assurance
 
@@ -94,10 +94,10 @@ def attack(
     Starts, errors of navigation, disturbance and thrust are at the edge of what the section
     `assurance` assumes. The path is looked at between the ticks, too.
     """
+    from rpo_cli.display import print_table, progress
     from rpo_core.files import overrides
     from rpo_judge.safety import attack as attacks
     from rpo_judge.safety import hostile
-    from rpo_montecarlo.display import print_table, progress
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
@@ -148,10 +148,10 @@ def quiet(
     speed: Annotated[str, typer.Option(help='preset of the speed limit')] = 'sqrt',
 ) -> None:
     """Fly without assurance, and count the commands that it would change."""
+    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
     from rpo_judge.safety import quiet as counting
-    from rpo_montecarlo.display import print_table
     from rpo_safety.settings import Assurance
 
     found, settings = load(scenario), Assurance(speed=speed)
@@ -178,10 +178,10 @@ def drift(
     ] = False,
 ) -> None:
     """Print from how many moments of flights a thruster silence would lead to the target."""
+    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
     from rpo_judge.safety.silence import silence
-    from rpo_montecarlo.display import print_table
 
     found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
@@ -203,11 +203,11 @@ def abort(
     changes: Set = None,
 ) -> None:
     """Choose an abort from states of a plan or a flight, and random ones; count what is clear."""
+    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.safety import leaving
-    from rpo_montecarlo.display import print_table
 
     found = overrides.load(scenario, changes or [])
     machine = leaving.machine_of(found)
@@ -253,11 +253,11 @@ def peers(
     if prove:
         end(not _prove_peers(files), no_fail)
         return
+    from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
     from rpo_core.files.validation import choice
     from rpo_judge.safety import peers as benchmarks
-    from rpo_montecarlo.display import print_table
 
     ours, broken = load_controller(controller), 0
     for file in files:
@@ -272,10 +272,10 @@ def peers(
 
 def _prove_peers(files: list[str]) -> bool:
     """Print what is proven of ARCH-COMP's instances; return whether all is as they say."""
+    from rpo_cli.display import print_table, progress
     from rpo_core.files.scenario import load_scenario
     from rpo_core.files.validation import choice
     from rpo_judge.safety import peers as benchmarks
-    from rpo_montecarlo.display import print_table, progress
     from rpo_proof import rendezvous
 
     scenarios = [load_scenario(file) for file in files]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def fly(run: SearchRun[Config, Found]) -> Found:
     """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
-    from rpo_training.run import TrainingDisplay
+    from rpo_cli.progress import TrainingDisplay
 
     def sentence() -> str:
         return (

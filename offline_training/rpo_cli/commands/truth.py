@@ -103,7 +103,7 @@ def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
 
 
 def _print(found: Comparison) -> None:
-    from rpo_montecarlo.display import print_table
+    from rpo_cli.display import print_table
 
     for title, (heads, *rows), after in _tables(found):
         print_table(heads, rows, title)

@@ -61,9 +61,10 @@ class Target(NamedTuple):
 class Assessment:
     """The results of one controller.
 
-    starts : (n, 3) initial positions [m]; metrics : (n, columns), see
-    `rpo_core.judge.metrics.UNITS` least : (n,) least energy possible [N^2 s] tests : (2, columns)
-    metrics of the paper's test, offset and phase reading
+    starts : (n, 3) initial positions [m]
+    metrics : (n, columns), see `rpo_core.judge.metrics.UNITS`
+    least : (n,) least energy possible [N^2 s]
+    tests : (2, columns) metrics of the paper's test, offset and phase reading
     """
 
     controller: FuzzyController

@@ -391,6 +391,10 @@ POSITIONS, VELOCITIES = 41, 20
 def driving(population: Population, samples: int = DEFAULT_SAMPLES) -> Floats:
     """Return the mean (n,) over the grid of the force that drives, as a share of full output.
 
+    The energy H = m v^2 / 2 + integral of |F(s, 0)| ds falls along a flight where
+    v (F(e, v) - F(e, 0)) <= 0: the force of a velocity opposes it. The velocity error is -v over
+    its scale, so the force must not be less for a larger velocity error.
+
     Negative velocity errors need no grid of their own where the rules are odd; other rules are
     checked with their mirror.
     """

@@ -8,9 +8,7 @@ few units per worker are under way at a time, so that memory stays flat.
 
 from __future__ import annotations
 
-import math
 import os
-import time
 from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
@@ -19,14 +17,12 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import columns_of, fly_unit
 from rpo_montecarlo.campaign.statistics import document, successes
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.cluster import pool
-from rpo_montecarlo.display import Display
 
 Floats = NDArray[np.float64]
 Results = Generator[tuple[int, Floats], None, None]
@@ -96,65 +92,3 @@ def on_cluster(campaign: Campaign, pending: list[int], workers: int, address: st
     calls = ((unit, (campaign.texts, unit)) for unit in pending)
     with pool.connected(address, workers) as client:
         yield from pool.results(client, fly_remote, calls)
-
-
-_WARM_S = 0.3
-"""The first runs of all threads come at once, after all of them have waited for the compiler."""
-
-_TIMED_S, _LONG_S = 2.0, 60.0
-"""A campaign that lasts longer is announced after so much timed work."""
-
-
-class CampaignDisplay(Display):
-    """Shows a campaign while it is entered."""
-
-    def __init__(self, store: Store, console: Console | None = None) -> None:
-        super().__init__(store.folder, console)
-        self._total, self._before = store.campaign.config.runs, store.done_runs
-        self._new = self._successful = self._timed = 0
-        self._first: float | None = None
-        self._began: float | None = None
-        self._announced = False
-
-    def advance(self, runs: int, successful: int) -> None:
-        """Add a number of finished runs, and how many of them succeeded."""
-        self._new += runs
-        self._successful += successful
-        done, rate = self._before + self._new, self._rate(runs)
-        sentence = f'{100 * self._successful / self._new:.2f} % succeed'
-        if not rate:
-            self.draw('runs', done, self._total, math.inf, sentence)
-            return
-        left_s = (self._total - done) / rate
-        self._announce(rate, left_s)
-        self.draw('runs', done, self._total, left_s, f'{sentence}  {rate:.0f} runs/s')
-
-    def _announce(self, rate: float, left_s: float) -> None:
-        """Say once, in a line that stays, how long a long campaign will take."""
-        if self._announced or time.monotonic() - (self._began or 0.0) < _TIMED_S:
-            return
-        self._announced = True
-        if left_s > _LONG_S:
-            self.console.print(
-                f'{self._total} runs: about {duration(left_s)} to go, at {rate:.0f} runs/s. Ctrl-C '
-                'stops cleanly; --resume goes on.',
-                soft_wrap=True,
-            )
-
-    def _rate(self, runs: int) -> float:
-        """Return runs per second; 0 while it is not known: the kernels may have been compiled."""
-        now = time.monotonic()
-        if self._first is None:
-            self._first = now
-        elif self._began is None:
-            self._began = now if now - self._first > _WARM_S else None
-        else:
-            self._timed += runs
-            return self._timed / max(now - self._began, 1e-9)
-        return 0.0
-
-
-def duration(seconds: float) -> str:
-    """Return a long time for people: minutes, then hours and minutes."""
-    minutes = round(seconds / 60.0)
-    return f'{minutes} min' if minutes < 120 else f'{minutes // 60} h {minutes % 60:02d} min'
