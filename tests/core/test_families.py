@@ -257,7 +257,7 @@ def changed(law, **changes):
         (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
         (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
         (PACE, {'lead_s': -1}, '`lead_s` must be'),
-        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 5 ascending numbers above 0'),
+        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 5 ascending numbers'),
         (MORE, {'forces_n': [[1.0] * 9] * 6}, '`forces_n` must be 6 rows of 8 numbers'),
         (MORE, {'damping_n_s_m': 0}, '`damping_n_s_m` must be'),
         (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
