@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers of a family (`rpo_core.control.family`) as JSON, Python, C and FuzzyLite."""
+"""Controllers of a family (`rpo_ctrl.family`) as JSON, Python, C and FuzzyLite."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from rpo_core import kernels
-from rpo_core.control import more_words
 from rpo_core.control.controller import to_document
-from rpo_core.control.family import Family
-from rpo_core.control.more_words import MoreWords
-from rpo_core.control.pace import DISTANCES, PACES, Pace
-from rpo_core.control.time_to_go import TimeToGo
 from rpo_core.files.validation import InputError, choice
-from rpo_core.kernels import baseline_kernels
+from rpo_ctrl import baseline_kernels, more_words
+from rpo_ctrl.family import Family
+from rpo_ctrl.more_words import MoreWords
+from rpo_ctrl.pace import DISTANCES, PACES, Pace
+from rpo_ctrl.time_to_go import TimeToGo
 from rpo_export import c, parts
 from rpo_export.python import source
 

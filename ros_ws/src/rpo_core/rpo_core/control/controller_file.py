@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Signal, Stage
+from rpo_core.control.blend import Reasons
 from rpo_core.files import codec, plugins
 from rpo_core.files.validation import (
     Description,
@@ -29,7 +30,7 @@ from rpo_core.files.validation import (
     shown,
     store,
 )
-from rpo_core.kernels import Vector
+from rpo_core.kernels import State, Vector
 from rpo_core.wire import interfaces
 
 SCHEMA = 'rpo/controller/1'
@@ -209,6 +210,18 @@ class ControllerFile:
         Raises InputError if it counts ticks of another length than `dt_s`.
         """
         raise NotImplementedError
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z for the force that answers a state; empty: it has none."""
+        return ()
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return all that makes a force, from the numbers in its reason.
+
+        None where the sentence of the reason says it all, or the numbers are not of this
+        controller.
+        """
+        return None
 
     def refuse_other_ticks(self, dt_s: float) -> None:
         """Raise InputError if it counts ticks of another length than `dt_s`."""

@@ -18,8 +18,11 @@ from typing import Annotated, ClassVar
 
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, register
-from rpo_core.control.family import Claim, Family, Gene, Mission, Table
-from rpo_core.control.pace import (
+from rpo_core.files.validation import InputError, real, shown
+from rpo_core.kernels import State
+from rpo_ctrl.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_inputs
+from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_ctrl.pace import (
     Numbers,
     ascending,
     blended,
@@ -29,9 +32,6 @@ from rpo_core.control.pace import (
     numbers,
     table_claims,
 )
-from rpo_core.files.validation import InputError, real, shown
-from rpo_core.kernels import State
-from rpo_core.kernels.baseline_kernels import BaselineLaw, baseline_force, law_of, pace_inputs
 
 DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
 SPEEDS = ('receding', 'drifting away', 'resting', 'creeping', 'slow', 'steady', 'brisk', 'fast')

@@ -19,16 +19,16 @@ from typing import Annotated, Any, ClassVar
 from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, register
-from rpo_core.control.family import Claim, Family, Gene, Mission, Table
 from rpo_core.files.validation import InputError, real, shown
 from rpo_core.kernels import State
-from rpo_core.kernels.baseline_kernels import (
+from rpo_ctrl.baseline_kernels import (
     BaselineLaw,
     baseline_force,
     interval,
     law_of,
     pace_inputs,
 )
+from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
 
 DISTANCES = ('at', 'close', 'very near', 'near', 'middle', 'far', 'very far', 'remote')
 PACES = (
