@@ -12,8 +12,8 @@ what is printed true. So a case that is accepted (no fault) is judged by what th
 
 - Where controller, scenario and settings mean what they meant, it must print the claims, figures,
   ranges, box and names that it prints of the true folder. A figure that was flown may be missing.
-  A claim that is for ever may have the bound of another invariant set, which the checker has shown to
-  be one, if the flights below keep it.
+  A claim that is for ever may have the bound of another invariant set, which the checker has
+  shown to be one, if the flights below keep it.
 - Where they mean something else, it must name other digests, and not call anything shipped that is
   not. Limits and units must be those of its requirements. Flights from the ends of its box, under
   the ends of its disturbance and mass, flown by `rpo_core.chain.flight` and for twice the time
