@@ -16,13 +16,13 @@ from rpo_core.chain.stage import Place, Section, Stage
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety import attack, hostile
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.settings import Assurance, Corridor
+from rpo_safety.settings import Assurance, Passage
 from rpo_sim.plant import Plant
 
 PAPER = scenario.load_scenario('paper_test')
@@ -116,7 +116,7 @@ def test_the_plant_says_what_the_verdict_says():
 
 def test_a_zone_is_seen_between_two_ticks():
     """Past the target in a tick of 10 s, outside of the zone at both ends."""
-    zones = Zones(10.0)
+    zones = Zone(10.0)
     states = np.array([[0.0, 0.0, 12.0, 0.0, 0.0, -2.4], [0.0, 0.0, -12.0, 0.0, 0.0, -2.4]])
     assert zones.deepest_m(states, 10.0) == pytest.approx(10.0)
     assert zones.deepest_m(states[:1], 10.0) == 0.0
@@ -143,7 +143,7 @@ def test_what_comes_before_the_first_force_is_counted(start_m):
     assert np.linalg.norm(flight.positions_m, axis=1).min() >= 50.0
 
 
-WAY = Corridor('+y', 10.0, 1.0, 20.0, width_m=0.2)
+WAY = Passage('+y', 10.0, 1.0, 20.0, width_m=0.2)
 
 
 def docking(**errors):
