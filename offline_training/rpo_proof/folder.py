@@ -11,7 +11,7 @@ table.npz
 parts/GROUP_NNNN.npz
     Finished units: cells, bounds, boxes at checkpoints. An interrupted proof goes on from them.
 planar.npz, vertical.npz (or x.npz, y.npz, z.npz), summary.yaml
-    At the end: all cells; the set of rest, and the claims. They have the same bytes on any number
+    At the end: all cells; the invariant set, and the claims. They have the same bytes on any number
     of workers, interrupted or not.
 counterexample_CLAIM.yaml, flown_CLAIM.yaml
     The worst flight of each claim: one that refutes it, or one that does not.
@@ -36,19 +36,21 @@ import rpo_judge.analysis
 import rpo_montecarlo.engine
 import rpo_proof
 from rpo_core import files
+from rpo_core.control import controller as controllers
 from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
-from rpo_core.files.validation import InputError, mapping, real, shown, text, within
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
 from rpo_montecarlo.cluster.pool import versions
 from rpo_montecarlo.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
 from rpo_proof import cells
-from rpo_proof.cells import VALUES, Found, Layout
+from rpo_proof.cells import VALUES, CellBounds, Layout
+from rpo_proof.enclosure import Table
 from rpo_proof.problem import Problem
-from rpo_proof.sets import Rest
+from rpo_proof.sets import InvariantSet
 
 Floats = NDArray[np.float64]
 
-FIELDS = tuple(Found.__dataclass_fields__)
+FIELDS = tuple(CellBounds.__dataclass_fields__)
 
 CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')
 """Fields of a claim of a summary."""
@@ -60,7 +62,7 @@ _WHOLE = VALUES.index('depth')
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
 SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
-_TABLES = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
+_TABLE_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
 
 
 class Folder:
@@ -82,8 +84,8 @@ class Folder:
             raise InputError(f'{path}: must be a new or empty folder; it holds other things')
         found = cls(path, problem, problem.texts)
         make_folder(path / _PARTS)
-        stamped = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
-        write_text(path / _VERSIONS, yaml.safe_dump(stamped))
+        recorded = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
+        write_text(path / _VERSIONS, yaml.safe_dump(recorded))
         for name, content in zip(TEXTS, problem.texts, strict=True):
             write_text(path / name, content)  # proof.yaml last: with it, the folder is one
         return found
@@ -99,12 +101,12 @@ class Folder:
         texts = [files.read_text(path / name) for name in TEXTS]
         with within(str(path)):
             found = cls(path, Problem.of_texts(texts), texts)
-        if found.stamped['files_sha256'] != found.bound:
+        if found.recorded['files_sha256'] != found.bound:
             raise InputError(f'{path}: {", ".join(TEXTS)} must be as they were when it was begun')
         return found
 
     @property
-    def stamped(self) -> dict[str, str]:
+    def recorded(self) -> dict[str, str]:
         """Versions and digests of when the proof was begun."""
         known = [*versions(), 'code_sha256', 'files_sha256']
         found = files.load(self.path / _VERSIONS, lambda found: mapping('', found, known))
@@ -113,7 +115,7 @@ class Folder:
 
     def refuse_other_code(self) -> None:
         """Raise InputError if the proof was begun with other code, or other libraries."""
-        theirs = self.stamped
+        theirs = self.recorded
         if {name: theirs[name] for name in versions()} != versions():
             raise InputError(f'{self.path}: was begun with other libraries: {theirs}')
         if theirs['code_sha256'] != code_digest():
@@ -126,25 +128,24 @@ class Folder:
 
     def put_table(self) -> None:
         """Write the enclosure of the surface."""
-        made = self.problem.table
-        self._write(self.path / _TABLE, {name: getattr(made, name) for name in _TABLES})
+        self._write(self.path / _TABLE, table_arrays(self.problem.table))
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are said to be the enclosure of the surface."""
-        return exactly(self.path / _TABLE, *_TABLES)
+        return exactly(self.path / _TABLE, *_TABLE_ARRAYS)
 
-    def done(self, group: str, unit: int) -> Found | None:
+    def done(self, group: str, unit: int) -> CellBounds | None:
         """Return a finished unit, None if there is none, or it is damaged."""
         try:
             return cells_of(self._part(group, unit), self.problem, group)
         except InputError:
             return None
 
-    def put(self, group: str, unit: int, found: Found) -> None:
+    def put(self, group: str, unit: int, found: CellBounds) -> None:
         """Keep a finished unit."""
         self._write(self._part(group, unit), vars(found))
 
-    def cells(self, group: str) -> Found:
+    def cells(self, group: str) -> CellBounds:
         """Return all cells of a finished proof."""
         return cells_of(self.path / f'{group}.npz', self.problem, group)
 
@@ -159,7 +160,7 @@ class Folder:
         """Return where the worst flight of a claim is, if it refutes the claim, and if not."""
         return self.path / f'counterexample_{key}.yaml', self.path / f'flown_{key}.yaml'
 
-    def finish(self, groups: Mapping[str, Found], summary: Mapping[str, Any]) -> None:
+    def finish(self, groups: Mapping[str, CellBounds], summary: Mapping[str, Any]) -> None:
         """Write all cells and the summary; remove the parts."""
         for group, found in groups.items():
             self._write(self.path / f'{group}.npz', vars(found))
@@ -189,14 +190,19 @@ class Folder:
         write_arrays(path, arrays)
 
 
-def joined(parts: Iterable[Found]) -> Found:
+def table_arrays(table: Table) -> dict[str, Any]:
+    """Return what `table.npz` holds; its `steep` is the division of cells."""
+    return {name: getattr(table, 'division' if name == 'steep' else name) for name in _TABLE_ARRAYS}
+
+
+def joined(parts: Iterable[CellBounds]) -> CellBounds:
     """Return the cells of all units."""
     found = list(parts)
     joint = {
         name: np.concatenate([getattr(p, name) for p in found])
         for name in ('centre', 'half', 'values', 'boxes', 'tail')
     }
-    return Found(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
+    return CellBounds(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
 
 
 def code_digest() -> str:
@@ -243,13 +249,13 @@ def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:
     return found
 
 
-def cells_of(path: Path, problem: Problem, group: str) -> Found:
+def cells_of(path: Path, problem: Problem, group: str) -> CellBounds:
     """Return the cells of a group that a file holds; raises InputError."""
     arrays = exactly(path, *FIELDS)
     layout = Layout.of(problem, group)
     with within(str(path)):
         _check_shapes(arrays, layout)
-        found = Found(**arrays)
+        found = CellBounds(**arrays)
         _check_ranges(found)
     return found
 
@@ -274,7 +280,7 @@ def _check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Layout) -> None:
             )
 
 
-def _check_ranges(found: Found) -> None:
+def _check_ranges(found: CellBounds) -> None:
     """Refuse numbers that are not what they stand for; written so that NaN is refused too."""
     values, depth, last_s = found.values, found.values[:, _WHOLE], found.column('last_s')
     low, high = found.boxes[:, :, 0], found.boxes[:, :, 1]
@@ -296,15 +302,16 @@ def _check_ranges(found: Found) -> None:
 
 
 def summary_of(document: Any) -> dict[str, Any]:
-    """Return a summary whose set of rest and flights have numbers that can be used.
+    """Return a summary whose invariant set and flights have numbers that can be used.
 
     What else it says is compared with what follows from the cells. Raises InputError.
     """
     found = dict(mapping('', document, ('rest', 'cells', 'claims', 'ranges')))
     if found['rest'] is not None:
-        numbers = mapping('rest', found['rest'], Rest._fields)
+        numbers = mapping('rest', found['rest'], InvariantSet._fields)
         found['rest'] = {
-            name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3) for name in Rest._fields
+            name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3)
+            for name in InvariantSet._fields
         }
     if not isinstance(found['claims'], Mapping):
         raise InputError(f'`claims` must be a mapping; got {shown(found["claims"])}')
@@ -317,3 +324,39 @@ def summary_of(document: Any) -> dict[str, Any]:
         for number in start:
             real(f'claims.{key}.start', number)
     return found
+
+
+def origins(folder: Folder) -> list[str]:
+    """Return whether controller and scenario mean those that ship, and digests of their files."""
+    names = folder.problem.controller.name, folder.problem.scenario.name
+    known = is_shipped_controller(folder.problem), is_shipped_scenario(folder.problem)
+    found = []
+    kinds = 'controller', 'scenario'
+    for kind, content, name, same in zip(kinds, folder.texts[:2], names, known, strict=True):
+        digest = hashlib.sha256(content.encode()).hexdigest()
+        if same:
+            what = f'means the same as the shipped {name}'
+        elif name in files.shipped(kind):
+            what = f'named {name}, and NOT the one that ships with this name'
+        else:
+            what = f'{quoted(name)}, which does not ship'
+        found.append(f'{kind}: {what}; SHA-256 {digest}')
+    return found
+
+
+def is_shipped_controller(problem: Problem) -> bool:
+    """Whether the controller has all numbers that fly of the one that ships with its name."""
+    name = problem.controller.name
+    return name in files.shipped('controller') and (
+        controllers.load_controller(name) == problem.controller
+    )
+
+
+def is_shipped_scenario(problem: Problem) -> bool:
+    """Whether the scenario is the one that ships with its name, with the same requirements."""
+    ours = problem.scenario
+    if ours.name not in files.shipped('scenario'):
+        return False
+    found = scenario.load(ours.name)
+    theirs = found.base if isinstance(found, ScenarioSet) else found
+    return theirs == ours and theirs.requirements == ours.requirements

@@ -91,7 +91,7 @@ def into_the_zone():
 def test_a_zone_that_is_entered_is_a_verdict_whoever_commands():
     flight = into_the_zone()
     (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
-    assert verdict.word == 'MISSED' and 'of `guidance`' in verdict.statement
+    assert verdict.word == 'MISSED' and 'of `zones`' in verdict.statement
     # 1.4 m from the target, from the other side; its corridor ends 4.5 m behind the target
     assert verdict.value == pytest.approx(5.5, abs=0.01)
     # without the requirements of the scenario too
@@ -110,7 +110,7 @@ def test_the_plant_says_what_the_verdict_says():
     assert list(plant.depths_m.values()) == [pytest.approx(verdict.value, abs=0.5)]
     ranges = np.linalg.norm(flight.positions_m, axis=1)
     assert abs(first - int(np.argmax(ranges < 10.0))) <= 20
-    assert plant.entered.endswith('inside the keep-out sphere of 10 m of `guidance`, beside its '
+    assert plant.entered.endswith('inside the keep-out sphere of 10 m of `zones`, beside its '
                                   'corridor')  # fmt: skip
 
 
