@@ -20,7 +20,6 @@ counterexample_CLAIM.yaml, flown_CLAIM.yaml
 from __future__ import annotations
 
 import hashlib
-import io
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
@@ -40,8 +39,9 @@ from rpo_core.control import controller as controllers
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
+from rpo_montecarlo import outputs
 from rpo_montecarlo.cluster.pool import versions
-from rpo_montecarlo.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
+from rpo_montecarlo.outputs import VERSIONS, digest_of, make_folder, read_arrays, write_text
 from rpo_proof import cells
 from rpo_proof.cells import VALUES, CellBounds, Layout
 from rpo_proof.enclosure import Table
@@ -61,7 +61,7 @@ FARTHEST = 1e7
 _WHOLE = VALUES.index('depth')
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
-SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
+SUMMARY, _TABLE, _PARTS = 'summary.yaml', 'table.npz', 'parts'
 _TABLE_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
 
 
@@ -78,16 +78,12 @@ class Folder:
     @classmethod
     def create(cls, path: Path, problem: Problem) -> Folder:
         """Make the folder; raises InputError if it holds something."""
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            if (path / TEXTS[2]).is_file():
-                raise InputError(f'{path}: holds a proof already: go on with --resume, or check it')
-            raise InputError(f'{path}: must be a new or empty folder; it holds other things')
+        hint = ': go on with --resume, or check it'
+        outputs.require_free(path, TEXTS[2], 'proof', lambda: hint)
         found = cls(path, problem, problem.texts)
         make_folder(path / _PARTS)
         recorded = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
-        write_text(path / _VERSIONS, yaml.safe_dump(recorded))
-        for name, content in zip(TEXTS, problem.texts, strict=True):
-            write_text(path / name, content)  # proof.yaml last: with it, the folder is one
+        outputs.begin_folder(path, dict(zip(TEXTS, problem.texts, strict=True)), recorded)
         return found
 
     @classmethod
@@ -109,8 +105,8 @@ class Folder:
     def recorded(self) -> dict[str, str]:
         """Versions and digests of when the proof was begun."""
         known = [*versions(), 'code_sha256', 'files_sha256']
-        found = files.load(self.path / _VERSIONS, lambda found: mapping('', found, known))
-        with within(str(self.path / _VERSIONS)):
+        found = files.load(self.path / VERSIONS, lambda found: mapping('', found, known))
+        with within(str(self.path / VERSIONS)):
             return {name: text(name, found[name]) for name in known}
 
     def refuse_other_code(self) -> None:
@@ -128,7 +124,7 @@ class Folder:
 
     def put_table(self) -> None:
         """Write the enclosure of the surface."""
-        self._write(self.path / _TABLE, table_arrays(self.problem.table))
+        write_arrays(self.path / _TABLE, table_arrays(self.problem.table))
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are said to be the enclosure of the surface."""
@@ -143,7 +139,7 @@ class Folder:
 
     def put(self, group: str, unit: int, found: CellBounds) -> None:
         """Keep a finished unit."""
-        self._write(self._part(group, unit), vars(found))
+        write_arrays(self._part(group, unit), vars(found))
 
     def cells(self, group: str) -> CellBounds:
         """Return all cells of a finished proof."""
@@ -163,7 +159,7 @@ class Folder:
     def finish(self, groups: Mapping[str, CellBounds], summary: Mapping[str, Any]) -> None:
         """Write all cells and the summary; remove the parts."""
         for group, found in groups.items():
-            self._write(self.path / f'{group}.npz', vars(found))
+            write_arrays(self.path / f'{group}.npz', vars(found))
         write_text(self.path / SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
         for part in sorted((self.path / _PARTS).glob('*.npz')):
             part.unlink()
@@ -176,7 +172,7 @@ class Folder:
 
     def others(self) -> list[str]:
         """Return names in the folder that nothing of the proof is read from."""
-        known = {*TEXTS, SUMMARY, _VERSIONS, _TABLE, _PARTS, 'report'}
+        known = {*TEXTS, SUMMARY, VERSIONS, _TABLE, _PARTS, 'report'}
         known |= {f'{group}.npz' for group in self.problem.groups}
         for key in self.problem.limits:
             first = next((path for path in self.flights(key) if path.is_file()), None)
@@ -185,9 +181,6 @@ class Folder:
 
     def _part(self, group: str, unit: int) -> Path:
         return self.path / _PARTS / f'{group}_{unit:04d}.npz'
-
-    def _write(self, path: Path, arrays: Mapping[str, Any]) -> None:
-        write_arrays(path, arrays)
 
 
 def table_arrays(table: Table) -> dict[str, Any]:
@@ -217,22 +210,9 @@ def code_digest() -> str:
     return found.hexdigest()
 
 
-def _archive(arrays: Mapping[str, Any]) -> bytes:
-    """Return an .npz of arrays, without times of files: the same bytes each time."""
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, 'w', zipfile.ZIP_DEFLATED) as archived:
-        for name, values in arrays.items():
-            entry = zipfile.ZipInfo(f'{name}.npy')
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            with archived.open(entry, 'w') as member:
-                np.lib.format.write_array(member, np.asarray(values), allow_pickle=False)
-    return content.getvalue()
-
-
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays: the same bytes each time."""
-    content = _archive(arrays)
-    write_aside(path, lambda file: file.write(content))
+    outputs.write_arrays(path, arrays.items(), zipfile.ZIP_DEFLATED)
 
 
 def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:

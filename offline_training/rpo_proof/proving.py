@@ -8,10 +8,8 @@ import os
 import pickle
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -165,28 +163,13 @@ def _cells(
     return every, (resumed, len(units))
 
 
-Source = Iterator[tuple[int, CellBounds]]
-
-
 def _on_threads(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
-) -> Source:
+) -> Iterator[tuple[int, CellBounds]]:
     """Yield units as they are finished."""
     prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
-    workers = workers or len(os.sched_getaffinity(0))
-    executor = ThreadPoolExecutor(workers, 'rpo-prove')
-    todo, under_way = iter(pending), dict[Future[CellBounds], int]()
-    try:
-        while True:
-            for unit in islice(todo, 2 * workers - len(under_way)):
-                under_way[executor.submit(prover.prove, units[unit], work.targets)] = unit
-            if not under_way:
-                return
-            done, _pending = wait(under_way, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield under_way.pop(future), future.result()
-    finally:
-        executor.shutdown(cancel_futures=True)
+    calls = ((unit, (units[unit], work.targets)) for unit in pending)
+    return pool.on_threads(prover.prove, calls, workers or len(os.sched_getaffinity(0)))
 
 
 @lru_cache(maxsize=2)
@@ -208,7 +191,7 @@ def prove_remote(
 
 def _on_cluster(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
-) -> Source:
+) -> Iterator[tuple[int, CellBounds]]:
     """Yield units as they come in."""
     around = pickle.dumps((work.above, work.other_axis))
     same = work.problem.texts, work.group, work.omega, around
