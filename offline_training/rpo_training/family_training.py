@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The training of a family (`rpo_core.control.family`): CMA-ES in stages, judged by drawn flights.
+"""The training of a family (`rpo_ctrl.family`): CMA-ES in stages, judged by drawn flights.
 
 The folder holds `family.yaml`, `checkpoint.npz` after each generation, and at the end the
 controller `<name>.yaml`.
@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
-from rpo_core.control.family import Family, Gene, Mission, family_of
 from rpo_core.files.codec import to_mapping
 from rpo_core.files.validation import MOST_PATH, InputError, mapping, shown, text, whole
 from rpo_core.judge.metrics import PENALTY
+from rpo_ctrl.family import Family, Gene, Mission, family_of
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores

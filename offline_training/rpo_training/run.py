@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control import controller as controllers
-from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import FuzzyController
-from rpo_core.control.family import Family
 from rpo_core.files.validation import InputError
+from rpo_ctrl.baselines import Baseline
+from rpo_ctrl.family import Family
 from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo import processor
 from rpo_montecarlo.outputs import alone, make_folder, write_text

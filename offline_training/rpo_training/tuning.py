@@ -19,8 +19,8 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.control.baselines import Baseline, Model
 from rpo_core.files.validation import MOST_PATH, choice, mapping, real, text, whole
+from rpo_ctrl.baselines import Baseline, Model
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_montecarlo import processor

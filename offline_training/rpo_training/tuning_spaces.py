@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from rpo_core.control.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
+from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 
 Floats = NDArray[np.float64]
 

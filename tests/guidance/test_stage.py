@@ -184,13 +184,16 @@ def test_a_plan_that_cannot_be_flown_is_refused(spoil, sentence):
 def test_the_search_of_a_plan_is_bounded_by_its_work(monkeypatch):
     """Counted, not timed: the same on every machine. What ships takes far less than the bound."""
     data, spent = document('around'), []
+    rehearsal.check.cache_clear()
     for module in (rehearsal, transfers):
         monkeypatch.setattr(module, 'spend', spent.append)
     scenario.parse(data)
     assert 1e5 < sum(spent) < 0.1 * rehearsal.MOST_WORK
     monkeypatch.undo()
     monkeypatch.setattr(rehearsal, 'MOST_WORK', 2.0 * sum(spent))
+    rehearsal.check.cache_clear()
     assert scenario.parse(data)
+    rehearsal.check.cache_clear()
     monkeypatch.setattr(rehearsal, 'MOST_WORK', 0.5 * sum(spent))
     with pytest.raises(InputError, match='`guidance` must have a plan that is found in'):
         scenario.parse(data)

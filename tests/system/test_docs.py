@@ -31,13 +31,14 @@ from doc_blocks import (
 )
 
 from rpo_cli.cli import app
-from rpo_core.control import baselines, controller, controller_file
+from rpo_core.control import controller, controller_file
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files import missing
 from rpo_core.files.scenario import DISTURBANCES, Scenario
 from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_core.world.navigation import Navigation
 from rpo_core.world.thrusters import Thrusters
+from rpo_ctrl import baselines
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [

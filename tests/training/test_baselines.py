@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
-from rpo_core.control.baselines import PAPER_MODEL, Mpc
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
+from rpo_ctrl.baselines import PAPER_MODEL, Mpc
 from rpo_judge.evaluation import comparison, comparison_table, optimal, plans
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set

@@ -23,7 +23,7 @@ from rpo_core.control import controller
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
-from rpo_core.kernels.baseline_kernels import pace_inputs
+from rpo_ctrl.baseline_kernels import pace_inputs
 from rpo_judge.evaluation import robustness
 from rpo_judge.evaluation.comparison import Share
 from rpo_montecarlo.campaign import config, run_batch, single

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.stage import section_of
-from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import AnyController, only_fuzzy
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.baselines import Baseline
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_montecarlo.campaign.navigation import estimators_of
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of

@@ -9,9 +9,9 @@ import threading
 from collections.abc import Collection
 
 from rpo_core.chain.stage import section_of
-from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.files.scenario import Scenario
+from rpo_ctrl.baselines import Baseline
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_safety.settings import Assurance
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from rpo_core.judge.metrics import larger
 from rpo_core.kernels import CwStep, cw_step, exerted_force, measured, saturate, sin_cos
-from rpo_core.kernels.baseline_kernels import axis_force, baseline_force
 from rpo_core.kernels.noise import six_normals
+from rpo_ctrl.baseline_kernels import axis_force, baseline_force
 from rpo_montecarlo.engine.approach import (
     add_feed_forward,
     assure_all,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 from rpo_core.files.scenario import Scenario
@@ -59,6 +60,7 @@ def nominal(settings: Guidance, scenario: Scenario, *, to_rest: bool = False) ->
     return Checked(references, forces, stage.changes)
 
 
+@lru_cache(maxsize=64)
 def check(settings: Guidance, scenario: Scenario) -> None:
     """Raise InputError if the plan of a scenario cannot be flown, with the number that fails."""
     try:

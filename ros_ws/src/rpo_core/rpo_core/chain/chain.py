@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from rpo_core.chain.stage import Place, Signal, Stage, section_of
 from rpo_core.control.controller import Controller
-from rpo_core.control.controller_file import FollowStage, GoalStage, OpposeStage
+from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
@@ -184,14 +184,13 @@ def _controlling(scenario: Scenario, controller: Controller, guided: bool) -> St
     It opposes the disturbance that is estimated, where the scenario says so. One that reads nothing
     commands forces that were computed before, and is left alone.
     """
-    stage, goal = controller.stage(scenario.dt_s), scenario.goal
-    if not stage.inputs:
+    stage, goal = controller.stage(scenario.dt_s), None
+    if not guided and scenario.goal is not None:
+        goal = scenario.goal_state, scenario.goal.force_n
+    as_it_is = goal is None and not guided and not scenario.compensated
+    if as_it_is or not stage.inputs:
         return stage
-    if guided:
-        stage = FollowStage(stage)
-    elif goal is not None:
-        stage = GoalStage(stage, *goal)
-    return OpposeStage(stage) if scenario.compensated else stage
+    return FollowStage(stage, goal, guided, scenario.compensated)
 
 
 def _wired(placed: Sequence[tuple[Place, Stage]], open_loop: bool) -> list[Link]:
