@@ -82,6 +82,8 @@ class FreeRun:
             writer.write(name, tick, change(name, tick, data) if change else data)
             if tick >= STALE_AFTER:  # no answer to an older state can act any more
                 writer.report(tick - STALE_AFTER, self.taken[tick - STALE_AFTER])
+        for tick in range(len(self.taken) - STALE_AFTER, len(self.taken)):
+            writer.report(tick, self.taken[tick])
         return writer.close()
 
 
