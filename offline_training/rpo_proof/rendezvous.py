@@ -204,7 +204,7 @@ def verdict(proof: Proof, name: str) -> Verdict:
     end = _ticks(span[1] if span else peers.HORIZON_MIN)
     cone = math.degrees(float(proof.trace.cone[: end + 1].max()))
     speed = float(proof.trace.speed[: end + 1].max())
-    kept = cone <= peers.CONE_DEG and speed <= peers.CONE_M_S
+    fixed = cone <= peers.CONE_DEG and speed <= peers.CONE_M_S
     near, flight, certain = math.inf, None, math.inf
     if span:
         first = _ticks(span[0])
@@ -216,7 +216,7 @@ def verdict(proof: Proof, name: str) -> Verdict:
             flight = (x, y, at * TICK_S / 60.0, certain)
     boxes = []
     for box in sorted(peers.BOXES_M):
-        said = PROVEN if kept and near > box else REFUTED if certain < box else OPEN
+        said = PROVEN if fixed and near > box else REFUTED if certain < box else OPEN
         boxes.append((box, said))
     refutes = any(said == REFUTED for _, said in boxes)
     return Verdict(name, span, cone, speed, near, tuple(boxes), flight if refutes else None)
