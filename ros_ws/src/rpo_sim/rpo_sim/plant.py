@@ -54,8 +54,12 @@ class Plant:
 
     scenario : of the run
     expected : topics of the answers to each state
+    taken : tick, of the last ones -> the answers to its state that were accepted, by topic
+    settled_after_ticks : after so many ticks no answer to a state can act any more
     depths_m : zone -> how deep the chaser has been in it so far, if it was
     """
+
+    settled_after_ticks = 0
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
         self.scenario = scenario
@@ -64,6 +68,7 @@ class Plant:
         self._squares = [0.0, 0.0, 0.0]  # of the saturated commands, per axis [N^2]
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
+        self.taken: dict[int, dict[str, Force]] = {0: {}}
         self._chain = Chain.of(scenario).part(*PLACES)
         self._chain.reset()
         self.inputs = tuple(name for name in self._chain.inputs if name != RELATIVE_STATE)
@@ -130,6 +135,8 @@ class Plant:
             for total, force in zip(self._squares, (x, y, z), strict=True)
         ]
         self.tick += 1
+        self.taken[self.tick] = {}
+        self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
         self._look_for_zones(before, state)
 
