@@ -11,7 +11,7 @@ in a module of your own (`rpo_core.files.plugins`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -116,6 +116,7 @@ class Section:
     check : raises InputError where the settings and the scenario do not go together
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
+    of_zones : fields that a mapping of the section takes from section `zones`, of both
     """
 
     name: str
@@ -125,6 +126,7 @@ class Section:
     check: Callable[[Any, Any], None] | None = None
     rehearse: Callable[[Any, Any], None] | None = None
     zones: Callable[[Any, Any], Any] | None = None
+    of_zones: Callable[[Any, Any], Mapping[str, Any]] | None = None
 
 
 _SECTIONS: dict[str, Section] = {}
