@@ -24,7 +24,7 @@ from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.flights import flights_of
-from rpo_proof import cells, flights, rendezvous
+from rpo_proof import cells, flights
 from rpo_proof.cells import Prover
 from rpo_proof.claims import empty_set
 from rpo_proof.problem import Problem, Settings
@@ -58,7 +58,6 @@ def main() -> None:
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)
-    rendezvous.prepare(load_scenario('quick'))
 
 
 def _prove(base: Scenario, controller: FuzzyController) -> None:

@@ -12,7 +12,7 @@ from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
 from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
@@ -103,7 +103,7 @@ def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
 
 def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatch, capfd):
     """Once when it is entered, and with the depth when the flight is over; the log verifies."""
-    monkeypatch.setattr('rpo_sim.plant.zones_of', lambda _: [Zones(1000.0, name='assurance')])
+    monkeypatch.setattr('rpo_sim.plant.zones_of', lambda _: [Zone(1000.0, name='assurance')])
     bench.start('entered')
     entered = bench.says('inside the keep-out sphere of 1000 m of `assurance`')
     assert entered.level == DiagnosticStatus.WARN

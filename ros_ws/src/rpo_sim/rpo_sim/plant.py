@@ -16,7 +16,7 @@ from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
-from rpo_core.kernels import pulse_kernels
+from rpo_core.kernels import norm, pulse_kernels
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.world.thrusters import ValvesStage
@@ -125,7 +125,7 @@ class Plant:
         self._chain.step(self.tick, signals)
         # With its norms: 1e300 m is finite, but no controller can answer it.
         state = signals[RELATIVE_STATE]
-        if not math.isfinite(metrics.norm(*state[:3]) + metrics.norm(*state[3:])):
+        if not math.isfinite(norm(*state[:3]) + norm(*state[3:])):
             signals[RELATIVE_STATE] = before
             raise NotFiniteError(self._why_not_finite(signals))
         x, y, z = signals[SATURATED_FORCE]
@@ -173,8 +173,8 @@ class Plant:
         error = self.scenario.from_goal(self.state)
         where = 'target' if self.scenario.goal is None else 'goal'
         return (
-            f'{metrics.norm(*error[:3]):.3g} m from the {where} and '
-            f'{metrics.norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
+            f'{norm(*error[:3]):.3g} m from the {where} and '
+            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
         )
 
     def figures(self) -> dict[str, float | int]:
@@ -184,7 +184,7 @@ class Plant:
             'tick': self.tick,
             'time_s': self.scenario.time_s(self.tick),
             'energy_n2s': self.energy_n2s,
-            'distance_m': metrics.norm(x, y, z),
-            'speed_m_s': metrics.norm(vx, vy, vz),
+            'distance_m': norm(x, y, z),
+            'speed_m_s': norm(vx, vy, vz),
             'saturated_ticks': self.saturated_ticks,
         }
