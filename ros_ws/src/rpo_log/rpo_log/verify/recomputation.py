@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stages of the chain, recomputed on their logged inputs block by block.
 
-And what the log says of them: switched on and off, decisions, which controller made a command, which
-commands free running may have applied.
+And what the log says of them: switched on and off, decisions, which controller made a command,
+which commands free running may have applied.
 """
 
 from __future__ import annotations
