@@ -20,7 +20,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_judge.safety import hostile
-from rpo_judge.safety.hostile import COLUMNS, KINDS, LONGEST_DELAY, PARTS, World
+from rpo_judge.safety.hostile import COLUMNS, KINDS, LONGEST_DELAY, PARTS, Bounds
 from rpo_safety.guard import Proof, proof_of
 from rpo_safety.settings import Assurance
 
@@ -74,7 +74,7 @@ def attack(
     """
     settings = settings_of(scenario)
     proof = proof_of(settings, scenario)
-    world = _world(settings, scenario, proof)
+    world = _bounds(settings, scenario, proof)
     n, mass, dt = scenario.mean_motion_rad_s, scenario.mass_kg, scenario.dt_s
     step, fine = (np.array(cw.discretise(n, mass, t)) for t in (dt, dt / PARTS))
     kinds = np.arange(runs) % len(KINDS)
@@ -94,14 +94,14 @@ def attack(
     return [Result(kind, rows[kinds == i]) for i, kind in enumerate(KINDS)]
 
 
-def _world(settings: Assurance, scenario: Any, proof: Proof) -> World:
+def _bounds(settings: Assurance, scenario: Any, proof: Proof) -> Bounds:
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     if delay > LONGEST_DELAY:
         raise InputError(f'`thrusters.delay_ticks` must be <= {LONGEST_DELAY}; got {delay}')
     wait = delay * scenario.dt_s
     way = settings.corridor
     pushed = 1.01 * proof.errors.disturbance_n / scenario.mass_kg
-    return World(
+    return Bounds(
         *(proof.errors.position_m, proof.errors.velocity_m_s),
         push_n=proof.errors.disturbance_n,
         delay=delay,

@@ -42,7 +42,7 @@ OUTSIDE, HARD, PORT_EXCESS = range(9, 12)
 COLUMNS = 12
 
 
-class World(NamedTuple):
+class Bounds(NamedTuple):
     """What the world may do, the bounds of the proof.
 
     position_m, velocity_m_s, push_n : largest norms of the errors and the disturbance

@@ -12,7 +12,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire.interfaces import APPLIED_FORCE
 from rpo_core.world.dynamics import Dynamics
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import Failure, Thrusters, valve_names
 from rpo_guidance.plan import Guidance
 from rpo_montecarlo.campaign.config import Campaign

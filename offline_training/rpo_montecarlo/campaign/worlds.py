@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import requirements
 from rpo_core.kernels.pulse_kernels import MEMORY
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, steps_per_tick, target_start, world_of
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
 from rpo_core.world.thrusters import tank_of, valves_of
 from rpo_montecarlo.campaign.sampling import DrawnRuns
 from rpo_montecarlo.engine import worlds as worlds_in_lanes
@@ -72,7 +72,7 @@ def orbits_of(scenarios: Sequence[Scenario]) -> Orbits | None:
     worlds, starts = [], []
     for s in scenarios:
         assert s.dynamics is not None
-        worlds.append(world_of(s.dynamics, s))
+        worlds.append(environment_of(s.dynamics, s))
         starts.append(target_start(s.dynamics, s))
     steps = steps_per_tick(first, scenarios[0])
 

@@ -173,7 +173,7 @@ class Firing(NamedTuple):
 class Orbits(NamedTuple):
     """True dynamics (`rpo_core.kernels.orbit_kernels`).
 
-    shared : `World`, what is the same in all runs
+    shared : `Environment`, what is the same in all runs
     table : flat rows of 40 lanes, see `worlds`: targets, what differs from run to run, orbits
     starts : (6, 40) inertial states of the targets [m, m/s]
     steps : of a tick, each `step` [s] long

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from rpo_core.kernels.orbit_kernels import (
     COLUMNS,
-    World,
+    Environment,
     inertial,
     middle,
     orbit_row,
@@ -104,7 +104,9 @@ def _world(shared, table, s):  # type: ignore[no-untyped-def]
     """World of a run."""
     u = shared
     density, chaser = table[DENSITY + s], table[CHASER + s]
-    return World(u.mu, u.j2, density, u.reference, u.thinning, u.spin, u.target, chaser, u.linear)
+    return Environment(
+        u.mu, u.j2, density, u.reference, u.thinning, u.spin, u.target, chaser, u.linear
+    )
 
 
 @compiled
