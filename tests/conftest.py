@@ -8,6 +8,7 @@ import fcntl
 import fnmatch
 import os
 import random
+import resource
 import signal
 import tempfile
 from collections.abc import Generator, Iterator, Sequence
@@ -105,6 +106,25 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
         yield variables
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption('--cpu', type=int, default=0, help='list the N dearest tests by CPU time')
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    wanted = terminalreporter.config.getoption('--cpu')
+    if not wanted:
+        return
+    found = [
+        (spent, name)
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        for name, spent in getattr(report, 'costs', {}).items()
+    ]
+    terminalreporter.section(f'CPU time, in s: {sum(spent for spent, _ in found):.1f}')
+    for spent, name in sorted(found, reverse=True)[:wanted]:
+        terminalreporter.line(f'{spent:8.2f} {name}')
+
+
 def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
     """Turn a skip that has no reason in ALLOWED_SKIPS into a failure that says so."""
     if not report.skipped or hasattr(report, 'wasxfail'):
@@ -118,10 +138,49 @@ def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
     report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
 
 
+def cpu_s() -> float:
+    """Return the CPU time of this process and of its children that it has waited for, in s."""
+    usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+class Cost:
+    """CPU time of the test that runs now, in s, and of the fixtures that it made for others too."""
+
+    def __init__(self) -> None:
+        self.start = cpu_s()
+        self.fixtures: dict[str, float] = {}
+
+    @property
+    def own(self) -> float:
+        return cpu_s() - self.start - sum(self.fixtures.values())
+
+
+COST = [Cost()]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logstart() -> None:
+    COST[:] = [Cost()]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
+    """Count a fixture of a module or of the session for itself, not for its first test."""
+    own = COST[0].own
+    try:
+        return (yield)
+    finally:
+        if fixturedef.scope != 'function':
+            COST[0].fixtures[f'{fixturedef.baseid} {fixturedef.argname}'] = COST[0].own - own
+
+
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     explained(report)
+    if report.when == 'teardown':
+        report.costs = {report.nodeid: COST[0].own, **COST[0].fixtures}
     return report
 
 

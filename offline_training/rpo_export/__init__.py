@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
-from rpo_core.control.family import Family
 from rpo_core.files.validation import choice
+from rpo_ctrl.family import Family
 from rpo_export import c, family, fcl, fis, fll, json, python
 
 FORMATS: dict[str, Callable[[FuzzyController], str]] = {

@@ -15,10 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_core import kernels
-from rpo_core.control.baselines import Baseline
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
 from rpo_core.files.validation import InputError, shown
-from rpo_core.kernels import State, Vector, baseline_kernels, saturate
+from rpo_core.kernels import State, Vector, saturate
+from rpo_ctrl import baseline_kernels
+from rpo_ctrl.baselines import Baseline
 from rpo_export import parts
 from rpo_export.c_expressions import number
 from rpo_export.c_function import wrapped
@@ -134,7 +135,7 @@ def function_of(source: Source, controller: AnyController) -> Function:
     if not isinstance(controller, Baseline):
         raise InputError(
             f'`--to c` needs a fuzzy controller or one that answers by `kernel`, like those of '
-            f'`rpo_core.control.baselines`; got kind {shown(controller.kind)}'
+            f'`rpo_ctrl.baselines`; got kind {shown(controller.kind)}'
         )
     kernel, law = controller.kernel()
     gains = getattr(law, 'gains', ())

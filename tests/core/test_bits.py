@@ -23,7 +23,7 @@ from rpo_core.world import cw
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import FuzzySystem
-from rpo_core.control.baselines import Mpc, PotentialField
+from rpo_ctrl.baselines import Mpc, PotentialField
 from rpo_core.files.scenario import load_scenario
 
 def digest(name, *values):

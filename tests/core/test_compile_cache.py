@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -18,6 +19,7 @@ import rpo_judge
 import rpo_montecarlo
 import rpo_nav
 import rpo_safety
+from rpo_core.kernels import compile_cache
 
 pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
 
@@ -55,26 +57,35 @@ print(twice(1.0), sum(twice.stats.cache_hits.values()))
 """
 
 
-def run(folder: Path, code: str, **environment: str) -> str:
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        cwd=folder,
-        env={**os.environ, 'RPO_JIT': '1', **environment},
-        capture_output=True,
-        text=True,
-        timeout=280,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout.strip()
+FORKS = """
+import os, sys
+from rpo_core.kernels.jit import kernel
+kernel(lambda x: x)(1.0)  # what every process would do first
+for folder in sys.stdin:
+    child = os.fork()
+    if not child:
+        sys.path.insert(0, folder.strip())
+        import small.top
+        sys.exit()
+    if os.waitpid(child, 0)[1]:
+        print('failed', flush=True)
+"""
 
 
 @pytest.fixture
-def modules(tmp_path):
-    folder = tmp_path / 'small'
-    folder.mkdir()
-    for name, text in (('__init__', ''), ('low', LOW), ('middle', MIDDLE), ('top', TOP)):
-        (folder / f'{name}.py').write_text(text)
-    return folder
+def imported(tmp_path):
+    """Yield a function that imports `small.top` from a folder, in a process of its own."""
+    env = {**os.environ, 'RPO_JIT': '1', 'XDG_CACHE_HOME': str(tmp_path / 'home')}
+    pipes = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE}
+    with subprocess.Popen([sys.executable, '-c', FORKS], env=env, text=True, **pipes) as process:
+
+        def imported(folder: Path) -> str:
+            process.stdin.write(f'{folder}\n')
+            process.stdin.flush()
+            return process.stdout.readline().strip()
+
+        yield imported
+        process.stdin.close()
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -85,48 +96,74 @@ def edit(path: Path, old: str, new: str) -> None:
     os.utime(path, (before + 2.0, before + 2.0))  # Python's bytecode is new from the next second on
 
 
-def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(modules):
-    assert run(modules.parent, 'import small.top') == '204.0 0'
-    assert run(modules.parent, 'import small.top') == '204.0 1'
-    edit(modules / 'low.py', 'return +x', 'return -x')
-    assert run(modules.parent, 'import small.top') == '196.0 0'
-    edit(modules / 'low.py', 'GAIN = 2.0', 'GAIN = 3.0')
-    assert run(modules.parent, 'import small.top') == '194.0 0'
-    edit(modules / 'low.py', 'left: float\n    right: float', 'right: float\n    left: float')
-    assert run(modules.parent, 'import small.top') == '1994.0 0'
-    edit(modules / 'low.py', 'right: float\n    left: float', 'left: float\n    right: float')
-    assert run(modules.parent, 'import small.top') == '194.0 1'  # seen before, and kept
-
-
-def test_a_package_without_init_has_its_kernels_compiled_too(modules):
+def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, imported):
+    modules = tmp_path / 'first/small'
+    modules.mkdir(parents=True)
+    for name, text in (('__init__', ''), ('low', LOW), ('middle', MIDDLE), ('top', TOP)):
+        (modules / f'{name}.py').write_text(text)
+    low = modules / 'low.py'
+    assert imported(modules.parent) == '204.0 0'
+    edit(low, 'return +x', 'return -x')
+    assert imported(modules.parent) == '196.0 0'
+    edit(low, 'GAIN = 2.0', 'GAIN = 3.0')
+    assert imported(modules.parent) == '194.0 0'
+    edit(low, 'left: float\n    right: float', 'right: float\n    left: float')
+    assert imported(modules.parent) == '1994.0 0'
+    edit(low, 'right: float\n    left: float', 'left: float\n    right: float')
+    assert imported(modules.parent) == '194.0 1'  # seen before, and kept
+    shutil.copytree(modules, tmp_path / 'second/small')
+    assert imported(tmp_path / 'second') == '194.0 1'  # another checkout of the same sources
     (modules / '__init__.py').unlink()
-    assert run(modules.parent, 'import small.top') == '204.0 0'
-    edit(modules / 'low.py', 'return +x', 'return -x')
-    assert run(modules.parent, 'import small.top') == '196.0 0'
+    edit(low, 'return -x', 'return +x')
+    assert imported(modules.parent) == '206.0 0'
 
 
-def test_old_states_do_not_pile_up(modules):
-    for gain in range(5):
-        (modules / 'low.py').write_text(LOW.replace('GAIN = 2.0', f'GAIN = {gain}.0'))
-        run(modules.parent, 'import small.middle')
-    assert len(list((modules / '__pycache__').glob('middle-*'))) == 3
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Return a function that asks for the folder of a module in some state of its sources."""
+    module = ModuleType('mine')
+    module.__file__ = str(tmp_path / 'sources/mine.py')
+    monkeypatch.setitem(sys.modules, 'mine', module)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'home'))
+
+    def folder(state: str = 'x') -> Path | None:
+        monkeypatch.setattr(compile_cache, 'digest', lambda name: state)
+        return compile_cache.folder_for.__wrapped__('mine')
+
+    return folder
 
 
-def test_where_the_sources_cannot_be_written_the_cache_is_the_users(modules):
-    moved = 'import small.top' if os.getuid() else UNWRITABLE
-    assert run(modules.parent, moved, XDG_CACHE_HOME=str(modules.parent / 'home')) == '204.0 0'
-    assert run(modules.parent, moved, XDG_CACHE_HOME=str(modules.parent / 'home')) == '204.0 1'
-    assert list((modules.parent / 'home/rpo/kernels/small').glob('top-*'))
-    assert not list((modules / '__pycache__').glob('top-*'))
+def test_states_that_were_not_used_for_long_do_not_pile_up(tmp_path, folder, monkeypatch):
+    monkeypatch.setattr(compile_cache, 'KEPT', 3)
+    for age, state in enumerate('abc'):
+        os.utime(folder(state), (age, age))
+    assert folder('a').is_dir()
+    folder('d')
+    kept = {path.name for path in (tmp_path / 'home/rpo/kernels').iterdir()}
+    assert kept == {'mine-a', 'mine-c', 'mine-d'}
 
 
-# Root may write anywhere: the question is answered for it.
-UNWRITABLE = """
-import os
-asked = os.access
-os.access = lambda path, mode: 'home' in str(path) and asked(path, mode)
-import small.top
-"""
+def test_where_the_users_cache_cannot_be_written_it_is_beside_the_sources(
+    tmp_path, folder, monkeypatch
+):
+    monkeypatch.setenv('XDG_CACHE_HOME', '/dev/null')
+    assert folder() == tmp_path / 'sources/__pycache__/mine-x'
+    monkeypatch.setattr(os, 'access', lambda path, mode: False)
+    assert folder() is None
+
+
+def run(folder: Path, code: str) -> str:
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        cwd=folder,
+        env={**os.environ, 'RPO_JIT': '1', 'XDG_CACHE_HOME': str(folder / 'home')},
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout.strip()
+
 
 FLOWN = """
 import numpy as np

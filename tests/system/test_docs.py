@@ -31,13 +31,14 @@ from doc_blocks import (
 )
 
 from rpo_cli.cli import app
-from rpo_core.control import baselines, controller, controller_file
+from rpo_core.control import controller, controller_file
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files import missing
 from rpo_core.files.scenario import DISTURBANCES, Scenario
 from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_core.world.navigation import Navigation
 from rpo_core.world.thrusters import Thrusters
+from rpo_ctrl import baselines
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
 RUN_PAGES = [
@@ -183,6 +184,7 @@ def module_file(dotted: str) -> tuple[Path, list[str]]:
     top, *rest = dotted.split('.')
     folder = ROOT / 'ros_ws' / 'src' / top / top
     folder = folder if folder.is_dir() else ROOT / 'offline_training' / top
+    folder = folder if folder.is_dir() else ROOT / top  # tools
     while rest and (folder / rest[0]).is_dir():
         folder = folder / rest.pop(0)
     if rest and (folder / f'{rest[0]}.py').is_file():

@@ -11,7 +11,6 @@ from campaign_documents import SHORT, write_campaign
 from rpo_core.chain import stage
 from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import Place, Section, Stage
-from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import load_scenario, load_set
@@ -20,6 +19,7 @@ from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world import cw
 from rpo_core.world.navigation import Navigation
+from rpo_ctrl.baselines import Pd
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set

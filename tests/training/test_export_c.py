@@ -15,11 +15,11 @@ import pytest
 from c_programs import bits, compiled, driven
 
 from rpo_core.control import controller_file
-from rpo_core.control.baselines import Pd
 from rpo_core.control.controller import load_controller
-from rpo_core.control.family import Family, Mission, family_of
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import State, Vector, saturate
+from rpo_ctrl.baselines import Pd
+from rpo_ctrl.family import Family, Mission, family_of
 from rpo_export import c, text_of
 from rpo_export.c_source import Source
 

@@ -23,7 +23,7 @@ from rpo_core.control import controller
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
-from rpo_core.kernels.baseline_kernels import pace_inputs
+from rpo_ctrl.baseline_kernels import pace_inputs
 from rpo_judge.evaluation import robustness
 from rpo_judge.evaluation.comparison import Share
 from rpo_montecarlo.campaign import config, run_batch, single
@@ -147,8 +147,8 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
 
 def test_the_command_of_a_family_is_its_default_configuration():
     chosen = replace(family_training.config_of('pace'), seed=3)
-    assert family_training.command(chosen) == 'rpo train --family pace --seed 3'
-    assert family_training.parse(yaml.safe_load(family_training.dumps(chosen))) == chosen
+    assert chosen.command == 'rpo train --family pace --seed 3'
+    assert family_training.FamilyConfig.parse(yaml.safe_load(chosen.dumps())) == chosen
 
 
 @pytest.mark.parametrize(

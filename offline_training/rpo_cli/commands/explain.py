@@ -62,7 +62,7 @@ def explain(
     from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_core.control.explain import decisions, state_of
-    from rpo_core.control.family import Family
+    from rpo_ctrl.family import Family
 
     console = plain_console()
     if state is not None:
@@ -141,8 +141,8 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     from rpo_core.control.controller import only_fuzzy
     from rpo_core.control.controller_file import received
     from rpo_core.control.explain import decisions
-    from rpo_core.control.family import Family
     from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
+    from rpo_ctrl.family import Family
     from rpo_log.read.run_log import controller_of, read_run, scenario_of
 
     log = read_run(path)
@@ -187,7 +187,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
     """Compare with the decision that the controller published; return whether none differs."""
-    from rpo_log.read.decisions import decision_at
+    from rpo_log.read.run_log import decision_at
 
     logged = decision_at(path, stamp_ns)
     if logged is None:

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rpo_core.control.family import Family
 from rpo_core.files.validation import InputError, printable
+from rpo_ctrl.family import Family
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller as controllers
-from rpo_core.control.baselines import Mpc
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_TIME, ENERGY, SLEW
 from rpo_core.wire.interfaces import NAVIGATION_STATE
+from rpo_ctrl.baselines import Mpc
 from rpo_judge.evaluation import plans, proven, robustness
 from rpo_judge.evaluation.optimal import least_constrained
 from rpo_judge.evaluation.robustness import RANDOM, Robustness

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.control.baselines import Mpc
 from rpo_core.judge.metrics import MAX_SLEW_N_S
+from rpo_ctrl.baselines import Mpc
 from rpo_judge.evaluation.optimal import reach_of
 
 Floats = NDArray[np.float64]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.control.family import Family
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, SLEW
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.family import Family
 from rpo_judge.analysis.certificate import PROVEN
 from rpo_judge.evaluation import proven
 from rpo_judge.scoring import fitness

@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.control.baselines import Baseline
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.files.scenario import ScenarioSet, load_scenario
 from rpo_core.files.validation import InputError, choice, real, whole
@@ -47,6 +46,7 @@ from rpo_core.judge.metrics import (
     PENALTY,
     SLEW,
 )
+from rpo_ctrl.baselines import Baseline
 from rpo_judge.scoring import corners
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings

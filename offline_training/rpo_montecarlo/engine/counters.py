@@ -17,9 +17,9 @@ from rpo_core.judge.metrics import (
     fill_row,
     larger,
     last_outside,
-    norm,
     with_square,
 )
+from rpo_core.kernels import norm
 from rpo_montecarlo.engine.lanes import (
     BEFORE,
     EFFORT,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import fly
-from rpo_core.control.baselines import Baseline
+from rpo_ctrl.baselines import Baseline
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.judge.metrics import row_of

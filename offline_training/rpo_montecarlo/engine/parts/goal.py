@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A goal away from the target, as `rpo_core.control.controller_file.GoalStage` flies to it."""
+"""A goal away from the target, as `rpo_core.control.controller_file.FollowStage` flies to it."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.judge import verdicts
+from rpo_core.judge import requirements
 from rpo_core.kernels import exerted_force, saturate
 from rpo_core.kernels.pulse_kernels import (
     DELTA_V,
@@ -210,7 +210,7 @@ def spent_of(memory: Floats | None) -> dict[str, Floats]:
     if memory is None:
         return {}
     runs = memory[: MEMORY * RUNS].reshape(RUNS, MEMORY)
-    return {name: runs[:, at] for name, at in zip(verdicts.THRUST, THRUST, strict=True)}
+    return {name: runs[:, at] for name, at in zip(requirements.THRUST, THRUST, strict=True)}
 
 
 def vary(scenario: Scenario, draw: Draw) -> list[Any]:

@@ -14,21 +14,22 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 
 from rpo_core import files
 from rpo_core.chain.chain import Chain, Link, Signals
-from rpo_core.chain.stage import Place
+from rpo_core.chain.decimation import Decimation
+from rpo_core.chain.stage import ZERO, Place
 from rpo_core.control import controller, explain
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.wire import interfaces
-from rpo_core.world.thrusters import ZERO
-from rpo_ctrl.decision import DecisionPublisher
+from rpo_core.wire import cdr, interfaces
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
-from rpo_ros import health
+from rpo_ros import conversions, health, names, qos
 from rpo_ros.stage_node import StageNode
 
 SUCCESS, FAILURE, ERROR = (
@@ -37,6 +38,51 @@ SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.ERROR,
 )
 _ANY_TICK_S = 1.0
+
+
+class DecisionPublisher:
+    """Publishes decisions when they are due, each with the stamp of its state.
+
+    rate_hz : decisions per simulated second, by the stamps alone; 0: none
+    """
+
+    def __init__(self, node: Node, rate_hz: float) -> None:
+        self._decimation = Decimation(rate_hz)
+        self._before_ns: int | None = None
+        self._explained_ns: int | None = None
+        self._out = node.create_publisher(DiagnosticArray, names.DECISION, qos.LOCKSTEP)
+
+    def offer(
+        self,
+        stamp_ns: int,
+        scenario: Scenario | None,
+        label: str,
+        reasons_of: Callable[[], tuple[bytes, Sequence[explain.Reason]]],
+    ) -> None:
+        """Publish the decision on a state if it is due; a repeated state gets it again.
+
+        scenario : of the run; without it, the state before decides what is due
+        label : controller and hash of its file
+        reasons_of : returns the level, and the reasons of x, y, z
+        """
+        if not self._is_due(stamp_ns, scenario):
+            return
+        level, reasons = reasons_of()
+        statuses = [
+            cdr.Status(level[0], f'decision: {axis}', sentence, label, conversions.texts_of(pairs))
+            for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
+        ]
+        self._out.publish(cdr.encode_array(stamp_ns, names.LVLH_FRAME, statuses))
+
+    def _is_due(self, stamp_ns: int, scenario: Scenario | None) -> bool:
+        tick = scenario.tick_of(stamp_ns) if scenario is not None else None
+        if scenario is not None and tick is not None:  # a foreign state before changes nothing
+            before_ns = scenario.stamp_ns(tick - 1) if tick else None
+            return self._decimation.due(stamp_ns, before_ns)
+        if self._decimation.due(stamp_ns, self._before_ns):
+            self._explained_ns = stamp_ns
+        self._before_ns = stamp_ns
+        return stamp_ns == self._explained_ns
 
 
 class ControllerNode(LifecycleNodeMixin, StageNode):

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers and their files: the fuzzy one, and the door to `rpo_core.control.baselines`."""
+"""Controllers and their files: the fuzzy one; other kinds register (`controller_file`)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,7 @@ from numpy.typing import NDArray
 
 from rpo_core import files, kernels
 from rpo_core.chain.stage import Signal, Stage
-from rpo_core.control import baselines as _baselines  # noqa: F401  (these register their kinds)
 from rpo_core.control import controller_file
-from rpo_core.control import more_words as _more_words  # noqa: F401
-from rpo_core.control import pace as _pace  # noqa: F401
-from rpo_core.control import time_to_go as _time_to_go  # noqa: F401
 from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.files import codec

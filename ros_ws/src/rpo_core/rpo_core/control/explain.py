@@ -13,8 +13,7 @@ from functools import cached_property
 from rpo_core import kernels
 from rpo_core.control import blend
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.control.controller_file import Reason
-from rpo_core.control.family import Family
+from rpo_core.control.controller_file import ControllerFile, Reason
 from rpo_core.control.fuzzy import WORDS, FuzzySystem
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
@@ -253,13 +252,12 @@ def reasons(
 
     state : (6,) m, m/s, that the controller read, from the goal; force_n : (3,) N, its answer
     """
-    if isinstance(controller, Family):
-        x, y, z, vx, vy, vz = state
-        return controller.reasons((x, y, z, vx, vy, vz), tick)
     if isinstance(controller, FuzzyController):
         found = [decide(controller, state[i], state[3 + i], axis) for i, axis in enumerate(AXES)]
         return [(decision.strongest, decision.pairs()) for decision in found]
-    return [(f'commands {f:.3g} N', [('force_n', f)]) for f in force_n]
+    x, y, z, vx, vy, vz = state
+    own = controller.reasons((x, y, z, vx, vy, vz), tick)
+    return own or [(f'commands {f:.3g} N', [('force_n', f)]) for f in force_n]
 
 
 def in_words(
@@ -271,7 +269,7 @@ def in_words(
     said, published : sentence and finite numbers of an axis on the topic `decision`
     """
     found = None
-    if isinstance(controller, Family):
+    if isinstance(controller, ControllerFile):
         found = controller.in_words(published)
     elif isinstance(controller, FuzzyController):
         e, v = published.get('position_error'), published.get('velocity_error')

@@ -12,6 +12,7 @@ and the centroid is summed in mirrored pairs of samples.
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,6 +102,12 @@ def unpacked(t: Any, i: int, n: int) -> CwStep:
         t[i + 25 * n],
     )
     # fmt: on
+
+
+@kernel
+def norm(x: float, y: float, z: float) -> float:
+    """Length of a vector."""
+    return sqrt(x * x + y * y + z * z)
 
 
 @kernel

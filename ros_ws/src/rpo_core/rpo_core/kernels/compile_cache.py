@@ -6,7 +6,8 @@ numba looks only at the file that defines a function. A kernel that calls anothe
 one's machine code inside it, so numba alone would run the old code after an edit of the other file.
 Here the folder is named by a digest of the compiler, of the constants of the module, and of all
 sources with kernels or types of tuples in its package and in the packages whose kernels it uses.
-numba adds the processor and the types of the arguments.
+numba adds the version of Python, the processor and the types of the arguments. No path is part of
+the name, so all checkouts of a user share the folders, and a second one compiles nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import hashlib
 import os
 import shutil
 import sys
-from contextlib import suppress
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -24,35 +25,73 @@ from typing import Any
 
 import numpy as np
 
-KEPT = 3
-"""States of one module that are kept: edits and branches come and go."""
+KEPT = 10
+"""States of one module that are kept: edits, branches and checkouts come and go."""
 
 _FROZEN = (bool, int, float, complex, str, bytes, tuple, np.generic)
 """Types of global names whose value a compiled function contains."""
 
 
+class Locator:
+    """Tells numba where to keep what it compiles of a function: its `CACHE_LOCATOR_CLASSES`."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._module = function.__module__
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], _file: str) -> Locator:
+        """Return the locator of a function."""
+        return cls(function)
+
+    def get_cache_path(self) -> str:
+        """Return the folder of its module."""
+        return str(folder_for(self._module))
+
+    def ensure_cache_path(self) -> None:
+        """Make that folder again where another process has removed it as an old one."""
+        os.makedirs(self.get_cache_path(), exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        """Return what changes with the sources."""
+        return digest(self._module)
+
+    def get_disambiguator(self) -> str:
+        """Return what differs between functions of one name."""
+        return str(self._line)
+
+
 @cache
-def folder_for(module: str) -> Path:
+def folder_for(module: str) -> Path | None:
     """Return the folder for what is compiled of a module, and remove folders of its old states.
 
     module : its full name. The first of its kernels asks, behind the imports of the module: what
     it imports later, and what it computes with functions of other modules, is not in the digest.
+
+    The folder is in the user's cache; where that cannot be written, beside the sources; None where
+    these cannot be written either, or there is no file, as for what is typed into Python.
     """
-    source = Path(str(sys.modules[module].__file__))
-    base = source.parent / '__pycache__'
-    if not os.access(base if base.exists() else source.parent, os.W_OK):
-        base = user_cache() / 'kernels' / module.rpartition('.')[0]
-    folder = base / f'{source.stem}-{digest(module)[:20]}'
-    if not folder.exists():
-        with suppress(OSError):  # a cache that cannot be written costs time only
-            folder.mkdir(parents=True)
-            _forget(base, source.stem)
-    return folder
+    source = getattr(sys.modules[module], '__file__', None)
+    if source is None:
+        return None
+    for base in (user_cache() / 'kernels', Path(source).parent / '__pycache__'):
+        folder = base / f'{module}-{digest(module)[:20]}'
+        is_new = not folder.exists()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            os.utime(folder)  # used now
+        except OSError:
+            continue
+        if os.access(folder, os.W_OK):
+            if is_new:
+                _forget(base, module)
+            return folder
+    return None
 
 
 def user_cache() -> Path:
     """Return the folder for what may be computed again, below the user's home."""
-    return Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'rpo'
+    return Path(os.environ.get('XDG_CACHE_HOME') or os.path.expanduser('~/.cache')) / 'rpo'
 
 
 @cache
@@ -107,11 +146,9 @@ def _is_kernel(value: Any) -> bool:
     return 'py_func' in getattr(value, '__dict__', ())  # asks no object that makes up its answers
 
 
-def _forget(base: Path, stem: str) -> None:
-    """Remove all but the newest folders of one module, and what older versions left beside them."""
-    folders = [path for path in base.glob(f'{stem}-*') if path.is_dir()]
+def _forget(base: Path, module: str) -> None:
+    """Remove all but the folders of one module that were used last."""
+    folders = [path for path in base.glob(f'{module}-*') if path.is_dir()]
     folders.sort(key=lambda path: path.stat().st_mtime, reverse=True)
     for path in folders[KEPT:]:
         shutil.rmtree(path, ignore_errors=True)
-    for path in base.glob(f'{stem}.*.nb[ic]'):
-        path.unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.compile_cache import folder_for
+from rpo_core.kernels.compile_cache import Locator, folder_for
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
@@ -55,11 +55,16 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
     if not COMPILED:
         return function
     numba = _numba()
-    # numba's own look at the sources stops at the file: see `compile_cache`.
-    numba.config.CACHE_DIR = str(folder_for(function.__module__))
     # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
-    options = {'cache': True, 'error_model': 'numpy', 'fastmath': False, **options}
-    return cast(Kernel, numba.njit(**options)(function))
+    options = {'error_model': 'numpy', 'fastmath': False, **options}
+    options['cache'] = folder_for(function.__module__) is not None
+    before = numba.config.CACHE_LOCATOR_CLASSES
+    # numba's own look at the sources stops at the file: see `compile_cache`.
+    numba.config.CACHE_LOCATOR_CLASSES = f'{Locator.__module__}.{Locator.__name__}'
+    try:
+        return cast(Kernel, numba.njit(**options)(function))
+    finally:
+        numba.config.CACHE_LOCATOR_CLASSES = before
 
 
 @cache

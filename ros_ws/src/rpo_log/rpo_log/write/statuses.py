@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, row_of
-from rpo_log import events
+from rpo_log import topics
 from rpo_log.write.writer import RunLogWriter
 
 PHASES = ('running', 'finished', 'aborted')
@@ -25,7 +25,7 @@ def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | No
 
     Its distance and speed must be those of the state of its tick; a run ends in its newest state.
     """
-    values, tick = dict(status.values), events.tick_of(status)
+    values, tick = dict(status.values), topics.tick_of(status)
     if tick is None or tick > log.base.last_tick:
         return False
     if values.get('phase') == 'finished' and tick < log.base.last_tick:
@@ -35,18 +35,21 @@ def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | No
     # One later: somebody else may have published a state that nothing contradicts any more.
     if values.get('phase') != 'running' and tick < log.latest - 1:
         return False
-    numbers = _state(tick, log, scenario)
-    if numbers is None:
+    states = _states(tick, log, scenario)
+    if not states:
         return tick >= log.latest
-    return _same(values, 'distance_m', numbers[:3]) and _same(values, 'speed_m_s', numbers[3:])
+    return any(
+        _same(values, 'distance_m', state[:3]) and _same(values, 'speed_m_s', state[3:])
+        for state in states
+    )
 
 
-def _state(tick: int, log: RunLogWriter, scenario: Scenario | None) -> tuple[float, ...] | None:
-    """Return the state of a tick; None if it is not known any more."""
+def _states(tick: int, log: RunLogWriter, scenario: Scenario | None) -> list[tuple[float, ...]]:
+    """Return the state of a tick, or those published if they differ; none if it is forgotten."""
     if tick == 0 and scenario is not None:
-        return tuple(map(float, scenario.start))
-    data = log.message(RELATIVE_STATE, tick)
-    return row_of(RELATIVE_STATE).layout.decode(data)[1] if data is not None else None
+        return [tuple(map(float, scenario.start))]
+    layout = row_of(RELATIVE_STATE).layout
+    return [layout.decode(data)[1] for data in log.messages(RELATIVE_STATE, tick)]
 
 
 def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bool:

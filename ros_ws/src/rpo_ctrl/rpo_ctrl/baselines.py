@@ -25,14 +25,14 @@ from rpo_core.control.controller_file import ControllerFile, ControllerStage, re
 from rpo_core.files import codec
 from rpo_core.files.validation import InputError, check_fields, real, shown, store
 from rpo_core.kernels import State, Vector
-from rpo_core.kernels.baseline_kernels import (
+from rpo_core.world import cw
+from rpo_ctrl.baseline_kernels import (
     GAINS,
     BaselineLaw,
     baseline_force,
     law_of,
     least_energy_gains,
 )
-from rpo_core.world import cw
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000

@@ -10,17 +10,15 @@ search varies, and makes a controller of them. It may live in a module of your o
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import exp, log
 from typing import ClassVar, NamedTuple
 
 from rpo_core.control import controller_file
-from rpo_core.control.baselines import Baseline
-from rpo_core.control.blend import Reasons
-from rpo_core.control.controller_file import Reason
 from rpo_core.files.validation import choice
-from rpo_core.kernels import State, Vector
+from rpo_core.kernels import Vector
+from rpo_ctrl.baselines import Baseline
 
 DIGITS = 4
 """Digits of a number that a search finds: a person reads the file."""
@@ -131,20 +129,10 @@ class Family(Baseline):
     def claims(self) -> list[Claim]:
         """Return what is proven of it."""
 
-    @abstractmethod
-    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
-        """Return the reasons of x, y, z for the force that answers a state at a tick."""
-
-    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
-        """Return all that makes a force, from the numbers in its reason.
-
-        None where the sentence of the reason says it all, or the numbers are not of this
-        controller.
-        """
-        return None
-
 
 def family_of(name: str) -> type[Family]:
     """Return the family of a name; raises InputError."""
-    known = {n: kind for n, kind in controller_file.kinds().items() if issubclass(kind, Family)}
+    known = {
+        n: kind for n, kind in sorted(controller_file.kinds().items()) if issubclass(kind, Family)
+    }
     return known[choice('family', name, known)]
