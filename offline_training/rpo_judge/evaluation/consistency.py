@@ -23,11 +23,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import State, Vector, cw_step, saturate
+from rpo_core.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_core.kernels.jit import kernel
 from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import LIMIT, SQUARE, STATES, TESTED, TESTS, X, estimate
+from rpo_nav.filter_kernels import LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import Sensing, Sensors
 
@@ -304,6 +304,6 @@ def _fly(
             command[1] + dy + white * n1,
             command[2] + dz + white * n2,
         )
-        state = cw_step(state, pushed, f.step)
+        state = cw_step(state, pushed, unpacked(f, STEP, 1))
         w0, w1, w2 = three_normals(tick, 0, _WALK, run, key)
         dx, dy, dz = dx + drift * w0, dy + drift * w1, dz + drift * w2

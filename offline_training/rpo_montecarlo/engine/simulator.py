@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import fly
-from rpo_ctrl.baselines import Baseline
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
 from rpo_core.judge.metrics import row_of
 from rpo_core.judge.verdicts import verdicts
+from rpo_ctrl.baselines import Baseline
 from rpo_montecarlo.engine import counters, lanes
 from rpo_montecarlo.engine.cases import Case, Crossed, DrawnCase
 from rpo_montecarlo.engine.counters import Trace, counting
