@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes proof folders in every way that it can, and looks whether the checker is deceived.
 
-It makes a small proof of each kind, axes together and axes apart, and checks changed copies of
+It makes a small proof of each kind, axes together and per axis, and checks changed copies of
 both as `rpo prove --check` does: `python -m tools.mutate_proofs --cases 10000`. A case is drawn
 from its number alone. All tubes are made anew (`--cells 0`); the checker's look at its own table
 and at single ticks in rational numbers is left out, for no change of a folder touches them.
@@ -12,8 +12,8 @@ what is printed true. So a case that is accepted (no fault) is judged by what th
 
 - Where controller, scenario and settings mean what they meant, it must print the claims, figures,
   ranges, box and names that it prints of the true folder. A figure that was flown may be missing.
-  A claim that is for ever may have the bound of another set of rest, which the checker has shown to
-  be one, if the flights below keep it.
+  A claim that is for ever may have the bound of another invariant set, which the checker has
+  shown to be one, if the flights below keep it.
 - Where they mean something else, it must name other digests, and not call anything shipped that is
   not. Limits and units must be those of its requirements. Flights from the ends of its box, under
   the ends of its disturbance and mass, flown by `rpo_core.chain.flight` and for twice the time
@@ -49,12 +49,11 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.world.disturbance import Disturbance, Harmonic
-from rpo_proof import probing, proving
+from rpo_proof import flights, proving
 from rpo_proof.check import Checked, Sample, check
 from rpo_proof.claims import Claim, values_of
-from rpo_proof.folder import TEXTS, Folder
-from rpo_proof.premises import origins, range_of, title_of
-from rpo_proof.problem import Problem, Settings
+from rpo_proof.folder import TEXTS, Folder, origins
+from rpo_proof.problem import Problem, Settings, range_of, title_of
 from tools.mutate_runs import MOST_BYTES, MOST_S, add_options, judge_all
 from tools.proof_mutations import mutate
 
@@ -65,7 +64,7 @@ JUDGES = 40
 
 
 def problem_of(kind: str) -> Problem:
-    """Return a small problem: axes together, for ever, one claim refuted; or axes apart."""
+    """Return a small problem: axes together, for ever, one claim refuted; or per axis."""
     base, controller = load_set('paper_training').base, load_controller('robust')
     required: dict[str, Any] = {'mean_error_norm_m': 0.5, 'mean_speed_norm_m_s': 0.05}
     required |= {'hold_error_per_axis_m': 0.5, 'mean_window_s': 10.0}
@@ -241,7 +240,7 @@ def _flights(problem: Problem) -> Iterator[Scenario]:
     for number in range(JUDGES):
         share = rng.uniform(-1.0, 1.0, 6)
         share = np.sign(share) if number < JUDGES // 2 else share
-        yield probing.varied(problem, rng, centre + half * share)
+        yield flights.vary(problem, rng, centre + half * share)
 
 
 def run_cases(kinds: tuple[str, ...], seed: int, first: int, last: int) -> Counter[tuple[str, str]]:

@@ -30,7 +30,7 @@ from rpo_core.control.controller import dumps, load_controller
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import digest_of
 from rpo_proof.cells import VALUES
-from rpo_proof.check_claims import Written, what_follows
+from rpo_proof.check import WrittenSummary, recompute
 from rpo_proof.claims import summary_of
 from rpo_proof.folder import SUMMARY, TEXTS, Folder
 from rpo_proof.problem import Problem
@@ -75,11 +75,11 @@ def _stamp(folder: Path) -> str:
     """Write the digest that fits controller, scenario and settings."""
     try:
         problem = Problem.of_texts([_text(folder / name) for name in TEXTS])
-        stamped = yaml.safe_load(_text(folder / VERSIONS))
-        stamped['files_sha256'] = digest_of(*problem.texts)
+        recorded = yaml.safe_load(_text(folder / VERSIONS))
+        recorded['files_sha256'] = digest_of(*problem.texts)
     except (OSError, ValueError, TypeError, yaml.YAMLError):
         return ''
-    (folder / VERSIONS).write_text(yaml.safe_dump(stamped))
+    (folder / VERSIONS).write_text(yaml.safe_dump(recorded))
     return 'digest fits'
 
 
@@ -87,10 +87,10 @@ def _summarise(folder: Path) -> str:
     """Write the summary that follows from the cells, and from flights as they are said to be."""
     try:
         found = Folder.open(folder)
-        problem, written = found.problem, Written.of(found)
+        problem, written = found.problem, WrittenSummary.of(found)
         groups = {group: found.cells(group) for group in problem.groups}
-        follows = what_follows(problem, groups, written, written.flown)
-        document = summary_of(follows.claims, written.rest, follows.ranges, groups)
+        follows = recompute(problem, groups, written, written.flown)
+        document = summary_of(follows.claims, written.omega, follows.ranges, groups)
     except (InputError, OverflowError):
         return ''
     (folder / SUMMARY).write_text(yaml.safe_dump(document, sort_keys=False))
@@ -235,7 +235,7 @@ def _earlier(rng: random.Random, arrays: Arrays) -> None:
     if rng.random() < 0.3:
         arrays['boxes'] = np.roll(arrays['boxes'], rng.choice((-1, 1)), axis=1)
         return
-    column = VALUES.index(rng.choice(('last_s', 'rest_s', 'arrival_s')))
+    column = VALUES.index(rng.choice(('last_s', 'inside_s', 'arrival_s')))
     arrays['values'][_pick(rng, arrays), column] += rng.choice((-0.1, 0.1, -1e3, 10.0, 1e-9))
 
 
@@ -244,7 +244,7 @@ def _unseen(rng: random.Random, arrays: Arrays) -> None:
     at = _pick(rng, arrays)
     arrays['values'][at, VALUES.index('last_s')] = rng.choice((float('nan'), 0.0, -0.1, -1.0, -0.0))
     if rng.random() < 0.6:
-        arrays['values'][at, VALUES.index('rest_s')] = rng.choice((float('inf'), 0.0))
+        arrays['values'][at, VALUES.index('inside_s')] = rng.choice((float('inf'), 0.0))
         arrays['values'][at, 3:] = rng.choice((0.0, float('nan'), float('inf'), -1.0))
 
 

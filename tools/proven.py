@@ -60,7 +60,7 @@ def result_of(path: Path) -> Proof:
         for key, claim in folder.summary()['claims'].items()
     )
     checked = f'rpo prove --check {path.name} {" ".join(CHECK)}'
-    code = folder.stamped['code_sha256']
+    code = folder.recorded['code_sha256']
     digest = proven.numbers_of(problem.controller)
     return Proof(name, digest, f'rpo prove {name}', checked, code, tuple(claims))
 

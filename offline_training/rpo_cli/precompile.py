@@ -24,10 +24,10 @@ from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.flights import flights_of
-from rpo_proof import cells, probing, rendezvous
-from rpo_proof.claims import nowhere
+from rpo_proof import cells, flights
+from rpo_proof.cells import Prover
+from rpo_proof.claims import empty_set
 from rpo_proof.problem import Problem, Settings
-from rpo_proof.prover import Prover
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance
 
@@ -58,7 +58,6 @@ def main() -> None:
     for name in ('lqr', 'pace'):
         metrics_of(load_controller(name), case_of_set(load_set('paper_training')), workers=1)
     _prove(load_set('paper_training').base, controller)
-    rendezvous.prepare(load_scenario('quick'))
 
 
 def _prove(base: Scenario, controller: FuzzyController) -> None:
@@ -66,8 +65,8 @@ def _prove(base: Scenario, controller: FuzzyController) -> None:
     metre = (1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
     settings = Settings(centre=(0.0,) * 6, half=metre, coarseness=16.0)
     problem = Problem.of(controller, base, settings)
-    Prover(problem, 'planar', nowhere(problem)).values(cells.roots(problem, 'planar')[0])
-    probing.fly(problem, base)
+    Prover(problem, 'planar', empty_set(problem)).values(cells.roots(problem, 'planar')[0])
+    flights.fly(problem, base)
 
 
 if __name__ == '__main__':

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,9 @@ import numpy as np
 from rpo_core import kernels
 from rpo_core.control.controller import to_document
 from rpo_core.files.validation import InputError, choice
-from rpo_ctrl import baseline_kernels, more_words
+from rpo_ctrl import baseline_kernels
 from rpo_ctrl.family import Family
-from rpo_ctrl.more_words import MoreWords
-from rpo_ctrl.pace import DISTANCES, PACES, Pace
+from rpo_ctrl.table import ForceTable
 from rpo_ctrl.time_to_go import TimeToGo
 from rpo_export import c, parts
 from rpo_export.python import source
@@ -92,49 +91,38 @@ def _json(controller: Family) -> str:
 
 def _fll(controller: Family) -> str:
     lines = [f'# {line}' for line in parts.named(controller)]
-    if isinstance(controller, Pace):
-        return '\n'.join([*lines, *_pace(controller)]) + '\n'
-    if isinstance(controller, MoreWords):
-        return '\n'.join([*lines, *_more_words(controller)]) + '\n'
+    if isinstance(controller, ForceTable):
+        return '\n'.join([*lines, *_force_table(controller)]) + '\n'
     if isinstance(controller, TimeToGo):
         return '\n'.join([*lines, *_time_to_go(controller)]) + '\n'
     raise InputError(f'`--to fll` does not know kind {controller.kind}; there are json and python')
 
 
-def _pace(controller: Pace) -> list[str]:
-    return [
-        f'# h = {controller.lead_s!r} s x closing speed; distance = |r| + |h|; pace = h / distance',
-        *_force_table(controller, DISTANCES, 'pace', PACES),
-    ]
-
-
-def _more_words(controller: MoreWords) -> list[str]:
-    return [
-        '# distance = |r|; closing speed of an axis = -sign(r) v',
-        *_force_table(controller, more_words.DISTANCES, 'closing_speed', more_words.SPEEDS),
-    ]
-
-
-def _force_table(
-    controller: Family, rows: Sequence[str], second: str, columns: Sequence[str]
-) -> list[str]:
+def _force_table(controller: ForceTable) -> list[str]:
     """Return a table of forces by distance and another input."""
-    law, n = controller.law, len(columns)
-    words, others = ([word.replace(' ', '_') for word in some] for some in (rows, columns))
+    lead_s, second = controller.lead_or_0_s, controller.second.replace(' ', '_')
+    about = '# distance = |r|; closing speed of an axis = -sign(r) v'
+    if lead_s:
+        about = f'# h = {lead_s!r} s x closing speed; distance = |r| + |h|; pace = h / distance'
+    words, others = (
+        [word.replace(' ', '_') for word in some]
+        for some in (controller.distances, controller.seconds)
+    )
     constants, rules = [], []
     for i, distance in enumerate(words):
         for j, other in enumerate(others):
-            force = float(law.forces[n * i + j])
+            force = controller.table_n[i][j]
             constants.append(f'  term: {distance}_{other} Constant {force!r}')
             rules.append(
                 f'  rule: if distance is {distance} and {second} is {other} then pull is '
                 f'{distance}_{other}'
             )
     return [
+        about,
         f'# force of the axis = -sign(r) pull, saturated at {controller.max_force_n!r} N.',
         f'Engine: {parts.one_line(controller.name)}',
-        *_input('distance', words, list(law.distances)),
-        *_input(second, others, list(law.paces)),
+        *_input('distance', words, list(controller.peaks_m)),
+        *_input(second, others, list(controller.second_peaks)),
         *_output('pull', constants),
         *rules,
     ]

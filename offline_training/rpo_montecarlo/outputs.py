@@ -8,10 +8,13 @@ import fcntl
 import hashlib
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
+
+import yaml
 
 from rpo_core import files
 from rpo_core.files.validation import InputError, shown, text
@@ -22,6 +25,9 @@ if TYPE_CHECKING:
     from rpo_core.chain.flight import Flight
 
 END = '<!-- end -->'
+
+VERSIONS = 'versions.yaml'
+"""Of resumable work in a folder: versions of the libraries, and digests."""
 
 
 def identifier(text: str) -> str:
@@ -110,6 +116,43 @@ def write_aside(path: Path, write: Callable[[IO[bytes]], object]) -> None:
         if isinstance(error, OSError):
             raise InputError(f'{path}: cannot be saved: {error.strerror or error}') from None
         raise
+
+
+def write_arrays(
+    path: Path, arrays: Iterable[tuple[str, Any]], compression: int = zipfile.ZIP_STORED
+) -> None:
+    """Write an .npz, array by array, without times of files: the same bytes each time."""
+    import numpy as np
+
+    def write(file: IO[bytes]) -> None:
+        with zipfile.ZipFile(file, 'w') as archive:
+            for name, values in arrays:
+                entry = zipfile.ZipInfo(f'{name}.npy')
+                entry.compress_type = compression
+                large = compression == zipfile.ZIP_STORED
+                with archive.open(entry, 'w', force_zip64=large) as member:
+                    np.lib.format.write_array(member, np.asarray(values), allow_pickle=False)
+
+    write_aside(path, write)
+
+
+def begin_folder(folder: Path, texts: Mapping[str, str], versions: Mapping[str, str]) -> None:
+    """Write what resumable work in a folder follows from; with the last text, it is begun.
+
+    versions : of the libraries, and digests, of when it is begun
+    """
+    write_text(folder / VERSIONS, yaml.safe_dump(dict(versions)))
+    for name, content in texts.items():
+        write_text(folder / name, content)
+
+
+def require_free(folder: Path, marker: str, what: str, hint: Callable[[], str]) -> None:
+    """Raise InputError if a folder holds such work, which `marker` shows, or other files."""
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    if (folder / marker).is_file():
+        raise InputError(f'{folder}: holds a {what} already{hint()}')
+    raise InputError(f'{folder}: must be a new or empty folder; it holds other things')
 
 
 def digest_of(*texts: str) -> str:

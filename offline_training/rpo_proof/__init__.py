@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Proofs of the closed loop from every start of a box: `rpo prove`. docs/proof.md has the theorem.
 
-`tables` encloses the control surface, `tube` moves sets of states through the ticks, `rest` shows
-that they stay for ever, `claims` says what follows, `check` recomputes it in exact arithmetic.
+`enclosure` bounds the control surface, `tube` moves sets of states through the ticks, `invariant`
+finds a set that no flight leaves, `claims` says what follows, `check` recomputes it in exact
+arithmetic. README.md has the glossary.
 """

@@ -10,7 +10,7 @@ ticks the law is valid, and the next set holds the image of the set, in rational
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
@@ -18,26 +18,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.flight import Flight
-from rpo_proof import apart, cells, probing, rest
-from rpo_proof.cells import Cell, Found
-from rpo_proof.check_apart import empty_faults, merging_faults
-from rpo_proof.check_claims import Follows, Written, flights_again, what_follows
-from rpo_proof.check_ticks import (
+from rpo_core.chain.flight import Flight, fly
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import quoted, shown
+from rpo_core.world.disturbance import Disturbance
+from rpo_judge.analysis.certificate import REFUTED
+from rpo_proof import cells, flights, invariant, per_axis
+from rpo_proof.cells import Cell, CellBounds, Prover
+from rpo_proof.check_sets import (
+    empty_faults,
     law_faults,
+    merging_faults,
     set_faults,
     step_faults,
     stepped,
     surface_faults,
     table_faults,
 )
-from rpo_proof.claims import Claim, Range, nowhere
-from rpo_proof.corridor import around_of
+from rpo_proof.claims import Claim, Range, claims_of, empty_set, ranges_of, summary_of, values_of
 from rpo_proof.exact import exact
+from rpo_proof.flights import context_of
 from rpo_proof.folder import Folder
 from rpo_proof.problem import Problem
-from rpo_proof.prover import Prover
-from rpo_proof.sets import Rest
+from rpo_proof.sets import InvariantSet
 from rpo_proof.tube import Trace
 
 FLIGHTS_EACH = 50
@@ -91,20 +95,20 @@ class Checked:
 def check(folder: Folder, sample: Sample, say: Say = lambda what, done, total: None) -> Checked:
     """Check a finished proof; raises InputError if it cannot be read."""
     problem = replace(folder.problem)  # without what a prover has computed in it
-    written = Written.of(folder)
+    written = WrittenSummary.of(folder)
     groups = {group: folder.cells(group) for group in problem.groups}
     arrays = folder.table()
-    follows = Follows([], {}, [])
+    follows = Recomputed([], {}, [])
     faults = _first(
         fault
         for group, found in groups.items()
         for fault in (*cover_faults(problem, group, found), *empty_faults(problem, group, found))
     )
     if not faults:
-        flown, faults = flights_again(folder, written)
-        follows = what_follows(problem, groups, written, flown)
+        flown, faults = fly_again(folder, written)
+        follows = recompute(problem, groups, written, flown)
         faults = [*faults, *follows.faults][:MOST_FAULTS]
-    for step in _steps(problem, groups, written.rest, arrays, sample, say):
+    for step in _steps(problem, groups, written.omega, arrays, sample, say):
         faults = faults or _first(step)
     drawn = {
         group: (min(sample.starts or count, count), count)
@@ -119,8 +123,8 @@ def _first(faults: Iterable[str]) -> list[str]:
 
 def _steps(
     problem: Problem,
-    groups: Mapping[str, Found],
-    at_rest: Rest | None,
+    groups: Mapping[str, CellBounds],
+    omega: InvariantSet | None,
     arrays: Mapping[str, NDArray[Any]],
     sample: Sample,
     say: Say,
@@ -130,18 +134,18 @@ def _steps(
     say('the surface', 0, 1)
     yield table_faults(problem, arrays)
     yield surface_faults(problem, rng, sample.surface)
-    if at_rest is not None:
-        yield rest_faults(problem, at_rest)
-    before: dict[str, Found] = {}
+    if omega is not None:
+        yield invariant_faults(problem, omega)
+    before: dict[str, CellBounds] = {}
     for group, found in groups.items():
-        around = around_of(problem, group, before)
+        around = context_of(problem, group, before)
         before[group] = found
-        prover = Prover(problem, group, at_rest or nowhere(problem), *around)
+        prover = Prover(problem, group, omega or empty_set(problem), *around)
         yield tube_faults(prover, found, rng, sample, say)
         yield flight_faults(prover, found, rng, sample.flights, say)
 
 
-def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
+def cover_faults(problem: Problem, group: str, found: CellBounds) -> Iterator[str]:
     """Yield a place of the box of starts that no cell holds, or that cells lie on each other.
 
     A box is held by one cell, or is cut where a cell ends, or holds a gap.
@@ -149,7 +153,7 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
     chosen, settings = list(problem.groups[group]), problem.settings
     centre, half = np.array(settings.centre)[chosen], np.array(settings.half)[chosen]
     if settings.axes_apart:
-        unknown = np.array(apart.ranges(problem, group)).reshape(-1, 2)
+        unknown = np.array(per_axis.ranges(problem, group)).reshape(-1, 2)
         centre = np.concatenate([centre, unknown.mean(axis=1)])
         half = np.concatenate([half, np.diff(unknown)[:, 0] / 2])
     low, high = np.nextafter(centre - half, -np.inf), np.nextafter(centre + half, np.inf)
@@ -186,21 +190,21 @@ def cover_faults(problem: Problem, group: str, found: Found) -> Iterator[str]:
         todo += [(low, left, near), (right, high, near)]
 
 
-def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
-    """Yield why the set of rest is not mapped into itself, in rational numbers."""
+def invariant_faults(problem: Problem, omega: InvariantSet) -> Iterator[str]:
+    """Yield why the set of omega is not mapped into itself, in rational numbers."""
     if problem.settings.axes_apart:
-        yield 'set of rest: axes apart have none, for it would have to hold x and y together'
+        yield 'set of omega: a proof per axis has none, for it would have to hold x and y together'
         return
-    radius, rate, speed = (exact(number) for number in at_rest)
+    radius, rate, speed = (exact(number) for number in omega)
     for group in problem.groups:
-        motion = rest.motion_at_rest(problem, group)
-        c, g, d, m = rest.as_set(motion, at_rest)
+        motion = invariant.motion_inside(problem, group)
+        c, g, d, m = invariant.as_set(motion, omega)
         before, after, m = stepped(problem, motion, 0, c, g, d, m)
         if m < 0:
-            yield f'{group} set of rest: it has no law'
+            yield f'{group} set of omega: it has no law'
             continue
-        yield from law_faults(problem, before, f'{group} set of rest')
-        yield from step_faults(motion, before, after, f'{group} set of rest')
+        yield from law_faults(problem, before, f'{group} invariant set')
+        yield from step_faults(motion, before, after, f'{group} invariant set')
         p = len(c) // 2
         c_, g_, d_ = exact(after.c.tolist()), exact(after.g.tolist()), exact(after.d.tolist())
         for i in range(p):
@@ -208,16 +212,16 @@ def rest_faults(problem: Problem, at_rest: Rest) -> Iterator[str]:
             fast = abs(c_[p + i] + rate * c_[i]) + d_[p + i] + rate * d_[i]
             fast += sum(abs(y + rate * x) for x, y in zip(g_[i], g_[p + i], strict=True))
             if not (far <= radius and fast <= speed):
-                yield f'{group} set of rest: a tick leaves it'
+                yield f'{group} set of omega: a tick leaves it'
 
 
-def _flown(found: Found) -> NDArray[np.intp]:
+def _flown(found: CellBounds) -> NDArray[np.intp]:
     """Return the numbers of the cells that have a tube; `empty_faults` looks at the others."""
     return np.flatnonzero(found.column('last_s') > 0.0)
 
 
 def tube_faults(
-    prover: Prover, found: Found, rng: np.random.Generator, sample: Sample, say: Say
+    prover: Prover, found: CellBounds, rng: np.random.Generator, sample: Sample, say: Say
 ) -> Iterator[str]:
     """Yield what is wrong with the tubes of some cells."""
     problem, group = prover.problem, prover.group
@@ -240,7 +244,7 @@ def tube_faults(
             yield f'{name}: its boxes are others'
         last = round(values[1] / problem.scenario.dt_s)
         ticks = set(rng.integers(max(last, 1), size=sample.ticks).tolist())
-        if prover.apart:
+        if prover.per_axis:
             yield from merging_faults(prover, cell, ticks, rng, name)
             continue
         motion, start = prover.motion_of(cell), prover.start(cell)
@@ -250,7 +254,7 @@ def tube_faults(
 
 
 def flight_faults(
-    prover: Prover, found: Found, rng: np.random.Generator, count: int, say: Say
+    prover: Prover, found: CellBounds, rng: np.random.Generator, count: int, say: Say
 ) -> Iterator[str]:
     """Yield cells one of whose random flights leaves its tube: states, commands or slew."""
     problem, chosen, done = prover.problem, list(prover.problem.groups[prover.group]), 0
@@ -265,11 +269,11 @@ def flight_faults(
             point = found.centre[k] + found.half[k] * rng.uniform(-1.0, 1.0, len(cell.centre))
             start = np.array(problem.settings.centre) + half * rng.uniform(-1.0, 1.0, 6)
             start[chosen] = point[: len(chosen)]
-            drawn = probing.varied(problem, rng, start)
+            drawn = flights.vary(problem, rng, start)
             unknown = point[len(chosen) :]
             if len(unknown):
-                drawn = apart.scenario_in(problem, prover.group, unknown, drawn)
-            if not _in_some(prover, probing.fly(problem, drawn), tubes):
+                drawn = per_axis.scenario_in(problem, prover.group, unknown, drawn)
+            if not _in_some(prover, flights.fly(problem, drawn), tubes):
                 yield f'{prover.group} cell {k}: the flight from {start.tolist()} leaves its tube'
             done += 1
 
@@ -280,7 +284,7 @@ Tubes = list[tuple[int, int, list[Trace]]]
 
 def _tubes(prover: Prover, cell: Cell) -> Tubes:
     """Return the tubes of a cell, as far as all of them last."""
-    if prover.apart:
+    if prover.per_axis:
         return [
             (stage.first, stage.last, [one.trace for one in stage.moved])
             for stage in prover.stages(cell)
@@ -317,3 +321,157 @@ def _holds(trace: Trace, states: Floats, commands: Floats, dt_s: float) -> bool:
     away = states[:ticks] - (low[:ticks] + high[:ticks]) / 2
     tilt, half = trace.laws[:ticks, :, 4], trace.laws[:ticks, :, 5]
     return bool((np.abs(away[:, p:] - tilt * away[:, :p]) <= half + 1e-12).all())
+
+
+ROOM = 2.0**-44
+"""Share of place and width by which a start that is drawn from a cell may be outside the box."""
+
+Flown = dict[str, tuple[float, tuple[float, ...]]]
+"""Requirement -> value and start of a flight."""
+
+
+@dataclass(frozen=True)
+class WrittenSummary:
+    """What a summary says.
+
+    document : all of it; omega : its invariant set; flown : its flights
+    """
+
+    document: dict[str, Any]
+    omega: InvariantSet | None
+    flown: Flown
+
+    @classmethod
+    def of(cls, folder: Folder) -> WrittenSummary:
+        """Read the summary of a folder; raises InputError."""
+        document = folder.summary()
+        omega = None if document['rest'] is None else InvariantSet(**document['rest'])
+        flown = {k: (c['found'], tuple(c['start'])) for k, c in document['claims'].items()}
+        return cls(document, omega, flown)
+
+
+@dataclass(frozen=True)
+class Recomputed:
+    """What follows from cells and flights.
+
+    faults : what the summary says else
+    """
+
+    claims: list[Claim]
+    ranges: dict[str, Range]
+    faults: list[str]
+
+
+def recompute(
+    problem: Problem, groups: Mapping[str, CellBounds], written: WrittenSummary, flown: Flown
+) -> Recomputed:
+    """Return the claims of cells and flights, and where the summary says something else."""
+    claims = claims_of(problem, groups, written.omega, flown)
+    ranges = ranges_of(problem, groups)
+    ours, faults = summary_of(claims, written.omega, ranges, groups), list[str]()
+    for claim in claims:
+        value, start = written.flown.get(claim.key, (claim.found, claim.start))
+        if not value <= claim.bound:
+            faults.append(f'claim {claim.key}: a flight reaches {value!r}, beyond its bound')
+        if claim.key not in flown:  # not in the folder: the figure is not checked
+            ours['claims'][claim.key].update(found=value, start=list(start))
+    return Recomputed(claims, ranges, [*differences(written.document, ours, ''), *faults])
+
+
+def differences(theirs: Any, ours: Any, where: str) -> Iterator[str]:
+    """Yield where a document is not what it should be: other keys, types, lengths or values."""
+    if type(theirs) is not type(ours):
+        yield f'summary.yaml: {quoted(where)} is {shown(theirs)}; the cells say {shown(ours)}'
+    elif isinstance(ours, dict):
+        for key in sorted(theirs.keys() | ours.keys()):
+            place = f'{where}.{key}'.lstrip('.')
+            if key not in theirs or key not in ours:
+                what = 'is missing' if key in ours else 'is not what the cells say anything of'
+                yield f'summary.yaml: {quoted(place)} {what}'
+            else:
+                yield from differences(theirs[key], ours[key], place)
+    elif theirs != ours:  # or it is not a number
+        yield f'summary.yaml: {quoted(where)} is {shown(theirs)}; the cells say {shown(ours)}'
+
+
+def fly_again(folder: Folder, written: WrittenSummary) -> tuple[Flown, list[str]]:
+    """Fly the flights of a summary again.
+
+    Returns
+    -------
+    flown : what they reach; without those that are not in the folder
+    faults : flights that do not fit the proof, or reach something else
+    """
+    flown, faults = Flown(), list[str]()
+    for key, (value, start) in written.flown.items():
+        flight = _flight(folder, key, start)
+        if flight is None:
+            if written.document['claims'][key]['verdict'] == REFUTED:
+                faults.append(f'claim {key}: is refuted, and its flight is not in the folder')
+            continue
+        wrong = why_outside(folder.problem, flight)
+        if wrong:
+            faults.append(f'claim {key}: its flight {wrong}')
+            continue
+        found = values_of(folder.problem, fly(flight, folder.problem.controller))
+        if found.get(key) != value or flight.start != start:
+            faults.append(
+                f'claim {key}: its flight reaches {found.get(key)!r} from {flight.start}, '
+                f'not {value!r} from {start}'
+            )
+            continue
+        flown[key] = value, start
+    return flown, faults
+
+
+def _flight(folder: Folder, key: str, start: Sequence[float]) -> Scenario | None:
+    """Return the flight of a claim; None if it is not in the folder, nor follows from its start."""
+    problem = folder.problem
+    for path in folder.flights(key):
+        if path.is_file():
+            return scenario.load_scenario(path)
+    known = problem.settings.mass_share == problem.settings.disturbance_share == 0.0
+    if not (known and len(start) == 6):
+        return None
+    x, y, z, vx, vy, vz = start
+    return replace(
+        problem.scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
+    )
+
+
+def why_outside(problem: Problem, flight: Scenario) -> str:
+    """Return how a flight is none of those that a proof is about, '' if it is one."""
+    base, settings = problem.scenario, problem.settings
+    alike = replace(
+        flight,
+        initial_position_m=base.initial_position_m,
+        initial_velocity_m_s=base.initial_velocity_m_s,
+        mass_kg=base.mass_kg,
+        disturbance=base.disturbance,
+    )
+    if scenario.dumps(alike) != scenario.dumps(base):
+        return 'is of another scenario'
+    for number, centre, half in zip(flight.start, settings.centre, settings.half, strict=True):
+        if not abs(number - centre) <= half + ROOM * (abs(centre) + half):
+            return f'starts outside the box, at {flight.start}'
+    if not abs(flight.mass_kg / base.mass_kg - 1.0) <= settings.mass_share * (1.0 + ROOM) + ROOM:
+        return f'is of another mass, {flight.mass_kg} kg'
+    if not _is_within(flight.disturbance, base.disturbance, settings.disturbance_share):
+        return 'is under another disturbance'
+    return ''
+
+
+def _is_within(one: Disturbance, other: Disturbance, most: float) -> bool:
+    """Whether a disturbance is another one, at any phase and up to so many times; 0: the same."""
+    if most == 0.0:
+        return one == other
+    terms = [
+        [replace(h, amplitude_n=0.0, phase_rad=0.0) for h in found.harmonics]
+        for found in (one, other)
+    ]
+    sizes = [
+        [*found.constant_n, *(h.amplitude_n for h in found.harmonics)] for found in (one, other)
+    ]
+    return terms[0] == terms[1] and all(
+        abs(ours) <= most * abs(theirs) * (1.0 + ROOM) for ours, theirs in zip(*sizes, strict=True)
+    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,12 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics, verdicts
 from rpo_core.judge.requirements import Requirements
 from rpo_judge.analysis.certificate import PROVEN, REFUTED, UNDECIDED, verdict_of
-from rpo_proof.cells import Found
-from rpo_proof.problem import HOLD, Problem
-from rpo_proof.sets import Rest
+from rpo_proof.cells import CellBounds
+from rpo_proof.problem import HOLD, Problem, number
+from rpo_proof.sets import InvariantSet
 
 Floats = NDArray[np.float64]
-Groups = Mapping[str, Found]
+Groups = Mapping[str, CellBounds]
 """Cells of each group, in the order in which they are proven."""
 
 
@@ -55,7 +56,7 @@ class Claim:
         return verdict_of(self.limit, self.bound, self.found)
 
 
-def main(groups: Groups) -> Found:
+def main(groups: Groups) -> CellBounds:
     """Return the cells of the group that is proven last, on which those before it add."""
     return groups[list(groups)[-1]]
 
@@ -115,7 +116,7 @@ def unknown(problem: Problem) -> list[str]:
     return [key for key in problem.limits if key not in BOUNDS]
 
 
-def asked_of(problem: Problem) -> list[str]:
+def requirements_of(problem: Problem) -> list[str]:
     """Return the requirements that the proof is about; raises InputError if there are none."""
     found = [key for key in problem.limits if key in BOUNDS]
     if not found:
@@ -137,34 +138,34 @@ def values_of(problem: Problem, flight: Flight) -> dict[str, float]:
 def claims_of(
     problem: Problem,
     groups: Groups,
-    rest: Rest | None,
+    omega: InvariantSet | None,
     flown: Mapping[str, tuple[float, tuple[float, ...]]],
 ) -> list[Claim]:
     """Return the claims; flown : requirement -> greatest value, and its start."""
     assumed: dict[str, Any] = {HOLD: 0.0}
     required = problem.scenario.requirements or Requirements(hold_from_s=0.0, **assumed)
     found = []
-    for key in asked_of(problem):
+    for key in requirements_of(problem):
         limit = problem.limits[key]
         statement = verdicts.statement(key, required, problem.scenario.duration_s)
         if key == HOLD:
             hold_s = problem.hold_tick * problem.scenario.dt_s
-            ever = ', for ever' if rest_follows(problem, groups, rest) else ''
+            ever = ', for ever' if holds_for_ever(problem, groups, omega) else ''
             statement = f'position error per axis, from {hold_s:g} s on{ever}'
         value, start = flown.get(key, (0.0, ()))
         unit = metrics.UNITS[key]
-        bound = bound_of(problem, groups, rest, key)
+        bound = bound_of(problem, groups, omega, key)
         found.append(
             Claim(key, statement, unit, limit, bound, value, start, _open(groups, key, limit))
         )
     return found
 
 
-def bound_of(problem: Problem, groups: Groups, rest: Rest | None, key: str) -> float:
-    """Return what no start exceeds; what is held for ever, in the set of rest too."""
+def bound_of(problem: Problem, groups: Groups, omega: InvariantSet | None, key: str) -> float:
+    """Return what no start exceeds; what is held for ever, in the invariant set too."""
     found = float(BOUNDS[key](groups).max())
-    if key == HOLD and rest is not None and rest_follows(problem, groups, rest):
-        return max(found, rest.radius_m)
+    if key == HOLD and omega is not None and holds_for_ever(problem, groups, omega):
+        return max(found, omega.radius_m)
     return found
 
 
@@ -174,11 +175,11 @@ def _open(groups: Groups, key: str, limit: float) -> int:
     return sum(int((bounds > limit).sum()) for bounds in [of_planar(groups, key), *earlier])
 
 
-def rest_follows(problem: Problem, groups: Groups, rest: Rest | None) -> bool:
-    """Whether every tube ends in a set of rest that is small enough to hold."""
-    if rest is None or rest.radius_m > problem.hold_error_m:
+def holds_for_ever(problem: Problem, groups: Groups, omega: InvariantSet | None) -> bool:
+    """Whether every tube ends in an invariant set that is small enough to hold."""
+    if omega is None or omega.radius_m > problem.hold_error_m:
         return False
-    return all(np.isfinite(found.column('rest_s')).all() for found in groups.values())
+    return all(np.isfinite(found.column('inside_s')).all() for found in groups.values())
 
 
 @dataclass(frozen=True)
@@ -229,11 +230,11 @@ def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
 
 
 def summary_of(
-    claims: Sequence[Claim], rest: Rest | None, ranges: Mapping[str, Range], groups: Groups
+    claims: Sequence[Claim], omega: InvariantSet | None, ranges: Mapping[str, Range], groups: Groups
 ) -> dict[str, Any]:
     """Return the summary of a proof, as it is written."""
     return {
-        'rest': None if rest is None else {k: float(v) for k, v in rest._asdict().items()},
+        'rest': None if omega is None else {k: float(v) for k, v in omega._asdict().items()},
         'cells': {group: len(found.values) for group, found in groups.items()},
         'claims': {
             claim.key: {
@@ -252,12 +253,38 @@ def summary_of(
     }
 
 
-def nowhere(problem: Problem) -> Rest:
-    """Return an empty set of rest, for tubes that fly on to the end."""
-    return Rest(problem.hold_error_m, 0.06, 0.0)
+def empty_set(problem: Problem) -> InvariantSet:
+    """Return an empty invariant set, for tubes that fly on to the end."""
+    return InvariantSet(problem.hold_error_m, 0.06, 0.0)
 
 
 def worst(claims: Sequence[Claim]) -> str:
     """Return the verdict over all claims: refuted before undecided before proven."""
     found = {claim.verdict for claim in claims}
     return next((v for v in (REFUTED, UNDECIDED) if v in found), PROVEN)
+
+
+def upper(value: float) -> str:
+    """Return a number in four digits, rounded up."""
+    return _rounded(value, ROUND_CEILING)
+
+
+def lower(value: float) -> str:
+    """Return a number in four digits, rounded down."""
+    return _rounded(value, ROUND_FLOOR)
+
+
+def _rounded(value: float, way: str) -> str:
+    return f'{float(Context(prec=4, rounding=way).create_decimal(repr(value))):.4g}'
+
+
+def row_of(claim: Claim) -> tuple[str, ...]:
+    """Return a claim as tables show it: what, limit, proven, flown, open cells, verdict."""
+    return (
+        claim.statement,
+        f'{number(claim.limit)} {claim.unit}',
+        upper(claim.bound),
+        lower(claim.found) if claim.start else '',
+        str(claim.open_cells),
+        claim.verdict,
+    )

@@ -13,8 +13,7 @@ from typing import Any
 
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
-from rpo_proof.laws import Law
-from rpo_proof.tables import Table
+from rpo_proof.enclosure import Law, Table
 
 Row = list[Fraction]
 Matrix = list[Row]
@@ -77,7 +76,7 @@ def output(controller: FuzzyController, e: Fraction, w: Fraction, limit: Fractio
     return min(max(u, -limit), limit)
 
 
-class Strip:
+class ExactStrip:
     """The strip in r, v of an axis that holds a zonotope, in rational numbers.
 
     r, v : middle; half_r : half-width; tilt, half : |v' - v - tilt (r' - r)| <= half
@@ -96,7 +95,7 @@ class Strip:
 
 
 def law_holds(
-    controller: FuzzyController, table: Table, law: Law, strip: Strip, slack: Fraction
+    controller: FuzzyController, table: Table, law: Law, strip: ExactStrip, slack: Fraction
 ) -> bool:
     """Whether a law holds on a strip, by what the table says of its cells.
 
@@ -128,11 +127,11 @@ def law_holds(
     if most <= room:
         return True
     middle = output(controller, e, w, exact(table.limit)) - a * e - b * w - c
-    steep = [
+    radii = [
         max(max(s[2 * k + 1] for s in slopes) - side, side - min(s[2 * k] for s in slopes))
         for k, side in enumerate((a, b))
     ]
-    spread = (steep[0] + abs(tilt) * steep[1]) * half_e + steep[1] * half_w
+    spread = (radii[0] + abs(tilt) * radii[1]) * half_e + radii[1] * half_w
     return abs(middle) + slack + spread <= room
 
 

@@ -11,7 +11,7 @@ table.npz
 parts/GROUP_NNNN.npz
     Finished units: cells, bounds, boxes at checkpoints. An interrupted proof goes on from them.
 planar.npz, vertical.npz (or x.npz, y.npz, z.npz), summary.yaml
-    At the end: all cells; the set of rest, and the claims. They have the same bytes on any number
+    At the end: all cells; the invariant set, and the claims. They have the same bytes on any number
     of workers, interrupted or not.
 counterexample_CLAIM.yaml, flown_CLAIM.yaml
     The worst flight of each claim: one that refutes it, or one that does not.
@@ -20,7 +20,6 @@ counterexample_CLAIM.yaml, flown_CLAIM.yaml
 from __future__ import annotations
 
 import hashlib
-import io
 import zipfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
@@ -36,19 +35,22 @@ import rpo_judge.analysis
 import rpo_montecarlo.engine
 import rpo_proof
 from rpo_core import files
+from rpo_core.control import controller as controllers
 from rpo_core.files import scenario
-from rpo_core.files.scenario import Scenario
-from rpo_core.files.validation import InputError, mapping, real, shown, text, within
+from rpo_core.files.scenario import Scenario, ScenarioSet
+from rpo_core.files.validation import InputError, mapping, quoted, real, shown, text, within
+from rpo_montecarlo import outputs
 from rpo_montecarlo.cluster.pool import versions
-from rpo_montecarlo.outputs import digest_of, make_folder, read_arrays, write_aside, write_text
+from rpo_montecarlo.outputs import VERSIONS, digest_of, make_folder, read_arrays, write_text
 from rpo_proof import cells
-from rpo_proof.cells import VALUES, Found, Layout
+from rpo_proof.cells import VALUES, CellBounds, Layout
+from rpo_proof.enclosure import Table
 from rpo_proof.problem import Problem
-from rpo_proof.sets import Rest
+from rpo_proof.sets import InvariantSet
 
 Floats = NDArray[np.float64]
 
-FIELDS = tuple(Found.__dataclass_fields__)
+FIELDS = tuple(CellBounds.__dataclass_fields__)
 
 CLAIM = ('statement', 'verdict', 'unit', 'limit', 'bound', 'found', 'start', 'open_cells')
 """Fields of a claim of a summary."""
@@ -59,8 +61,8 @@ FARTHEST = 1e7
 _WHOLE = VALUES.index('depth')
 
 TEXTS = ('controller.yaml', 'scenario.yaml', 'proof.yaml')
-SUMMARY, _VERSIONS, _TABLE, _PARTS = 'summary.yaml', 'versions.yaml', 'table.npz', 'parts'
-_TABLES = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
+SUMMARY, _TABLE, _PARTS = 'summary.yaml', 'table.npz', 'parts'
+_TABLE_ARRAYS = ('e', 'w', 'u', 'bend', 'slopes', 'steep', 'part_range', 'part_slopes', 'slack')
 
 
 class Folder:
@@ -76,16 +78,12 @@ class Folder:
     @classmethod
     def create(cls, path: Path, problem: Problem) -> Folder:
         """Make the folder; raises InputError if it holds something."""
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            if (path / TEXTS[2]).is_file():
-                raise InputError(f'{path}: holds a proof already: go on with --resume, or check it')
-            raise InputError(f'{path}: must be a new or empty folder; it holds other things')
+        hint = ': go on with --resume, or check it'
+        outputs.require_free(path, TEXTS[2], 'proof', lambda: hint)
         found = cls(path, problem, problem.texts)
         make_folder(path / _PARTS)
-        stamped = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
-        write_text(path / _VERSIONS, yaml.safe_dump(stamped))
-        for name, content in zip(TEXTS, problem.texts, strict=True):
-            write_text(path / name, content)  # proof.yaml last: with it, the folder is one
+        recorded = {**versions(), 'code_sha256': code_digest(), 'files_sha256': found.bound}
+        outputs.begin_folder(path, dict(zip(TEXTS, problem.texts, strict=True)), recorded)
         return found
 
     @classmethod
@@ -99,21 +97,21 @@ class Folder:
         texts = [files.read_text(path / name) for name in TEXTS]
         with within(str(path)):
             found = cls(path, Problem.of_texts(texts), texts)
-        if found.stamped['files_sha256'] != found.bound:
+        if found.recorded['files_sha256'] != found.bound:
             raise InputError(f'{path}: {", ".join(TEXTS)} must be as they were when it was begun')
         return found
 
     @property
-    def stamped(self) -> dict[str, str]:
+    def recorded(self) -> dict[str, str]:
         """Versions and digests of when the proof was begun."""
         known = [*versions(), 'code_sha256', 'files_sha256']
-        found = files.load(self.path / _VERSIONS, lambda found: mapping('', found, known))
-        with within(str(self.path / _VERSIONS)):
+        found = files.load(self.path / VERSIONS, lambda found: mapping('', found, known))
+        with within(str(self.path / VERSIONS)):
             return {name: text(name, found[name]) for name in known}
 
     def refuse_other_code(self) -> None:
         """Raise InputError if the proof was begun with other code, or other libraries."""
-        theirs = self.stamped
+        theirs = self.recorded
         if {name: theirs[name] for name in versions()} != versions():
             raise InputError(f'{self.path}: was begun with other libraries: {theirs}')
         if theirs['code_sha256'] != code_digest():
@@ -126,25 +124,24 @@ class Folder:
 
     def put_table(self) -> None:
         """Write the enclosure of the surface."""
-        made = self.problem.table
-        self._write(self.path / _TABLE, {name: getattr(made, name) for name in _TABLES})
+        write_arrays(self.path / _TABLE, table_arrays(self.problem.table))
 
     def table(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are said to be the enclosure of the surface."""
-        return exactly(self.path / _TABLE, *_TABLES)
+        return exactly(self.path / _TABLE, *_TABLE_ARRAYS)
 
-    def done(self, group: str, unit: int) -> Found | None:
+    def done(self, group: str, unit: int) -> CellBounds | None:
         """Return a finished unit, None if there is none, or it is damaged."""
         try:
             return cells_of(self._part(group, unit), self.problem, group)
         except InputError:
             return None
 
-    def put(self, group: str, unit: int, found: Found) -> None:
+    def put(self, group: str, unit: int, found: CellBounds) -> None:
         """Keep a finished unit."""
-        self._write(self._part(group, unit), vars(found))
+        write_arrays(self._part(group, unit), vars(found))
 
-    def cells(self, group: str) -> Found:
+    def cells(self, group: str) -> CellBounds:
         """Return all cells of a finished proof."""
         return cells_of(self.path / f'{group}.npz', self.problem, group)
 
@@ -159,10 +156,10 @@ class Folder:
         """Return where the worst flight of a claim is, if it refutes the claim, and if not."""
         return self.path / f'counterexample_{key}.yaml', self.path / f'flown_{key}.yaml'
 
-    def finish(self, groups: Mapping[str, Found], summary: Mapping[str, Any]) -> None:
+    def finish(self, groups: Mapping[str, CellBounds], summary: Mapping[str, Any]) -> None:
         """Write all cells and the summary; remove the parts."""
         for group, found in groups.items():
-            self._write(self.path / f'{group}.npz', vars(found))
+            write_arrays(self.path / f'{group}.npz', vars(found))
         write_text(self.path / SUMMARY, yaml.safe_dump(dict(summary), sort_keys=False, width=100))
         for part in sorted((self.path / _PARTS).glob('*.npz')):
             part.unlink()
@@ -175,7 +172,7 @@ class Folder:
 
     def others(self) -> list[str]:
         """Return names in the folder that nothing of the proof is read from."""
-        known = {*TEXTS, SUMMARY, _VERSIONS, _TABLE, _PARTS, 'report'}
+        known = {*TEXTS, SUMMARY, VERSIONS, _TABLE, _PARTS, 'report'}
         known |= {f'{group}.npz' for group in self.problem.groups}
         for key in self.problem.limits:
             first = next((path for path in self.flights(key) if path.is_file()), None)
@@ -185,18 +182,20 @@ class Folder:
     def _part(self, group: str, unit: int) -> Path:
         return self.path / _PARTS / f'{group}_{unit:04d}.npz'
 
-    def _write(self, path: Path, arrays: Mapping[str, Any]) -> None:
-        write_arrays(path, arrays)
+
+def table_arrays(table: Table) -> dict[str, Any]:
+    """Return what `table.npz` holds; its `steep` is the division of cells."""
+    return {name: getattr(table, 'division' if name == 'steep' else name) for name in _TABLE_ARRAYS}
 
 
-def joined(parts: Iterable[Found]) -> Found:
+def joined(parts: Iterable[CellBounds]) -> CellBounds:
     """Return the cells of all units."""
     found = list(parts)
     joint = {
         name: np.concatenate([getattr(p, name) for p in found])
         for name in ('centre', 'half', 'values', 'boxes', 'tail')
     }
-    return Found(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
+    return CellBounds(**joint, reach=reduce(cells.joint, [p.reach for p in found]))
 
 
 def code_digest() -> str:
@@ -211,22 +210,9 @@ def code_digest() -> str:
     return found.hexdigest()
 
 
-def _archive(arrays: Mapping[str, Any]) -> bytes:
-    """Return an .npz of arrays, without times of files: the same bytes each time."""
-    content = io.BytesIO()
-    with zipfile.ZipFile(content, 'w', zipfile.ZIP_DEFLATED) as archived:
-        for name, values in arrays.items():
-            entry = zipfile.ZipInfo(f'{name}.npy')
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            with archived.open(entry, 'w') as member:
-                np.lib.format.write_array(member, np.asarray(values), allow_pickle=False)
-    return content.getvalue()
-
-
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
     """Write arrays: the same bytes each time."""
-    content = _archive(arrays)
-    write_aside(path, lambda file: file.write(content))
+    outputs.write_arrays(path, arrays.items(), zipfile.ZIP_DEFLATED)
 
 
 def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:
@@ -243,13 +229,13 @@ def exactly(path: Path, *names: str) -> dict[str, NDArray[Any]]:
     return found
 
 
-def cells_of(path: Path, problem: Problem, group: str) -> Found:
+def cells_of(path: Path, problem: Problem, group: str) -> CellBounds:
     """Return the cells of a group that a file holds; raises InputError."""
     arrays = exactly(path, *FIELDS)
     layout = Layout.of(problem, group)
     with within(str(path)):
         _check_shapes(arrays, layout)
-        found = Found(**arrays)
+        found = CellBounds(**arrays)
         _check_ranges(found)
     return found
 
@@ -274,7 +260,7 @@ def _check_shapes(arrays: Mapping[str, NDArray[Any]], layout: Layout) -> None:
             )
 
 
-def _check_ranges(found: Found) -> None:
+def _check_ranges(found: CellBounds) -> None:
     """Refuse numbers that are not what they stand for; written so that NaN is refused too."""
     values, depth, last_s = found.values, found.values[:, _WHOLE], found.column('last_s')
     low, high = found.boxes[:, :, 0], found.boxes[:, :, 1]
@@ -296,15 +282,16 @@ def _check_ranges(found: Found) -> None:
 
 
 def summary_of(document: Any) -> dict[str, Any]:
-    """Return a summary whose set of rest and flights have numbers that can be used.
+    """Return a summary whose invariant set and flights have numbers that can be used.
 
     What else it says is compared with what follows from the cells. Raises InputError.
     """
     found = dict(mapping('', document, ('rest', 'cells', 'claims', 'ranges')))
     if found['rest'] is not None:
-        numbers = mapping('rest', found['rest'], Rest._fields)
+        numbers = mapping('rest', found['rest'], InvariantSet._fields)
         found['rest'] = {
-            name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3) for name in Rest._fields
+            name: real(f'rest.{name}', numbers[name], above=0.0, most=1e3)
+            for name in InvariantSet._fields
         }
     if not isinstance(found['claims'], Mapping):
         raise InputError(f'`claims` must be a mapping; got {shown(found["claims"])}')
@@ -317,3 +304,39 @@ def summary_of(document: Any) -> dict[str, Any]:
         for number in start:
             real(f'claims.{key}.start', number)
     return found
+
+
+def origins(folder: Folder) -> list[str]:
+    """Return whether controller and scenario mean those that ship, and digests of their files."""
+    names = folder.problem.controller.name, folder.problem.scenario.name
+    known = is_shipped_controller(folder.problem), is_shipped_scenario(folder.problem)
+    found = []
+    kinds = 'controller', 'scenario'
+    for kind, content, name, same in zip(kinds, folder.texts[:2], names, known, strict=True):
+        digest = hashlib.sha256(content.encode()).hexdigest()
+        if same:
+            what = f'means the same as the shipped {name}'
+        elif name in files.shipped(kind):
+            what = f'named {name}, and NOT the one that ships with this name'
+        else:
+            what = f'{quoted(name)}, which does not ship'
+        found.append(f'{kind}: {what}; SHA-256 {digest}')
+    return found
+
+
+def is_shipped_controller(problem: Problem) -> bool:
+    """Whether the controller has all numbers that fly of the one that ships with its name."""
+    name = problem.controller.name
+    return name in files.shipped('controller') and (
+        controllers.load_controller(name) == problem.controller
+    )
+
+
+def is_shipped_scenario(problem: Problem) -> bool:
+    """Whether the scenario is the one that ships with its name, with the same requirements."""
+    ours = problem.scenario
+    if ours.name not in files.shipped('scenario'):
+        return False
+    found = scenario.load(ours.name)
+    theirs = found.base if isinstance(found, ScenarioSet) else found
+    return theirs == ours and theirs.requirements == ours.requirements

@@ -32,7 +32,7 @@ from rpo_core.files.validation import (
 )
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Harmonic
-from rpo_proof import tables
+from rpo_proof import enclosure
 from rpo_proof.tube import Motion
 
 Floats = NDArray[np.float64]
@@ -47,8 +47,8 @@ HOLD_ERROR_M = 0.5
 GROUPS: dict[str, tuple[int, ...]] = {'vertical': (2, 5), 'planar': (0, 1, 3, 4)}
 """States that move together, in the order of a state: x and y are coupled, z is alone."""
 
-APART: dict[str, tuple[int, ...]] = {'z': (2, 5), 'y': (1, 4), 'x': (0, 3)}
-"""The same, where each axis has cells of its own; see `apart`."""
+PER_AXIS: dict[str, tuple[int, ...]] = {'z': (2, 5), 'y': (1, 4), 'x': (0, 3)}
+"""The same, in a proof per axis; see `per_axis`."""
 
 EVER_N = 4e-12
 """Share of the disturbance by which its sinusoids may be rounded, and are widened (`_forces`)."""
@@ -82,10 +82,10 @@ class Settings:
     disturbance_share : harmonics of the scenario's disturbance have any phase and any amplitude up
         to so many times, its constant any size up to so many times
     any_n : a disturbance that changes at every tick, of any axis
-    axes_apart : each axis has cells of its own, in the unknown constants too; see `apart`
-    cell_m, cell_m_s : half-width of the first cells; of strips, where axes are apart
+    axes_apart : each axis has cells of its own, in the unknown constants too; see `per_axis`
+    cell_m, cell_m_s : half-width of the first cells; of strips, in a proof per axis
     claims : requirements that the proof is about; none given: all that the scenario has
-    coarseness : of the table of the surface, see `tables.table_of`
+    coarseness : of the table of the surface, see `enclosure.table_of`
     """
 
     centre: Annotated[_Six, _six]
@@ -103,7 +103,7 @@ class Settings:
         check_fields(self)
         sizes = 3 * [self.cell_m] + 3 * [self.cell_m_s]
         counts = [max(1.0, half / size) for half, size in zip(self.half, sizes, strict=True)]
-        groups = (APART if self.axes_apart else GROUPS).values()
+        groups = (PER_AXIS if self.axes_apart else GROUPS).values()
         most = max(math.prod(counts[i] for i in chosen) for chosen in groups)
         if not most <= MOST_CELLS:
             raise InputError(
@@ -168,7 +168,7 @@ class Problem:
     def odd(self) -> bool:
         """Whether half of the box is enough: what starts at -s is the negative of what starts at s.
 
-        Not where axes are apart: x and y would have to change their signs together.
+        Not in a proof per axis: x and y would have to change their signs together.
         """
         still = self.scenario.disturbance.is_zero or self.settings.disturbance_share > 0.0
         centred = not any(self.settings.centre)
@@ -178,16 +178,16 @@ class Problem:
     @property
     def groups(self) -> dict[str, tuple[int, ...]]:
         """States that move together, in the order in which they are proven."""
-        return APART if self.settings.axes_apart else GROUPS
+        return PER_AXIS if self.settings.axes_apart else GROUPS
 
     @property
-    def rests(self) -> bool:
-        """Whether tubes must come to rest: nothing but an `any_n` pushes."""
+    def needs_invariant_set(self) -> bool:
+        """Whether tubes must enter an invariant set: only an `any_n` disturbs."""
         return self.undisturbed and not self.settings.axes_apart
 
     @property
     def undisturbed(self) -> bool:
-        """Whether nothing but an `any_n` pushes."""
+        """Whether only an `any_n` disturbs."""
         return self.scenario.disturbance.is_zero
 
     @cached_property
@@ -199,7 +199,7 @@ class Problem:
         return round(required.hold_from_s / self.scenario.dt_s)
 
     @cached_property
-    def table(self) -> tables.Table:
+    def table(self) -> enclosure.Table:
         """The enclosure of the control surface, made by this process."""
         found, required = self.scenario, self.scenario.requirements
         slew_n_s = None if required is None else required.slew_per_axis_n_s
@@ -227,14 +227,14 @@ class Problem:
             self.scenario.dt_s,
             constant,
             carried,
-            self.lightness,
+            self.inverse_mass_share,
             self.settings.any_n + EVER_N * self.strongest_n,
             np.zeros((ticks, len(chosen))),
             np.zeros((ticks, len(chosen))),
         )
 
     @property
-    def lightness(self) -> float:
+    def inverse_mass_share(self) -> float:
         """Share by which 1/m may differ from 1 / nominal mass, on either side."""
         share = self.settings.mass_share
         return share / (1.0 - share)
@@ -252,7 +252,7 @@ class Problem:
         """Return known forces (N, p) and those of each unknown constant (N, q, p) [N]."""
         times = np.array([self.scenario.time_s(k) for k in range(ticks)])
         disturbance, share = self.scenario.disturbance, self.settings.disturbance_share
-        extra = [np.zeros((ticks, len(axes)))] if self.lightness > 0.0 else []
+        extra = [np.zeros((ticks, len(axes)))] if self.inverse_mass_share > 0.0 else []
         if share == 0.0:
             constant = np.zeros((ticks, len(axes)))
             if not disturbance.is_zero:
@@ -312,9 +312,9 @@ def _table(
     coarseness: float,
     slew_n_s: float | None,
     mass_kg: float,
-) -> tables.Table:
-    table = tables.table_of(controller, limit_n, coarseness)
-    return table if slew_n_s is None else tables.divided(controller, table, slew_n_s, mass_kg)
+) -> enclosure.Table:
+    table = enclosure.table_of(controller, limit_n, coarseness)
+    return table if slew_n_s is None else enclosure.divided(controller, table, slew_n_s, mass_kg)
 
 
 def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:
@@ -322,3 +322,31 @@ def _stacked(columns: list[Floats], ticks: int, p: int) -> Floats:
     if not columns:
         return np.zeros((ticks, 0, p))
     return np.ascontiguousarray(np.stack(columns, axis=1))
+
+
+def number(value: float) -> str:
+    """Return a number with all of its digits."""
+    return repr(value).removesuffix('.0')
+
+
+def title_of(problem: Problem) -> str:
+    """Return the controller, the scenario, and the box of starts."""
+    sides = zip(problem.settings.centre, problem.settings.half, strict=True)
+    box = ', '.join(f'{number(centre)} ± {number(half)}' for centre, half in sides)
+    return f'{problem.controller.name}, {problem.scenario.name}, from ({box}) m, m/s'
+
+
+def range_of(problem: Problem) -> str:
+    """Return what may differ beside the start, and until when a flight is judged."""
+    settings, found = problem.settings, problem.scenario
+    mass = f'mass {number(found.mass_kg)} kg'
+    if settings.mass_share > 0.0:
+        mass += f', and more or less by a share of {number(settings.mass_share)}'
+    if settings.disturbance_share > 0.0:
+        share = number(settings.disturbance_share)
+        known = f'disturbance at any phase, up to {share} times as it is'
+    else:
+        known = 'no disturbance' if problem.undisturbed else 'disturbance as it is'
+    if settings.any_n > 0.0:
+        known += f', and any other of {number(settings.any_n)} N per axis at every tick'
+    return f'{mass}; {known}; {number(found.duration_s)} s'

@@ -1,16 +1,15 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Making a proof: units of cells on all cores or a cluster, then the claims."""
+"""Making a proof: cells on all cores or a cluster, then the claims. Estimates from a sample."""
 
 from __future__ import annotations
 
 import os
 import pickle
+import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -18,22 +17,34 @@ from numpy.typing import NDArray
 
 from rpo_judge.analysis.certificate import REFUTED
 from rpo_montecarlo.cluster import pool
-from rpo_proof import probing
-from rpo_proof.apart import Beside
-from rpo_proof.cells import Cell, Found, Targets, roots
-from rpo_proof.claims import Claim, Range, asked_of, claims_of, nowhere, ranges_of, summary_of
-from rpo_proof.corridor import around_of
+from rpo_proof import flights
+from rpo_proof.cells import Cell, CellBounds, Prover, Targets, roots
+from rpo_proof.claims import (
+    BOUNDS,
+    Claim,
+    Range,
+    bound_of,
+    claims_of,
+    empty_set,
+    of_planar,
+    ranges_of,
+    requirements_of,
+    summary_of,
+)
+from rpo_proof.flights import context_of
 from rpo_proof.folder import Folder, joined
+from rpo_proof.invariant import invariant_set_of
+from rpo_proof.per_axis import OtherAxis
 from rpo_proof.problem import HOLD, Problem
-from rpo_proof.prover import Prover
-from rpo_proof.rest import rest_of
-from rpo_proof.sets import Rest
+from rpo_proof.sets import InvariantSet
 
-UNIT, UNIT_APART = 25, 1
-"""First cells of a unit; where axes are apart, each has many cells."""
+UNIT, UNIT_PER_AXIS = 25, 1
+"""First cells of a unit; in a proof per axis, each has many cells."""
 
 PROBES, SUSPECTS = 2000, 200
 """Flights before the proof, from anywhere, and after it for each claim, from the worst cells."""
+
+PROBES_OF_ESTIMATE = 100
 
 SEED = 1
 
@@ -45,10 +56,10 @@ class Work(NamedTuple):
 
     problem: Problem
     group: str
-    rest: Rest
+    omega: InvariantSet
     targets: Targets | None
     above: NDArray[np.float64] | None
-    beside: Beside
+    other_axis: OtherAxis
 
 
 @dataclass(frozen=True)
@@ -57,13 +68,13 @@ class Outcome:
 
     ranges : what the tubes say beside the claims
     counterexamples : requirements that a flight breaks
-    taken : group -> units of an earlier call, and all
+    resumed : group -> units of an earlier call, and all
     """
 
     claims: list[Claim]
     ranges: dict[str, Range]
     counterexamples: list[str]
-    taken: dict[str, tuple[int, int]]
+    resumed: dict[str, tuple[int, int]]
 
 
 def prove(
@@ -79,26 +90,26 @@ def prove(
     folder.put_table()
     limits = problem.limits
     speed = limits.get('hold_speed_per_axis_m_s')
-    rest = rest_of(problem, problem.hold_error_m, speed)
-    asked = rest or nowhere(problem)
-    flown = probing.probe(problem, probing.anywhere(problem, probes, SEED), SEED)
+    omega = invariant_set_of(problem, problem.hold_error_m, speed)
+    asked = omega or empty_set(problem)
+    flown = flights.probe(problem, flights.random_starts(problem, probes, SEED), SEED)
     refuted = {key for key, (value, _, _) in flown.items() if value > limits[key]}
-    groups: dict[str, Found] = {}
-    taken: dict[str, tuple[int, int]] = {}
-    targets = targets_of(problem, refuted) if set(asked_of(problem)) - refuted else None
+    groups: dict[str, CellBounds] = {}
+    resumed: dict[str, tuple[int, int]] = {}
+    targets = targets_of(problem, refuted) if set(requirements_of(problem)) - refuted else None
     for group in problem.groups:
-        around = around_of(problem, group, groups)
+        around = context_of(problem, group, groups)
         work = Work(problem, group, asked, targets, *around)
-        groups[group], taken[group] = _cells(folder, work, workers, address, progress)
-    flown = _suspected(problem, groups, rest, flown, progress)
+        groups[group], resumed[group] = _cells(folder, work, workers, address, progress)
+    flown = _worst_flown(problem, groups, omega, flown, progress)
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
-    claims = claims_of(problem, groups, rest, values)
+    claims = claims_of(problem, groups, omega, values)
     ranges = ranges_of(problem, groups)
     for claim in claims:
         if claim.key in flown:
             folder.put_flight(claim.key, claim.verdict == REFUTED, flown[claim.key][2])
-    folder.finish(groups, summary_of(claims, rest, ranges, groups))
-    return Outcome(claims, ranges, [c.key for c in claims if c.verdict == REFUTED], taken)
+    folder.finish(groups, summary_of(claims, omega, ranges, groups))
+    return Outcome(claims, ranges, [c.key for c in claims if c.verdict == REFUTED], resumed)
 
 
 def targets_of(problem: Problem, refuted: set[str]) -> Targets:
@@ -114,33 +125,33 @@ def targets_of(problem: Problem, refuted: set[str]) -> Targets:
     return Targets(*(limits.get(key, np.inf) for key in keys))
 
 
-def _suspected(
+def _worst_flown(
     problem: Problem,
-    groups: dict[str, Found],
-    rest: Rest | None,
-    flown: probing.Flown,
+    groups: dict[str, CellBounds],
+    omega: InvariantSet | None,
+    flown: flights.Flown,
     progress: Progress,
-) -> probing.Flown:
+) -> flights.Flown:
     """Fly from the worst cells of the claims that are open; return the greatest values."""
     values = {key: (value, start) for key, (value, start, _) in flown.items()}
-    for claim in claims_of(problem, groups, rest, values):
+    for claim in claims_of(problem, groups, omega, values):
         if claim.bound > claim.limit >= claim.found:
             progress('looking for a counterexample', 0, SUSPECTS)
-            starts = probing.suspects(problem, groups, claim.key, SUSPECTS, SEED)
-            flown = probing.merged(flown, probing.probe(problem, starts, SEED))
+            starts = flights.worst_starts(problem, groups, claim.key, SUSPECTS, SEED)
+            flown = flights.merged(flown, flights.probe(problem, starts, SEED))
     return flown
 
 
 def _cells(
     folder: Folder, work: Work, workers: int, address: str, progress: Progress
-) -> tuple[Found, tuple[int, int]]:
+) -> tuple[CellBounds, tuple[int, int]]:
     """Return all cells of a group, and how many units of all are of an earlier call."""
     group, cells = work.group, roots(work.problem, work.group)
-    size = UNIT_APART if work.problem.settings.axes_apart else UNIT
+    size = UNIT_PER_AXIS if work.problem.settings.axes_apart else UNIT
     units = [cells[first : first + size] for first in range(0, len(cells), size)]
     parts = {unit: folder.done(group, unit) for unit in range(len(units))}
     pending = [unit for unit, found in parts.items() if found is None]
-    taken = finished = len(units) - len(pending)
+    resumed = finished = len(units) - len(pending)
     progress(f'{group} cells', finished * size, len(cells))
     make = _on_cluster if address else _on_threads
     for unit, found in make(work, units, pending, workers, address):
@@ -149,56 +160,100 @@ def _cells(
         finished += 1
         progress(f'{group} cells', min(finished * size, len(cells)), len(cells))
     every = joined(part for part in parts.values() if part is not None)
-    return every, (taken, len(units))
-
-
-Source = Iterator[tuple[int, Found]]
+    return every, (resumed, len(units))
 
 
 def _on_threads(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, _: str
-) -> Source:
+) -> Iterator[tuple[int, CellBounds]]:
     """Yield units as they are finished."""
-    prover = Prover(work.problem, work.group, work.rest, work.above, work.beside)
-    workers = workers or len(os.sched_getaffinity(0))
-    executor = ThreadPoolExecutor(workers, 'rpo-prove')
-    todo, under_way = iter(pending), dict[Future[Found], int]()
-    try:
-        while True:
-            for unit in islice(todo, 2 * workers - len(under_way)):
-                under_way[executor.submit(prover.prove, units[unit], work.targets)] = unit
-            if not under_way:
-                return
-            done, _pending = wait(under_way, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield under_way.pop(future), future.result()
-    finally:
-        executor.shutdown(cancel_futures=True)
+    prover = Prover(work.problem, work.group, work.omega, work.above, work.other_axis)
+    calls = ((unit, (units[unit], work.targets)) for unit in pending)
+    return pool.on_threads(prover.prove, calls, workers or len(os.sched_getaffinity(0)))
 
 
 @lru_cache(maxsize=2)
-def _prover(texts: tuple[str, str, str], group: str, rest: Rest, around: bytes) -> Prover:
-    return Prover(Problem.of_texts(texts), group, rest, *pickle.loads(around))
+def _prover(texts: tuple[str, str, str], group: str, omega: InvariantSet, around: bytes) -> Prover:
+    return Prover(Problem.of_texts(texts), group, omega, *pickle.loads(around))
 
 
 def prove_remote(
     texts: tuple[str, str, str],
     group: str,
-    rest: Rest,
+    omega: InvariantSet,
     around: bytes,
     cells: list[Cell],
     targets: Targets | None,
-) -> Found:
+) -> CellBounds:
     """Prove a unit on a worker."""
-    return _prover(texts, group, rest, around).prove(cells, targets)
+    return _prover(texts, group, omega, around).prove(cells, targets)
 
 
 def _on_cluster(
     work: Work, units: Sequence[list[Cell]], pending: Sequence[int], workers: int, address: str
-) -> Source:
+) -> Iterator[tuple[int, CellBounds]]:
     """Yield units as they come in."""
-    around = pickle.dumps((work.above, work.beside))
-    same = work.problem.texts, work.group, work.rest, around
+    around = pickle.dumps((work.above, work.other_axis))
+    same = work.problem.texts, work.group, work.omega, around
     calls = ((unit, (*same, units[unit], work.targets)) for unit in pending)
     with pool.connected(address, workers or len(os.sched_getaffinity(0))) as client:
         yield from pool.results(client, prove_remote, calls)
+
+
+class Estimate(NamedTuple):
+    """What was found in some of the first cells: the planar ones, or those of x.
+
+    cells, sampled : first cells in all, and those that were proven
+    tubes, seconds : of these, in all
+    hours : of one core for all first cells of all groups
+    open_cells, bounds, flown : requirement -> first cells that stay open, largest bound of all
+        cells, greatest value of some flights from anywhere in the box
+    never_inside : first cells of which some tube does not enter the invariant set
+    """
+
+    cells: int
+    sampled: int
+    tubes: int
+    seconds: float
+    open_cells: dict[str, int]
+    bounds: dict[str, float]
+    flown: dict[str, float]
+    never_inside: int
+    hours: float
+
+
+def estimate(problem: Problem, count: int, progress: Progress) -> Estimate:
+    """Prove some first cells of each group, drawn at random; return what they say of all."""
+    limits = {key: limit for key, limit in problem.limits.items() if key in BOUNDS}
+    omega = invariant_set_of(problem, problem.hold_error_m, limits.get('hold_speed_per_axis_m_s'))
+    flown = flights.probe(problem, flights.random_starts(problem, PROBES_OF_ESTIMATE, SEED), SEED)
+    values = {key: value for key, (value, _, _) in flown.items()}
+    targets = targets_of(problem, {key for key in values if values[key] > limits[key]})
+    groups: dict[str, CellBounds] = {}
+    parts: list[CellBounds] = []
+    total, seconds, hours = 0, 0.0, 0.0
+    for group in problem.groups:
+        around = context_of(problem, group, groups)
+        prover = Prover(problem, group, omega or empty_set(problem), *around)
+        every = roots(problem, group)
+        chosen = np.random.default_rng(SEED).permutation(len(every))[:count].tolist()
+        prover.fly(every[0])  # the kernels are compiled before the time is taken
+        began, parts = time.process_time(), []
+        for number, k in enumerate(chosen):
+            progress(f'some {group} cells', number, len(chosen))
+            parts.append(prover.prove([every[k]], targets))
+        seconds, total = time.process_time() - began, len(every)
+        hours += seconds / len(parts) * total / 3600.0
+        groups[group] = joined(parts)
+    each = [{**groups, group: part} for part in parts]
+    return Estimate(
+        total,
+        len(parts),
+        sum(2 * len(part.values) - 1 for part in parts),
+        seconds,
+        {key: sum(bool((of_planar(g, key) > limits[key]).any()) for g in each) for key in limits},
+        {key: bound_of(problem, groups, omega, key) for key in limits},
+        values,
+        sum(not bool(np.isfinite(part.column('inside_s')).all()) for part in parts),
+        hours,
+    )

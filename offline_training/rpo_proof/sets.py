@@ -26,13 +26,13 @@ MOST = 180
 """Generators, at which the small ones become a box."""
 
 BATCH = 16
-"""Ticks whose rounding is kept as a box, before it becomes generators."""
+"""Ticks whose rounding is fixed as a box, before it becomes generators."""
 
 WORTH_S = 20.0
 """Weight of a velocity [m/s] beside a position [m], where generators are compared."""
 
 
-class Rest(NamedTuple):
+class InvariantSet(NamedTuple):
     """A set that the closed loop maps into itself: |r| <= radius_m, |v + rate r| <= speed_m_s."""
 
     radius_m: float
@@ -71,21 +71,21 @@ def strip_of(g: Any, d: Any, m: int, r: int, v: int) -> tuple[float, float]:
 
 
 @compiled
-def reduce(g: Any, d: Any, kept: int, m: int) -> int:
-    """Keep the first `kept` and the larger half of the other generators, box the small ones."""
+def reduce(g: Any, d: Any, fixed: int, m: int) -> int:
+    """Keep the first `fixed` and the larger half of the other generators, box the small ones."""
     n = len(d)
-    sizes = np.empty(m - kept)
-    for j in range(kept, m):
+    sizes = np.empty(m - fixed)
+    for j in range(fixed, m):
         total, largest = 0.0, 0.0
         for i in range(n):
             size = abs(g[i, j]) * (1.0 if 2 * i < n else WORTH_S)
             total, largest = total + size, max(largest, size)
-        sizes[j - kept] = total - largest
-    small = np.sort(sizes)[(m - kept) // 2]
+        sizes[j - fixed] = total - largest
+    small = np.sort(sizes)[(m - fixed) // 2]
     box = np.zeros(n)
-    count = kept
-    for j in range(kept, m):
-        if sizes[j - kept] <= small:
+    count = fixed
+    for j in range(fixed, m):
+        if sizes[j - fixed] <= small:
             for i in range(n):
                 box[i] += abs(g[i, j])
         else:
@@ -101,7 +101,7 @@ def reduce(g: Any, d: Any, kept: int, m: int) -> int:
 
 
 @compiled
-def tidy(tick: int, g: Any, d: Any, kept: int, m: int) -> int:
+def tidy(tick: int, g: Any, d: Any, fixed: int, m: int) -> int:
     """Make generators of the box of rounding, now and then, and a box of small generators."""
     n = len(d)
     if tick % BATCH == BATCH - 1:
@@ -112,31 +112,31 @@ def tidy(tick: int, g: Any, d: Any, kept: int, m: int) -> int:
             d[i] = 0.0
         m += n
     if m > MOST:
-        m = reduce(g, d, kept, m)
+        m = reduce(g, d, fixed, m)
     return m
 
 
 @compiled
-def rests(rest: Rest, c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> bool:
-    """Whether a set is inside the set of rest, on every axis."""
+def is_inside(omega: InvariantSet, c: Any, g: Any, d: Any, m: int, low: Any, high: Any) -> bool:
+    """Whether a set is inside the invariant set, on every axis."""
     p = len(c) // 2
     for i in range(p):
-        if max(-low[i], high[i]) > rest.radius_m:
+        if max(-low[i], high[i]) > omega.radius_m:
             return False
-        spread = d[p + i] + rest.rate * d[i]
-        size = spread + abs(c[p + i]) + abs(rest.rate * c[i])
+        spread = d[p + i] + omega.rate * d[i]
+        size = spread + abs(c[p + i]) + abs(omega.rate * c[i])
         for j in range(m):
-            spread += abs(g[p + i, j] + rest.rate * g[i, j])
-            size += abs(g[p + i, j]) + abs(rest.rate * g[i, j])
-        if abs(c[p + i] + rest.rate * c[i]) + spread + ROUND * size > rest.speed_m_s:
+            spread += abs(g[p + i, j] + omega.rate * g[i, j])
+            size += abs(g[p + i, j]) + abs(omega.rate * g[i, j])
+        if abs(c[p + i] + omega.rate * c[i]) + spread + ROUND * size > omega.speed_m_s:
             return False
     return True
 
 
 @compiled
-def weigh(g: Any, kept: int, weights: Any) -> None:
+def weigh(g: Any, fixed: int, weights: Any) -> None:
     """Add the sizes of the first generators."""
     n = len(g)
-    for j in range(min(kept, len(weights))):
+    for j in range(min(fixed, len(weights))):
         for i in range(n):
             weights[j] += abs(g[i, j]) * (1.0 if 2 * i < n else WORTH_S)

@@ -23,8 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_montecarlo.engine.lanes import compiled
-from rpo_proof.laws import TINY, cell_of, law_of
-from rpo_proof.tables import Table
+from rpo_proof.enclosure import TINY, Table, cell_of, law_of
 
 MOST_PARTS = 400
 """Parts of a strip that are looked at, at most."""
@@ -105,14 +104,14 @@ def slew_of(table: Table, drift: Drift, strip: Strip, f0: float, f1: float, enou
         return 1e300
     i0, i1 = cell_of(table.e, e - half_e), cell_of(table.e, e + half_e)
     path = Path(e, w, half_e, tilt, half_w)
-    steep_e, steep_w = 0.0, 0.0
+    largest_e, largest_w = 0.0, 0.0
     for i in range(i0, i1 + 1):
         w0, w1 = _column(path, table.e[i], table.e[i + 1])
         for j in range(cell_of(table.w, w0), cell_of(table.w, w1) + 1):
             s = table.slopes[i, j]
-            steep_e = max(steep_e, -s[0], s[1])
-            steep_w = max(steep_w, -s[2], s[3])
-    change_u = steep_e * change_r / table.position_m + steep_w * change_v / table.velocity_m_s
+            largest_e = max(largest_e, -s[0], s[1])
+            largest_w = max(largest_w, -s[2], s[3])
+    change_u = largest_e * change_r / table.position_m + largest_w * change_v / table.velocity_m_s
     quick = (change_u * (1.0 + TINY) + 2.0 * table.slack) / drift.dt_s * table.force_n
     if quick <= enough:
         return quick
@@ -152,18 +151,18 @@ def _fastest(table: Table, drift: Drift, path: Path, reach: Reach, lag: float) -
             least, greatest = _range(table, i, j)
             s = table.slopes[i, j]
             rate = _rate(table, drift, s, low, high, least, greatest, reach, lag)
-            if rate > most and table.steep[i, j] >= 0:
-                rate = _steep_rate(table, drift, i, j, path, reach, lag)
+            if rate > most and table.division[i, j] >= 0:
+                rate = _rate_of_parts(table, drift, i, j, path, reach, lag)
             most = max(most, rate)
     return most
 
 
 @compiled
-def _steep_rate(
+def _rate_of_parts(
     table: Table, drift: Drift, i: int, j: int, path: Path, reach: Reach, lag: float
 ) -> float:
     """Return a bound [1/s] of the rate of the output in a cell that is divided, part by part."""
-    number, most = table.steep[i, j], 0.0
+    number, most = table.division[i, j], 0.0
     parts = table.part_slopes.shape[1]
     wide, tall = table.e[i + 1] - table.e[i], table.w[j + 1] - table.w[j]
     for k in range(parts):
@@ -256,7 +255,7 @@ def drift_of(
 
 
 @compiled
-def pushed(drift: Drift, r: float, half_m: float, v: float, half: float) -> Drift:
+def coupled_drift(drift: Drift, r: float, half_m: float, v: float, half: float) -> Drift:
     """Return a drift to which other axes add r +- half_m [m] and v +- half [m/s] in the tick."""
     bend = (abs(r) + half_m) / drift.dt_s + 0.5 * (abs(v) + half)
     room = TINY * (abs(v) + half)

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rpo_montecarlo.engine.lanes import compiled
-from rpo_proof.laws import law_of
-from rpo_proof.sets import ROUND, Rest, box_of, rests, strip_of, tidy, weigh
-from rpo_proof.slew import Strip, drift_of, pushed, slew_by_parts, slew_of
-from rpo_proof.tables import Table
+from rpo_proof.enclosure import Table, law_of
+from rpo_proof.sets import ROUND, InvariantSet, box_of, is_inside, strip_of, tidy, weigh
+from rpo_proof.slew import Strip, coupled_drift, drift_of, slew_by_parts, slew_of
 
 
 class Motion(NamedTuple):
@@ -28,8 +27,8 @@ class Motion(NamedTuple):
     carried : (N, q, p) force [N] of each of the first q generators at each tick
     mass : share by which 1/m may differ; generator `q` - 1 carries it, if > 0
     any_n : force per axis [N] that may change at every tick
-    pushed, shaken : (N, n) what axes outside the set add to the state at each tick: the middle, and
-        the half-width
+    coupling, coupling_half : (N, n) what axes outside the set add to the state at each tick: middle
+        and half-width
     """
 
     a: Any
@@ -39,8 +38,8 @@ class Motion(NamedTuple):
     carried: Any
     mass: float
     any_n: float
-    pushed: Any
-    shaken: Any
+    coupling: Any
+    coupling_half: Any
 
 
 class Trace(NamedTuple):
@@ -162,9 +161,9 @@ def _move(
             total += motion.b[k, i] * middle[i]
             for j in range(q):
                 size[k] += abs(motion.b[k, i] * motion.carried[tick, j, i])
-        new[k] = total + motion.pushed[tick, k]
-        far = abs(motion.pushed[tick, k]) + motion.shaken[tick, k]
-        size[k] = wide + motion.shaken[tick, k] + ROUND * (size[k] + wide + far)
+        new[k] = total + motion.coupling[tick, k]
+        far = abs(motion.coupling[tick, k]) + motion.coupling_half[tick, k]
+        size[k] = wide + motion.coupling_half[tick, k] + ROUND * (size[k] + wide + far)
     for k in range(n):
         c[k], d[k] = new[k], size[k]
     for j in range(m):
@@ -191,18 +190,18 @@ def fly(
     c: Any,
     g: Any,
     d: Any,
-    kept: int,
+    fixed: int,
     m: int,
-    rest: Rest,
+    omega: InvariantSet,
     until: int,
     widest: Any,
     most_m: float,
     trace: Trace,
 ) -> tuple[int, int, int]:
-    """Move a set; return the last tick of the trace, the one at which it rests, its generators.
+    """Move a set; return the last tick of the trace, that of entering omega, its generators.
 
     c (n,), g (n, capacity), d (n,) : the set, changed in place
-    rest, until : the flight ends at rest, but not before tick `until`; -1 where it never rests
+    omega, until : the flight ends inside it, but not before tick `until`; -1 where it never is
     widest : (n,) half-widths at which it is given up; most_m : distance, from tick `until` on
     """
     last = len(trace.laws)
@@ -211,13 +210,13 @@ def fly(
     for tick in range(last + 1):
         low, high = trace.low[tick], trace.high[tick]
         box_of(c, g, d, m, low, high)
-        weigh(g, kept, trace.weights)
+        weigh(g, fixed, trace.weights)
         for i in range(len(c)):
             if not high[i] - low[i] <= 2.0 * widest[i]:
                 return tick, -1, m
             if tick >= until and 2 * i < len(c) and max(-low[i], high[i]) > most_m:
                 return tick, -1, m
-        if tick > 0 and resting < 0 and rests(rest, c, g, d, m, low, high):
+        if tick > 0 and resting < 0 and is_inside(omega, c, g, d, m, low, high):
             resting = tick
         if tick == last or (tick >= until and resting >= 0):
             return tick, resting, m
@@ -237,7 +236,7 @@ def fly(
         )
         if m < 0:
             return tick, -1, m
-        m = tidy(tick, g, d, kept, m)
+        m = tidy(tick, g, d, fixed, m)
     return last, resting, m
 
 
@@ -272,11 +271,13 @@ def _slew(
     enough = most
     for i in range(p):
         drift = drift_of(motion.a, motion.b, i, motion.dt, low, high, f0, f1, other)
-        far, fast = motion.pushed[tick, i], motion.pushed[tick, p + i]
+        far, fast = motion.coupling[tick, i], motion.coupling[tick, p + i]
         for j in range(p):
             far += motion.b[i, j] * motion.constant[tick, j]
             fast += motion.b[p + i, j] * motion.constant[tick, j]
-        drift = pushed(drift, far, motion.shaken[tick, i], fast, motion.shaken[tick, p + i])
+        drift = coupled_drift(
+            drift, far, motion.coupling_half[tick, i], fast, motion.coupling_half[tick, p + i]
+        )
         strip = Strip(
             0.5 * (low[i] + high[i]),
             0.5 * (low[p + i] + high[p + i]),

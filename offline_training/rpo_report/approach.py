@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.explain import AXES
-from rpo_core.judge.zones import Corridor, Zones
+from rpo_core.judge.zones import Cone, Zone
 
 Floats = NDArray[np.float64]
 
@@ -65,12 +65,12 @@ class Aids:
         return cls(axis, -1.0 if start[axis] < 0.0 else 1.0, float(np.abs(start).max()) * 1.1)
 
     @property
-    def zones(self) -> Zones:
+    def zones(self) -> Zone:
         """The aids as they are drawn."""
         ahead = tuple(self.sign if i == self.axis else 0.0 for i in range(3))
         slope = float(np.tan(np.deg2rad(CORRIDOR_HALF_ANGLE_DEG)))
-        cone = Corridor((0.0, 0.0, 0.0), ahead, slope, self.length_m)
-        return Zones(KEEP_OUT_RADIUS_M, cone)
+        cone = Cone((0.0, 0.0, 0.0), ahead, slope, self.length_m)
+        return Zone(KEEP_OUT_RADIUS_M, cone)
 
     def off_axis_deg(self, positions_m: Floats) -> Floats:
         """Return the angles (n,) between positions (n, 3) and the corridor's axis."""
@@ -112,7 +112,7 @@ def _closing_m_s(flight: Flight, tick: int) -> float:
     return float(-closing)
 
 
-def zone_passage(flight: Flight, zones: Zones) -> list[tuple[str, str]]:
+def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
     """Return names and values: how a flight passes zones of its scenario, at its ticks.
 
     It ends where the chaser is at the port.

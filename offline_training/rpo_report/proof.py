@@ -11,25 +11,26 @@ from pathlib import Path
 import numpy as np
 
 from rpo_core.files.validation import InputError
+from rpo_core.world.disturbance import Harmonic
 from rpo_judge.analysis.certificate import PROVEN, REFUTED
 from rpo_log.show import style
-from rpo_proof.cells import Found
-from rpo_proof.check_claims import Written, flights_again, what_follows
-from rpo_proof.claims import Claim, Range, of_planar
-from rpo_proof.folder import TEXTS, Folder
-from rpo_proof.premises import lower, origins, range_of, row_of, title_of, upper
-from rpo_proof.sets import Rest
-from rpo_report import plane, proof_apart
+from rpo_proof.cells import CellBounds
+from rpo_proof.check import WrittenSummary, fly_again, recompute
+from rpo_proof.claims import Claim, Range, lower, of_planar, row_of, upper
+from rpo_proof.folder import TEXTS, Folder, origins
+from rpo_proof.problem import PER_AXIS, Problem, range_of, title_of
+from rpo_proof.sets import InvariantSet
+from rpo_report import plane
 from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
 
 
 def report_of(path: Path) -> Report:
     """Return the report of a finished proof's folder; raises InputError."""
     folder = Folder.open(path)
-    problem, written = folder.problem, Written.of(folder)
+    problem, written = folder.problem, WrittenSummary.of(folder)
     groups = {group: folder.cells(group) for group in problem.groups}
-    flown, faults = flights_again(folder, written)
-    follows = what_follows(problem, groups, written, flown)
+    flown, faults = fly_again(folder, written)
+    follows = recompute(problem, groups, written, flown)
     for fault in (*faults, *follows.faults):
         raise InputError(f'{path}: {fault}')
     claims = follows.claims
@@ -40,7 +41,7 @@ def report_of(path: Path) -> Report:
             if claim.limit > 0.0 and 'planar' in groups
         ]
         if problem.settings.axes_apart:
-            pictures = proof_apart.pictures_of(problem, groups)
+            pictures = _per_axis_pictures(problem, groups)
     verdicts = [claim.verdict for claim in claims]
     counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
     files_of = tuple(File(name, content) for name, content in zip(TEXTS, folder.texts, strict=True))
@@ -57,7 +58,7 @@ def report_of(path: Path) -> Report:
                     _table(claims),
                     *_refuted(folder, claims),
                     _ranges(follows.ranges),
-                    _rest(written.rest),
+                    _rest(written.omega),
                     *(Text(origin) for origin in origins(folder)),
                 ),
             ),
@@ -100,16 +101,16 @@ def _ranges(ranges: Mapping[str, Range]) -> Table:
     return Table('What no flight leaves, if the cells are right.', ('', 'from', 'to'), rows)
 
 
-def _rest(rest: Rest | None) -> Text:
-    if rest is None:
-        return Text('No set of rest was found: nothing is proven for ever.')
+def _rest(omega: InvariantSet | None) -> Text:
+    if omega is None:
+        return Text('No invariant set was found: nothing is proven for ever.')
     return Text(
-        f'Set of rest, on each axis: |r| ≤ {rest.radius_m:g} m and |v + {rest.rate:g}/s r| ≤ '
-        f'{rest.speed_m_s:g} m/s. `rpo prove --check` shows that a tick maps it into itself.'
+        f'Invariant set, on each axis: |r| ≤ {omega.radius_m:g} m and |v + {omega.rate:g}/s r| ≤ '
+        f'{omega.speed_m_s:g} m/s. `rpo prove --check` shows that a tick maps it into itself.'
     )
 
 
-def _margins(folder: Folder, groups: dict[str, Found], claim: Claim) -> Picture:
+def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Picture:
     """Return the x-y plane of starts, coloured by bound beside limit."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
@@ -130,3 +131,80 @@ def _margins(folder: Folder, groups: dict[str, Found], claim: Claim) -> Picture:
         f'The worst cell is about ({place}).',
         f'{claim.open_cells} of {len(shares)} cells exceed the limit.',
     )
+
+
+_BEFORE_S = 50.0
+"""The second row of pictures begins so long before the time of hold."""
+
+
+def _per_axis_pictures(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Picture]:
+    """Return the pictures; groups : in the order in which they are proven."""
+    return [_reach(problem, groups), *_constants(problem, groups)]
+
+
+def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
+    """Return the position that no flight leaves, over time, and near the target."""
+    limit, dt = problem.hold_error_m, problem.scenario.dt_s
+    hold_s = problem.hold_tick * dt
+    figure, rows = style.new_panels(5.6, 2, 3)
+    for column, group in enumerate(sorted(groups)):
+        axis = PER_AXIS[group][0]
+        reach = groups[group].reach[:, :, 0]
+        low, high = np.where(np.isfinite(reach), reach, np.nan)
+        times = dt * np.arange(len(low))
+        for axes in rows[:, column]:
+            axes.fill_between(times, low, high, color=style.AXES[axis], linewidth=0.0)
+            for side in (-limit, limit):
+                axes.plot([hold_s, times[-1]], [side, side], **style.LIMIT)
+        near = rows[1, column]
+        near.set(xlabel='time [s]', xlim=(max(0.0, hold_s - _BEFORE_S), times[-1]))
+        near.set(ylim=(-3.0 * limit, 3.0 * limit))
+        rows[0, column].set(title=style.AXIS_NAMES[axis])
+    for axes in rows[:, 0]:
+        axes.set_ylabel('position [m]')
+    return Picture(
+        'reach',
+        figure,
+        'No flight leaves the bands, whatever its start, disturbance and mass. Below: near the '
+        'target, with the limit of the error.',
+        'Bands of position over time, of each axis.',
+    )
+
+
+def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Picture]:
+    """Return the planes of cosine and sine of each axis's harmonic, by bound of the error."""
+    planes, names = [], []
+    for group in sorted(groups):
+        place = _place(problem, group)
+        found = groups[group].flown
+        if place is None or not len(found.values):
+            continue
+        chosen = slice(place, place + 2)
+        low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
+        a = plane.points(0.0, 1.0)
+        shares = found.column('hold_error_m') / problem.hold_error_m
+        planes.append((a, a, plane.greatest(a, a, low, high, shares).T))
+        names.append(style.AXIS_NAMES[PER_AXIS[group][0]])
+    if not planes:
+        return []
+    figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
+    plane.draw(figure, every, planes)
+    for axes, name in zip(every, names, strict=True):
+        axes.set(title=name, xlabel='share of the cosine')
+    every[0].set_ylabel('share of the sine')
+    return [
+        Picture(
+            'constants',
+            figure,
+            'The harmonic of each axis: a cos ωt + b sin ωt, within the unit circle of (a, b). The '
+            'greatest bound of the error of any cell, whatever the start, offset and mass.',
+            'Planes of unknown constants, coloured by bound beside limit.',
+        )
+    ]
+
+
+def _place(problem: Problem, group: str) -> int | None:
+    """Return which number of a cell is the first constant of a harmonic; None: there is none."""
+    waves = problem.waves(PER_AXIS[group][0])
+    kinds = [isinstance(wave, Harmonic) for wave in waves]
+    return len(PER_AXIS[group]) + kinds.index(True) if any(kinds) else None

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
 from rpo_core.judge import metrics
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
 from rpo_log.show import style
 from rpo_log.show.report import by_axis, limit_lines
 from rpo_report.approach import circle, great_circles
@@ -39,7 +39,7 @@ class Drawn(NamedTuple):
     note : ' (aid)' where it is none of the scenario's
     """
 
-    zones: Sequence[Zones]
+    zones: Sequence[Zone]
     note: str = ''
 
 

@@ -257,7 +257,7 @@ def changed(law, **changes):
         (PACE, {'forces_n': [[1.0] * 9] * 7}, r'`forces_n\[0\]` must end with minus its first'),
         (PACE, {'forces_n': 3}, '`forces_n` must be 7 rows of 9 numbers; got 3'),
         (PACE, {'lead_s': -1}, '`lead_s` must be'),
-        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 6 ascending numbers'),
+        (MORE, {'speed_peaks_m_s': [0.2, 0.1]}, '`speed_peaks_m_s` must be 5 ascending numbers'),
         (MORE, {'forces_n': [[1.0] * 9] * 6}, '`forces_n` must be 6 rows of 8 numbers'),
         (MORE, {'damping_n_s_m': 0}, '`damping_n_s_m` must be'),
         (TO_GO, {'rules': []}, '`rules` must be one for each of long, medium'),
@@ -275,7 +275,7 @@ def test_peaks_that_do_not_descend_and_other_ticks_are_refused():
         replace(TO_GO, rules=tuple(rules))
     with pytest.raises(InputError, match=r'counts ticks of 0\.1 s; the scenario has 0\.05 s'):
         TO_GO.stage(0.05)
-    with pytest.raises(InputError, match='`family` must be one of pace, more_words, time_to_go'):
+    with pytest.raises(InputError, match='`family` must be one of more_words, pace, time_to_go'):
         family_of('mpc')
 
 

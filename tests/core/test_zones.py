@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Zones as views draw them: those of the sections, in planes and in space."""
+"""Section `zones`, beside files from before it; zones as views draw them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,69 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from rpo_core import files
+from rpo_core.files import scenario
 from rpo_core.files.scenario import load_scenario
-from rpo_core.judge.zones import Corridor, Zones, zones_of
+from rpo_core.files.validation import InputError
+from rpo_core.judge.zones import Cone, Zone, zones_of
 from rpo_guidance.plan import Guidance
+from rpo_safety.settings import Assurance
+
+OLD = {
+    'around': """
+guidance:
+  keep_out_m: 10.0
+  margin_m: 3.0
+  port_m: [0.0, 1.0, 0.0]
+  corridor: {axis: [0.0, 1.0, 0.0], half_angle_deg: 10.0, from_m: 13.0}
+  legs:
+    - {name: to_the_port, kind: transfer, to_m: [0.0, 1.0, 0.0],
+       arrive_m_s: [0.0, -0.07, 0.0], duration_s: 600.0, corridor_s: 120.0}
+  retreat_m: [0.0, 40.0, 0.0]
+""",
+    'assured': """
+assurance:
+  filter: least_change
+  speed: sqrt
+  keep_out_m: 10.0
+  corridor: {along: "+y", half_angle_deg: 10.0, port_m: 1.0, outer_m: 20.0}
+  disturbance_n: 0.05
+  thrust_error: 0.05
+""",
+    'docking': """
+guidance:
+  keep_out_m: 10.0
+  margin_m: 3.0
+  port_m: [0.0, 1.0, 0.0]
+  corridor: {axis: [0.0, 1.0, 0.0], half_angle_deg: 10.0, from_m: 13.0}
+  legs:
+    - {name: to_the_port, kind: transfer, to_m: [0.0, 1.0, 0.0],
+       arrive_m_s: [0.0, -0.075, 0.0], duration_s: 600.0, corridor_s: 120.0}
+  retreat_m: [0.0, 40.0, 0.0]
+  past_port_m: 0.3
+assurance:
+  filter: least_change
+  speed: sqrt
+  keep_out_m: 10.0
+  corridor: {along: "+y", half_angle_deg: 10.0, port_m: 1.0, outer_m: 20.0,
+    width_m: 0.2, lateral_m_s: 0.034}
+  position_error_m: 0.1
+  velocity_error_m_s: 0.004
+  disturbance_n: 0.001
+  thrust_error: 0.2
+  domain_m: 250.0
+requirements:
+  contact_range_m: 0.1
+  contact_axis: "+y"
+  contact_least_closing_speed_m_s: 0.05
+  contact_closing_speed_m_s: 0.1
+  contact_lateral_speed_m_s: 0.04
+  keep_out_m: 10.0
+  corridor_half_angle_deg: 10.0
+  keep_out_depth_m: 0.0
+""",
+}  # fmt: skip
+"""Sections of shipped scenarios as files had them before section `zones`."""
 
 near = st.floats(-50.0, 50.0)
 directions = st.tuples(near, near, near).filter(lambda v: math.hypot(*v) > 1.0)
@@ -22,7 +82,7 @@ directions = st.tuples(near, near, near).filter(lambda v: math.hypot(*v) > 1.0)
 
 def corridor_along(axis, slope=0.2, half_width=0.3):
     size = math.hypot(*axis)
-    return Corridor((1.0, 2.0, 3.0), tuple(a / size for a in axis), slope, 19.0, half_width)
+    return Cone((1.0, 2.0, 3.0), tuple(a / size for a in axis), slope, 19.0, half_width)
 
 
 def test_scenarios_say_what_is_about_their_target():
@@ -32,12 +92,56 @@ def test_scenarios_say_what_is_about_their_target():
     assert plan.points_m == {
         'hold_60': (0.0, 60.0, 0.0), 'hold_20': (0.0, 20.0, 0.0), 'retreat': (0.0, 60.0, 0.0),
     }  # fmt: skip
-    (assured,) = zones_of(load_scenario('assured'))
+    _, assured = zones_of(load_scenario('assured'))
     # a square of half-width W lies in the circle of the cone where its corners do
     cone, tip = math.tan(math.radians(10.0)), assured.corridor.half_width_m
     for along in (0.0, 5.0, 19.0):
         corner = math.sqrt(2.0) * (tip + assured.corridor.slope * along)
         assert corner == pytest.approx(math.sqrt(2.0) * tip + cone * along)
+
+
+def document(name):
+    return files.parse_yaml(files.read_text(files.find('scenario', name)))
+
+
+@pytest.mark.parametrize('name', OLD)
+def test_a_file_without_the_section_means_the_same(name):
+    old = {**document(name), **files.parse_yaml(OLD[name])}
+    del old['zones']
+    found, expected = scenario.parse(old), load_scenario(name)
+    assert found.zones is None and expected.zones is not None
+    assert found == expected and found.requirements == expected.requirements
+
+
+@pytest.mark.parametrize('name', OLD)
+def test_zones_are_written_once(name):
+    expected = load_scenario(name)
+    text = scenario.dumps(expected)
+    for field in (' keep_out_m:', ' half_angle_deg:', ' port_m:'):
+        assert text.count(field) == 1
+    found = scenario.parse(files.parse_yaml(text))
+    assert found == expected and found.zones == expected.zones
+    assert found.requirements == expected.requirements
+
+
+def test_a_section_may_differ_from_the_zones():
+    data = document('docking')
+    data['zones']['keep_out_m'] = 11.0
+    data['assurance']['keep_out_m'] = 9.0
+    found = scenario.parse(data)
+    assert found.section(Guidance).keep_out_m == found.requirements.keep_out_m == 11.0
+    assert found.section(Guidance).corridor.from_m == 13.0 < found.zones.corridor.from_m
+    assert found.section(Assurance).keep_out_m == 9.0
+
+
+@pytest.mark.parametrize(
+    'changes', [{'axis': [0.0, 1.0, 1.0]}, {'from_m': 0.0}, {'axis': [1.0, 0.0, 0.0]}]
+)
+def test_assurance_needs_a_corridor_along_an_axis_through_the_target(changes):
+    data = document('assured')
+    data['zones']['corridor'].update(changes)
+    with pytest.raises(InputError, match=r'needs a `zones\.corridor`'):
+        scenario.parse(data)
 
 
 @given(directions, st.floats(0.0, 19.0), st.floats(0.0, 2.0 * math.pi), st.floats(0.0, 2.0))
@@ -77,16 +181,18 @@ def test_edges_hold_the_whole_cone_of_a_plane_that_holds_its_axis(axis, plane):
 
 
 @given(st.tuples(near, near, near))
-def test_outside_agrees_with_guidance(position):
-    settings = load_scenario('around').section(Guidance)
-    (zones,) = zones_of(load_scenario('around'))
-    expected = settings.corridor.outside_m(position, settings.port_m)
-    assert zones.corridor.outside_m(position) == pytest.approx(expected, abs=1e-9)
+def test_outside_agrees_with_angles(position):
+    """Beside trigonometry: outside of a cone of 10 degrees, measured across its axis."""
+    settings = load_scenario('around').zones
+    x, y, z = position
+    expected = math.hypot(x, z) - (y - 1.0) * math.tan(math.radians(10.0))
+    found = settings.corridor.cone(settings.port_m).outside_m(position)
+    assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_violates_a_zone():
-    zones = Zones(10.0, Corridor((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.2, 19.0))
+    zones = Zone(10.0, Cone((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.2, 19.0))
     inside = [(0.0, 5.0, 0.0), (0.5, 5.0, 0.0), (0.0, 11.0, 9.0)]
     outside = [(0.0, -5.0, 0.0), (1.0, 5.0, 0.0), (0.0, 0.5, 0.0)]
     assert not any(map(zones.violated, inside)) and all(map(zones.violated, outside))
-    assert not any(map(Zones().violated, itertools.chain(inside, outside)))
+    assert not any(map(Zone().violated, itertools.chain(inside, outside)))

@@ -10,7 +10,7 @@ import pytest
 from rpo_core import kernels
 from rpo_core.world import cw
 from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle
-from rpo_guidance.transfers import Zones
+from rpo_guidance.transfers import Limits
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))
@@ -18,7 +18,7 @@ REST = (0.0, -60.0, 0.0, 0.0, 0.0, 0.0)
 
 LEGS = {
     'transfer': lambda: Transferring(
-        REST, (0.0, 20.0, 0.0, 0.0, 0.0, 0.0), VEHICLE, 200.0, Zones(13.0)
+        REST, (0.0, 20.0, 0.0, 0.0, 0.0, 0.0), VEHICLE, 200.0, Limits(13.0)
     ),
     'straight': lambda: Straight(REST, (10.0, -20.0, 5.0), VEHICLE, 0.3, 0.0),
     'around': lambda: FlyingAround(REST, (0.0, 40.0, 0.0), VEHICLE, 0.5),

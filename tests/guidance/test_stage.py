@@ -160,10 +160,10 @@ def test_after_an_abort_the_drift_leads_away_for_two_orbits(around):
             'must keep out of the sphere of `keep_out_m` = 10 m but for',
         ),
         (
-            lambda g: g['corridor'].update(axis=[0.0, 1e-300, 0.0]),
+            lambda g: g.update(corridor={'axis': [0.0, 1e-300, 0.0]}),
             '`axis` must be at least 1e-06 long',
         ),
-        (lambda g: g['corridor'].update(from_m=0.0), '`corridor_s` of leg to_the_port needs'),
+        (lambda g: g.update(corridor={'from_m': 0.0}), '`corridor_s` of leg to_the_port needs'),
         (lambda g: g['legs'][0].update(speed_m_s=1.0), '`speed_m_s` needs a leg of kind'),
         (lambda g: g['legs'][0].pop('to_m'), '`to_m` is missing'),
         (lambda g: g['legs'].append(g['legs'][0]), 'to_the_port is there twice'),

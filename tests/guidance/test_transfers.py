@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from rpo_core.world import cw
 from rpo_guidance import transfer_kernels, transfers
-from rpo_guidance.transfers import Zones
+from rpo_guidance.transfers import Limits
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 STEP = cw.discretise(N_RAD_S, 10.0, 4.0)
@@ -61,7 +61,7 @@ def test_with_ease_force_is_dearer_where_it_ends():
 def test_around_the_sphere_it_costs_no_more_than_the_best_that_slsqp_finds(start):
     """Each of few segments; SLSQP starts from our path, and finds nothing better than 1 %."""
     step, segments, radius = cw.discretise(N_RAD_S, 10.0, 20.0), 20, 13.0
-    found = transfers.least_energy(start, GATE, step, segments, Zones(radius))
+    found = transfers.least_energy(start, GATE, step, segments, Limits(radius))
     assert found.violated_m <= transfers.SLACK_M
     a, b = cw.matrices(step)
 
@@ -97,7 +97,7 @@ def test_from_anywhere_around_it_keeps_out(seed):
         direction = rng.normal(size=3)
         position = direction / np.linalg.norm(direction) * rng.uniform(50.0, 200.0)
         start = (*position.tolist(), *rng.uniform(-0.1, 0.1, 3).tolist())
-        found = transfers.least_energy(start, GATE, STEP, 100, Zones(13.0))
+        found = transfers.least_energy(start, GATE, STEP, 100, Limits(13.0))
         assert np.linalg.norm(found.states[:, :3], axis=1).min() >= 12.99
         np.testing.assert_allclose(found.states[-1], GATE, atol=1e-6)
 
@@ -105,7 +105,7 @@ def test_from_anywhere_around_it_keeps_out(seed):
 @pytest.mark.parametrize('seed', range(3))
 def test_from_anywhere_it_enters_by_the_corridor(seed):
     rng, slope, port = np.random.default_rng(seed), np.tan(np.radians(7.0)), (0.0, 1.0, 0.0)
-    zones = Zones(13.0, 110, port, (0.0, 1.0, 0.0), slope, 19.0)
+    zones = Limits(13.0, 110, port, (0.0, 1.0, 0.0), slope, 19.0)
     for _ in range(5):
         direction = rng.normal(size=3)
         position = direction / np.linalg.norm(direction) * rng.uniform(50.0, 200.0)
@@ -120,7 +120,7 @@ def test_from_anywhere_it_enters_by_the_corridor(seed):
 
 def test_through_the_centre_it_passes_below():
     start = (0.0, -100.0, 0.0, 0.0, 0.0, 0.0)
-    found = transfers.least_energy(start, (0.0, 100.0, 0.0, 0.0, 0.0, 0.0), STEP, 100, Zones(13.0))
+    found = transfers.least_energy(start, (0.0, 100.0, 0.0, 0.0, 0.0, 0.0), STEP, 100, Limits(13.0))
     nearest = int(np.linalg.norm(found.states[:, :3], axis=1).argmin())
     assert found.violated_m <= transfers.SLACK_M
     assert abs(found.states[nearest, 2]) < 1e-6  # it stays in the plane of the orbit

@@ -11,6 +11,7 @@ from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
 from rpo_core.control.controller import load_controller
 from rpo_core.wire import cdr
+from rpo_core.wire.statuses import numbers_text
 from rpo_log.read.run_log import read_flight
 from rpo_log.read.stream import RunReader
 from rpo_log.tools.diff import diff
@@ -38,6 +39,7 @@ class FreeRun:
         law = load_controller('handmade')
         self.messages: list[tuple[str, int, bytes]] = []
         self.applied: list[tuple[float, float, float]] = []
+        self.taken: list[dict[str, str]] = []
         for tick in range(self.scenario.ticks + 1):
             state = self.plant.state
             force = law.force_n(state[:3], state[3:])
@@ -48,6 +50,8 @@ class FreeRun:
                 self.plant.answer('control_force', self.plant.stamp_ns, force)
             logged = not lost or chance.random() < 0.5  # the recorder may have what the plant lacks
             self._say(tick, state, force if logged else None, disturbance)
+            answers = {'control_force': () if lost else force, 'disturbance_force': disturbance}
+            self.taken.append({name: numbers_text(found) for name, found in answers.items()})
             if tick < self.scenario.ticks:
                 self.plant.advance()
 
@@ -76,6 +80,10 @@ class FreeRun:
         writer = RunLogWriter(folder, self.run.base, names, attached, **options)
         for name, tick, data in self.messages:
             writer.write(name, tick, change(name, tick, data) if change else data)
+            if tick >= STALE_AFTER:  # no answer to an older state can act any more
+                writer.report(tick - STALE_AFTER, self.taken[tick - STALE_AFTER])
+        for tick in range(len(self.taken) - STALE_AFTER, len(self.taken)):
+            writer.report(tick, self.taken[tick])
         return writer.close()
 
 
@@ -173,7 +181,7 @@ def test_of_two_answers_the_one_that_was_applied_is_logged(tmp_path):
             other = cdr.encode_wrench(cdr.stamp_ns(data), 'target_lvlh', (0.4, -0.4, 0.4))
             messages.insert(len(messages) - chance.randrange(2), (name, tick, other))
     free.messages = messages
-    summary = free.write(tmp_path / 'b', scenario=free.scenario)
+    summary = free.write(tmp_path / 'b')
     assert summary.whole, summary.sentence()
     assert summary.ignored[FORCE] > 250
     runs = [(tmp_path / name / 'run.mcap').read_bytes() for name in 'ab']

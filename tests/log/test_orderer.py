@@ -4,14 +4,21 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_log.write.orderer import TickOrderer
-from rpo_log.write.tick_messages import REORDER, WINDOW
+from rpo_log.write import orderer
+from rpo_log.write.orderer import HOLD, LINE, MOST_MESSAGES, NOTHING, REORDER, WINDOW, TickOrderer
 
 QUICK = settings(max_examples=150, deadline=None, derandomize=True, database=None)
 EVENT = 2
+
+
+def read(index: int, data: bytes) -> tuple[str, bool]:
+    """The numbers of a message are its text up to a `+`, behind which it holds something else."""
+    numbers, more, _ = data.decode().partition('+')
+    return numbers, not more
 
 
 class Listener:
@@ -19,7 +26,7 @@ class Listener:
 
     def __init__(self) -> None:
         self.out: list[tuple[int, tuple[bytes | None, ...]]] = []
-        self.orderer = TickOrderer(3, frozenset({EVENT}), EVENT, self.hear)
+        self.orderer = TickOrderer(3, frozenset({EVENT}), EVENT, self.hear, read=read)
 
     def hear(self, tick: int, messages: list[tuple[int, bytes]]) -> None:
         found = dict(messages)
@@ -27,6 +34,11 @@ class Listener:
 
     def say(self, index: int, tick: int, text: str = '') -> None:
         self.orderer.add(index, tick, (text or f'{index} at {tick}').encode())
+
+    def report(self, tick: int, *texts: str) -> None:
+        """Say what the plant published and took at a tick, of topics 0 and 1."""
+        found = texts or (f'0 at {tick}', f'1 at {tick}')
+        self.orderer.report(tick, dict(enumerate(found)))
 
     @property
     def ticks(self) -> list[int]:
@@ -123,7 +135,7 @@ def test_a_silent_topic_holds_the_others_for_one_window_only():
     assert heard.orderer.counts[1].missing == WINDOW + 2
 
 
-def test_late_and_contradicting_messages_change_nothing():
+def test_late_and_different_messages_change_nothing():
     heard = begun()
     for tick in range(1, 9):
         heard.say(0, tick)
@@ -133,6 +145,7 @@ def test_late_and_contradicting_messages_change_nothing():
     heard.say(1, 2)  # given up already
     heard.say(0, 8, 'other')  # waits no more: 8 is complete and gone
     heard.say(0, 3)  # again, the same
+    heard.orderer.close(last_tick=100)
     assert heard.out == before
     counts = heard.orderer.counts
     assert counts[1].late == 1
@@ -164,23 +177,6 @@ def test_the_answers_to_the_last_state_are_owed_only_at_the_end_of_all():
     assert aborted.out[-1] == finished.out[-1] == (4, (b'0 at 4', None, None))
 
 
-def test_what_is_stamped_ahead_moves_nothing():
-    heard = begun()
-    for tick in (1, 2, 3, 4, 900, WINDOW - 1):
-        heard.say(1, tick, 'not yet')
-    for tick in (WINDOW - 1, 500, 900):
-        heard.say(0, tick, 'not the plant')
-    for tick in range(1, 30):
-        heard.say(0, tick)
-        heard.say(1, tick)
-    heard.orderer.end(29)
-    heard.orderer.close(last_tick=29)
-    assert heard.out[1:] == [(t, (b'0 at %d' % t, b'1 at %d' % t, None)) for t in range(1, 30)]
-    counts = heard.orderer.counts
-    assert not any(c.missing or c.late for c in counts)
-    assert (counts[0].ignored, counts[1].ignored) == (3, 2)
-
-
 def test_a_hole_in_the_states_is_passed_once_they_follow_each_other():
     heard = begun()
     for tick in range(1, 40):
@@ -204,31 +200,415 @@ def test_a_hostile_state_far_ahead_costs_no_time_and_no_memory():
     assert heard.ticks == list(range(100))
 
 
-def test_a_message_far_ahead_gives_way_to_one_that_comes_near_its_state():
-    """A forged one said tick 5000 at tick 0; the real one too came a moment before its state."""
+def test_what_is_stamped_ahead_moves_nothing():
     heard = begun()
-    heard.say(1, 2 * WINDOW, 'forged')
-    heard.say(1, 2 * WINDOW, 'forged too')
-    for tick in range(1, 2 * WINDOW + 20):
-        heard.say(1, tick)
-        heard.say(0, tick)
-    heard.orderer.end(2 * WINDOW + 19)
-    heard.orderer.close(last_tick=2 * WINDOW + 19)
-    assert heard.ticks == list(range(2 * WINDOW + 20))
-    assert all(found[:2] == (b'0 at %d' % t, b'1 at %d' % t) for t, found in heard.out)
-    assert heard.orderer.counts[1].ignored == 2
-    assert heard.orderer.counts[1].conflicts == 0
-
-
-def test_a_message_that_came_a_little_early_does_not_give_way_to_a_late_one():
-    """A forged one had the numbers of five ticks after; the real one was heard before its state."""
-    heard = begun()
-    heard.orderer.wary = True
+    for tick in (1, 2, 3, 4, WINDOW - 1, 900):
+        heard.say(1, tick, 'not yet')
+    for tick in (WINDOW - 1, 500, 900):
+        heard.say(0, tick, 'not the plant')
     for tick in range(1, 30):
-        heard.say(1, tick)
         heard.say(0, tick)
-        if tick > 6:
-            heard.say(1, tick - 5, 'forged')
+        heard.say(1, tick)
+        heard.report(tick)
     heard.orderer.end(29)
     heard.orderer.close(last_tick=29)
-    assert all(found[1] == b'1 at %d' % t for t, found in heard.out)
+    assert heard.out[1:] == [(t, (b'0 at %d' % t, b'1 at %d' % t, None)) for t in range(1, 30)]
+    counts = heard.orderer.counts
+    assert not any(c.missing or c.late or c.conflicts for c in counts)
+    assert (counts[0].ignored, counts[1].ignored) == (3, 6)
+
+
+def test_an_orderer_waits_for_another_message_where_one_came_before_its_state():
+    heard = begun()
+    heard.say(1, 1, 'early')
+    heard.say(0, 1)
+    for tick in range(2, HOLD + 1):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    assert heard.ticks == [0] and heard.orderer.asks_from is None
+    heard.say(0, HOLD + 1)
+    assert heard.ticks == list(range(HOLD + 1))
+    ended = begun()
+    ended.say(1, 1, 'early')
+    ended.say(0, 1)
+    assert ended.ticks == [0]
+    ended.orderer.end(1)  # nothing follows
+    assert ended.ticks == [0, 1]
+
+
+# What the plant reports of tick 1, and which of two messages of topic 1 is let go: 'a', which came
+# first, or 'b'; and what is counted of the other.
+REPORTS = {
+    'the first': ('a', 'a', (1, 0)),
+    'the second': ('b', 'b', (1, 0)),
+    'another one': ('c', 'a', (0, 1)),
+    'nothing was taken': (NOTHING, 'a', (1, 0)),
+}
+
+
+@pytest.mark.parametrize('case', REPORTS)
+def test_of_two_messages_the_one_that_the_plant_took_is_let_go(case):
+    numbers, kept, counted = REPORTS[case]
+    heard = begun()
+    heard.say(0, 1)
+    assert heard.orderer.asks_from is None
+    heard.say(0, 2)
+    heard.say(1, 2)
+    heard.say(1, 1, 'a')
+    assert heard.ticks == [0, 1, 2] and heard.orderer.asks_from is None
+    heard.say(1, 3, 'a')
+    heard.say(1, 3, 'b')
+    heard.say(0, 3)
+    heard.say(1, 3, 'a')  # again
+    heard.say(0, 4)
+    heard.say(1, 4)
+    assert heard.ticks == [0, 1, 2] and heard.orderer.asks_from == 3
+    assert heard.orderer.latest == 3  # a state leads once the plant has passed the one before
+    heard.report(3, '0 at 3', numbers)
+    assert heard.ticks[3:] == ([] if counted[1] else [3])  # another one may still come
+    for tick in range(4, 8):
+        heard.say(0, tick)
+        heard.say(1, tick)
+        heard.report(tick)
+        assert heard.ticks[-1] == (tick if not counted[1] or tick >= 3 + REORDER else 2)
+    assert heard.out[3] == (3, (b'0 at 3', kept.encode(), None))
+    count = heard.orderer.counts[1]
+    assert (count.ignored, count.conflicts) == counted
+    assert count.first_conflict == (3 if counted[1] else None)
+
+
+def test_one_message_that_the_plant_did_not_take_waits_for_the_other():
+    heard = begun()
+    heard.orderer.ask(1)
+    heard.say(0, 1)
+    heard.say(1, 1, 'forged')
+    heard.report(1)
+    assert heard.ticks == [0]
+    heard.say(1, 1)
+    assert heard.out[1:] == [(1, (b'0 at 1', b'1 at 1', None))]
+    heard.say(0, 2)
+    heard.say(1, 2, 'forged')
+    heard.report(2)
+    heard.orderer.close(last_tick=2)
+    assert heard.out[-1] == (2, (b'0 at 2', b'forged', None))
+    assert (heard.orderer.counts[1].ignored, heard.orderer.counts[1].conflicts) == (1, 1)
+
+
+def contested(tick: int = 1) -> Listener:
+    """Two messages of topic 1 at a tick differ."""
+    heard = begun()
+    for before in range(1, tick):
+        heard.say(0, before)
+        heard.say(1, before)
+    for text in ('a', 'b'):
+        heard.say(1, tick, text)
+    heard.say(0, tick)
+    return heard
+
+
+def test_a_report_may_come_before_the_messages_and_twice():
+    heard = begun()
+    for _ in range(2):
+        heard.report(1, '0 at 1', 'b')
+    for text in ('a', 'b'):
+        heard.say(1, 1, text)
+    heard.say(0, 1)
+    assert heard.out[1] == (1, (b'0 at 1', b'b', None))
+
+
+def test_two_reports_that_differ_say_nothing():
+    heard = contested()
+    heard.report(2, '0 at 2', 'a')  # of another tick
+    heard.report(2, '0 at 2', 'b')
+    assert heard.ticks == [0]
+    for text in ('a', 'b'):
+        heard.say(1, 2, text)
+    heard.say(0, 2)
+    heard.report(1, '0 at 1', 'b')
+    assert heard.out[1:] == [(1, (b'0 at 1', b'b', None)), (2, (b'0 at 2', b'a', None))]
+    assert [c.conflicts for c in heard.orderer.counts] == [0, 1, 0]
+
+
+def test_without_a_report_ticks_wait_for_one_window_and_have_a_conflict():
+    heard = contested()
+    for tick in range(2, WINDOW + 1):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    assert heard.ticks == [0]
+    heard.say(0, WINDOW + 1)
+    assert heard.orderer.latest == 2  # a whole window of states came
+    for tick in range(WINDOW + 1, 3 * WINDOW):
+        heard.say(0, tick + 1)
+        heard.say(1, tick)
+    assert heard.ticks[:2] == [0, 1]
+    heard.orderer.close(last_tick=3 * WINDOW)
+    assert heard.ticks == list(range(3 * WINDOW + 1))
+    assert heard.orderer.counts[1].conflicts == 1
+    assert heard.out[1] == (1, (b'0 at 1', b'a', None))
+
+
+def test_a_window_of_states_without_reports_lets_a_tick_go():
+    heard = contested()
+    for tick in range(2, 2 * WINDOW):
+        heard.say(0, tick)
+        heard.say(1, tick)
+        # at tick + 1 - WINDOW the newest state leads, which is a window behind the newest of all
+        assert heard.orderer.latest == max(1, tick + 1 - WINDOW)
+        assert heard.ticks == list(range(max(1, heard.orderer.latest + 1 - WINDOW)))
+
+
+def test_ticks_before_the_question_wait_for_no_report():
+    heard = begun()
+    for text in ('a', 'b'):
+        heard.say(1, 5, text)
+    assert heard.orderer.asks_from == 5
+    for tick in range(1, 7):
+        heard.say(0, tick)
+        if tick != 5:
+            heard.say(1, tick)
+    assert heard.ticks == [0, 1, 2, 3, 4] and heard.orderer.latest == 5
+    heard.report(5, '0 at 5', 'a')
+    assert heard.ticks[-1] == 5 and heard.orderer.latest == 6
+
+
+def test_a_forged_line_of_states_moves_nothing_while_the_plant_is_asked():
+    heard = contested()
+    for tick in range(2, WINDOW):
+        heard.say(0, tick, 'forged')
+    assert heard.orderer.latest == 1
+    for tick in range(1, 30):
+        if tick > 1:
+            heard.say(1, tick)
+            heard.say(0, tick)
+        heard.report(tick, f'0 at {tick}', 'a' if tick == 1 else f'1 at {tick}')
+    assert heard.ticks == list(range(30))
+    assert all(found[0] == b'0 at %d' % t for t, found in heard.out)
+    assert heard.orderer.counts[0].ignored == 28
+
+
+# A message of a tick that is written, what the plant reports, and what is counted.
+WRITTEN = {
+    'the other was taken': ('b', '1 at 3', (1, 0)),
+    'this one was taken': ('b', 'b', (0, 1)),
+    'none was taken': ('b', NOTHING, (1, 0)),
+    'no report': ('b', None, (0, 1)),
+    'the same numbers': ('1 at 3+more', '1 at 3', (1, 0)),
+    'the same numbers, no report': ('1 at 3+more', None, (1, 0)),
+}
+
+
+@pytest.mark.parametrize('case', WRITTEN)
+@pytest.mark.parametrize('first', ['message', 'report'])
+def test_a_different_message_of_a_tick_that_is_written(case, first):
+    text, numbers, counted = WRITTEN[case]
+    heard = begun()
+    for tick in range(1, 6):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    before = list(heard.out)
+    steps = [lambda: heard.say(1, 3, text)]
+    if numbers is not None:
+        steps.append(lambda: heard.report(3, '0 at 3', numbers))
+    for step in steps if first == 'message' else reversed(steps):
+        step()
+    assert heard.orderer.asks_from == 3
+    heard.orderer.close(last_tick=5)
+    count = heard.orderer.counts[1]
+    assert heard.out == before
+    assert (count.ignored, count.conflicts) == counted
+
+
+def test_of_messages_with_the_same_numbers_the_one_with_nothing_else_is_let_go():
+    for texts in (('a+x', 'a', 'a+y'), ('a', 'a+x', 'a+y')):
+        for numbers in (['a'], []):  # the plant says nothing of what it does not take
+            heard = begun()
+            for text in texts:
+                heard.say(1, 1, text)
+            heard.say(0, 1)
+            heard.report(1, '0 at 1', *numbers)
+            assert heard.out[1] == (1, (b'0 at 1', b'a', None))
+            assert heard.orderer.counts[1].ignored == 2
+
+
+def test_how_many_different_messages_are_kept():
+    for number, conflicts in ((MOST_MESSAGES, 0), (MOST_MESSAGES + 1, MOST_MESSAGES - 1)):
+        heard = begun()
+        for turn in range(number):
+            heard.say(1, 1, f'of {turn}')
+        heard.say(0, 1)
+        heard.report(1, '0 at 1', f'of {number - 1}')
+        heard.orderer.close(last_tick=1)
+        assert heard.orderer.counts[1].conflicts == conflicts
+        assert heard.orderer.counts[1].ignored == (1 if conflicts else MOST_MESSAGES - 1)
+
+
+def flown(last: int) -> Listener:
+    heard = begun()
+    for tick in range(1, last + 1):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    assert heard.orderer.next_tick == last + 1
+    return heard
+
+
+def test_messages_are_compared_with_those_of_one_window():
+    heard = flown(3 * WINDOW)
+    oldest = heard.orderer.next_tick - WINDOW
+    heard.say(1, oldest - 1, 'other')
+    assert heard.orderer.counts[1].ignored == 1 and heard.orderer.asks_from is None
+    heard.say(1, oldest, 'other')
+    assert heard.orderer.asks_from == oldest
+    heard.report(oldest)
+    assert heard.orderer.counts[1].ignored == 2
+    heard.say(1, oldest + 1, 'other')
+    heard.report(3 * WINDOW)
+    heard.say(0, 3 * WINDOW + 1)
+    heard.say(1, 3 * WINDOW + 1)
+    heard.report(3 * WINDOW + 1)
+    assert heard.orderer.counts[1].conflicts == 0
+    heard.say(0, 3 * WINDOW + 2)
+    heard.say(1, 3 * WINDOW + 2)
+    heard.report(3 * WINDOW + 2)  # now it is too old to be compared any more
+    assert heard.orderer.counts[1].conflicts == 1
+    assert heard.orderer.counts[1].first_conflict == oldest + 1
+    heard.report(oldest + 1)
+    assert heard.orderer.counts[1].conflicts == 1
+
+
+def test_a_late_message_of_a_hole_is_late_however_old():
+    heard = begun()
+    for tick in range(1, 3 * WINDOW):
+        heard.say(0, tick)
+        if tick != 4:
+            heard.say(1, tick)
+    heard.say(1, 4)
+    heard.say(1, 5)
+    assert (heard.orderer.counts[1].late, heard.orderer.counts[1].ignored) == (1, 1)
+
+
+def test_reports_of_ticks_far_away_are_forgotten():
+    heard = flown(2 * WINDOW)
+    kept = heard.orderer._reports
+    first, last = heard.orderer.next_tick - WINDOW, heard.orderer.latest + WINDOW
+    for tick in (first - 1, first, last, last + 1):
+        heard.report(tick)
+    assert sorted(kept) == [first, last]
+    heard.say(0, 2 * WINDOW + 1)
+    heard.say(1, 2 * WINDOW + 1)
+    heard.report(2 * WINDOW)
+    assert sorted(kept) == [2 * WINDOW, last]
+
+
+def test_a_line_of_states_ahead_is_followed_and_not_a_shorter_one():
+    for length in (LINE - 1, LINE):
+        heard = begun()
+        heard.say(1, 500 - 1)
+        heard.say(1, 500)
+        for tick in range(500, 500 + length):
+            heard.say(0, tick)
+            heard.say(1, tick)
+        assert heard.orderer.latest == (504 if length == LINE else 0)
+        heard.say(0, heard.orderer.latest + 1)
+        heard.orderer.close(last_tick=1000)
+        assert heard.ticks == ([0, *range(500, 506)] if length == LINE else [0, 1])
+        assert heard.orderer.counts[1].ignored == (1 if length == LINE else 5)
+        assert heard.orderer.counts[0].ignored == (0 if length == LINE else LINE - 1)
+
+
+def test_messages_one_window_ahead_are_kept_and_those_further_ahead_until_the_next_state():
+    heard = begun()
+    heard.say(1, WINDOW)
+    heard.say(1, WINDOW + 1)
+    for tick in range(1, WINDOW + 1 + HOLD + 1):
+        heard.say(0, tick)
+        if tick not in (WINDOW, WINDOW + 1):
+            heard.say(1, tick)
+    assert heard.out[WINDOW] == (WINDOW, (b'0 at %d' % WINDOW, b'1 at %d' % WINDOW, None))
+    assert heard.out[WINDOW + 1][1][1] is None
+    assert heard.orderer.counts[1].ignored == 1
+
+
+def test_memory_for_what_is_ahead_is_bounded(monkeypatch):
+    monkeypatch.setattr(orderer, 'MOST_AHEAD', 3)
+    heard = begun()
+    for tick in range(2, 7):
+        heard.say(0, tick * WINDOW)
+    assert heard.orderer.counts[0].ignored == 2
+    heard.say(0, 1)
+    assert heard.orderer.counts[0].ignored == 5
+    for number, tick in enumerate((WINDOW + 1, WINDOW + 2, WINDOW + 3), 1):
+        heard.say(1, tick)
+        assert heard.orderer.waiting == 1 + number - (tick > WINDOW + 1) * (number - 1)
+
+
+def test_events_are_taken_ahead_as_far_as_there_is_room(monkeypatch):
+    monkeypatch.setattr(orderer, 'MOST_AHEAD', 2)
+    heard = begun()
+    for tick in (1, 2):
+        heard.say(1, tick)
+    heard.say(EVENT, WINDOW)  # not far ahead
+    heard.say(EVENT, WINDOW + 1)
+    assert heard.orderer.counts[EVENT].ignored == 1
+    heard.say(EVENT, WINDOW)
+    assert heard.orderer.counts[EVENT].duplicates == 1
+    heard.say(EVENT, 0, 'another')  # it is now the newest of two, and the first one is forgotten
+    heard.say(EVENT, 0, 'a third')
+    heard.say(EVENT, WINDOW)
+    assert heard.orderer.counts[EVENT].duplicates == 1
+
+
+def test_an_event_of_the_tick_written_last_is_passed_on_and_one_of_the_next_waits():
+    heard = flown(3)
+    heard.say(EVENT, 4)
+    assert heard.out[-1] == (3, (b'0 at 3', b'1 at 3', None))
+    heard.say(EVENT, 3)
+    assert heard.out[-1] == (3, (None, None, b'2 at 3'))
+
+
+def test_what_is_stamped_after_the_end_is_no_part_of_the_flight():
+    heard = flown(5)
+    heard.say(1, 6)
+    heard.say(EVENT, 6)
+    heard.say(EVENT, 7)
+    heard.say(1, 8)
+    heard.orderer.close(last_tick=100)
+    assert heard.out[6:] == [(6, (None, None, b'2 at 6'))]
+    counts = heard.orderer.counts
+    assert (counts[1].ignored, counts[EVENT].ignored, counts[EVENT].written) == (2, 1, 2)
+    assert not counts[0].missing
+
+
+def test_states_ahead_count_up_to_the_end_that_the_run_has():
+    heard = flown(5)
+    for tick in (7, 8, 9):
+        heard.say(0, tick)
+    heard.orderer.end(8)
+    heard.orderer.close(last_tick=100)
+    assert heard.ticks == [0, 1, 2, 3, 4, 5, 7, 8]
+    assert heard.orderer.counts[0].missing == 1  # 6
+    assert (
+        heard.orderer.counts[1].missing == 2
+    )  # 6 and 7: the answers to the last state are not due
+
+
+def test_a_topic_that_is_dropped_is_missed_no_more_from_its_tick_on():
+    heard = flown(3)
+    heard.orderer.drop(1, 5)
+    for tick in (4, 5, 6):
+        heard.say(0, tick)
+    assert heard.ticks[-1] == 3
+    heard.say(1, 4)
+    assert heard.ticks[-1] == 6
+    assert heard.orderer.counts[1].missing == 0
+
+
+def test_holes_that_are_remembered_are_bounded(monkeypatch):
+    monkeypatch.setattr(orderer, 'MOST_HOLES', 3)
+    heard = begun()
+    for tick in range(500, 500 + LINE):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    assert heard.orderer.counts[1].missing == 499
+    for tick in (1, 3, 4):
+        heard.say(1, tick)
+    assert (heard.orderer.counts[1].late, heard.orderer.counts[1].ignored) == (2, 1)

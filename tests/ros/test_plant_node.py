@@ -3,6 +3,7 @@
 """The plant as a node: both modes, the hand on the simulator; all nodes in the test's process."""
 
 import re
+from functools import partial
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -11,12 +12,13 @@ from inside import inside
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
+from rpo_core.wire.statuses import PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
 from rpo_ros import conversions, names, qos
-from rpo_ros.signals import listen
+from rpo_ros.signals import hear, listen
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
 
 
@@ -101,7 +103,7 @@ def test_a_flight_that_takes_long_says_how_far_it_is(bench, monkeypatch, capfd):
 
 def test_a_zone_that_is_entered_is_said_at_once_and_at_the_end(bench, monkeypatch, capfd):
     """Once when it is entered, and with the depth when the flight is over; the log verifies."""
-    monkeypatch.setattr('rpo_sim.plant.zones_of', lambda _: [Zones(1000.0, name='assurance')])
+    monkeypatch.setattr('rpo_sim.plant.zones_of', lambda _: [Zone(1000.0, name='assurance')])
     bench.start('entered')
     entered = bench.says('inside the keep-out sphere of 1000 m of `assurance`')
     assert entered.level == DiagnosticStatus.WARN
@@ -190,3 +192,46 @@ def test_a_state_that_would_not_be_finite_ends_the_run_with_its_cause(bench, mod
     assert cause in status.message
     bench.until(lambda: bench.plant.done)
     assert bench.plant.exit_code == EXIT_ABORTED
+
+
+def ask(bench, first):
+    """Ask as a recorder does."""
+    values = {'recorder': 'mine', 'run': bench.plant.run_id, 'reason': '', 'asks_from': str(first)}
+    status = conversions.to_status(b'\x00', 'recorder', 'ready', values.items())
+    bench.asking.publish(status)
+
+
+@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
+    """Also of the ticks before the question, once; and nothing before it is asked."""
+    published, reported = {}, {}
+    for name in ('relative_state', 'control_force'):
+        take = partial(lambda name, stamp, values: published.update({(name, stamp): values}), name)
+        listen(bench.inner.user, name, take, pytest.fail)
+
+    def on_report(found):
+        assert found.run == bench.plant.run_id and found.tick not in reported
+        reported[found.tick] = found.taken
+
+    hear(bench.inner.user, PlantTick, on_report, qos.RECORDING)
+    bench.asking = bench.inner.user.create_publisher(
+        DiagnosticStatus, names.RECORDER_STATUS, qos.LATCHED
+    )
+    bench.start(mode=mode, real_time_factor=20.0)
+    bench.until(lambda: bench.plant.tick > 40)
+    assert not reported
+    for first, lowest in ((30, 30), (20, 20), (25, 20)):
+        ask(bench, first)
+        bench.until(lambda: min(reported, default=99) == lowest)  # noqa: B023
+    bench.until(lambda: bench.plant.done)
+    bench.until(lambda: len(reported) == 200 - 20 + 1)
+    assert set(reported) == set(range(20, 201))
+    scenario = bench.plant.scenario
+    for tick, taken in reported.items():
+        for name in ('relative_state', 'control_force'):
+            values = published.get((name, scenario.stamp_ns(tick)))
+            if mode == 'lockstep' or name == 'relative_state':
+                assert taken[name] == numbers_text(values)
+            else:
+                assert taken[name] in ('', numbers_text(values or ()))
+        assert ('applied_force' in taken) == (mode == 'free_running')

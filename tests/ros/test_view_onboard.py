@@ -328,4 +328,4 @@ def test_nodes_show_what_the_stages_say(bench):
     )
     manifest('assured')
     until(lambda: 'port' in shown_ns() and 'holds' not in shown_ns())
-    assert len(view.live.zones) == 1
+    assert len(view.live.zones) == 2

@@ -21,13 +21,13 @@ from rpo_safety.assurance import AssuranceStage
 from rpo_safety.corridor import approach_margins
 from rpo_safety.guard import errors_of, guard_of
 from rpo_safety.kernels import APPROACH, OPEN
-from rpo_safety.settings import Assurance, Corridor
+from rpo_safety.settings import Assurance, Passage
 
 PAPER = scenario.load_scenario('paper_test')
 ZONE = 10.0
 BOUNDS = {'thrust_error': 0.05, 'disturbance_n': 0.05}
 NAVIGATION = {'position_error_m': 0.1, 'velocity_error_m_s': 0.004}
-CORRIDOR = Corridor('+y', 10.0, 1.0, 20.0)
+CORRIDOR = Passage('+y', 10.0, 1.0, 20.0)
 CORNERS = [
     np.array(corner) / np.linalg.norm(corner)
     for corner in itertools.product((-1, 0, 1), repeat=3)

@@ -16,13 +16,13 @@ from rpo_core.chain.stage import Place, Section, Stage
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety import attack, hostile
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.settings import Assurance, Corridor
+from rpo_safety.settings import Assurance, Passage
 from rpo_sim.plant import Plant
 
 PAPER = scenario.load_scenario('paper_test')
@@ -91,7 +91,7 @@ def into_the_zone():
 def test_a_zone_that_is_entered_is_a_verdict_whoever_commands():
     flight = into_the_zone()
     (verdict,) = (v for v in verdicts(flight) if v.key == ZONE_DEPTH)
-    assert verdict.word == 'MISSED' and 'of `guidance`' in verdict.statement
+    assert verdict.word == 'MISSED' and 'of `zones`' in verdict.statement
     # 1.4 m from the target, from the other side; its corridor ends 4.5 m behind the target
     assert verdict.value == pytest.approx(5.5, abs=0.01)
     # without the requirements of the scenario too
@@ -110,13 +110,13 @@ def test_the_plant_says_what_the_verdict_says():
     assert list(plant.depths_m.values()) == [pytest.approx(verdict.value, abs=0.5)]
     ranges = np.linalg.norm(flight.positions_m, axis=1)
     assert abs(first - int(np.argmax(ranges < 10.0))) <= 20
-    assert plant.entered.endswith('inside the keep-out sphere of 10 m of `guidance`, beside its '
+    assert plant.entered.endswith('inside the keep-out sphere of 10 m of `zones`, beside its '
                                   'corridor')  # fmt: skip
 
 
 def test_a_zone_is_seen_between_two_ticks():
     """Past the target in a tick of 10 s, outside of the zone at both ends."""
-    zones = Zones(10.0)
+    zones = Zone(10.0)
     states = np.array([[0.0, 0.0, 12.0, 0.0, 0.0, -2.4], [0.0, 0.0, -12.0, 0.0, 0.0, -2.4]])
     assert zones.deepest_m(states, 10.0) == pytest.approx(10.0)
     assert zones.deepest_m(states[:1], 10.0) == 0.0
@@ -143,7 +143,7 @@ def test_what_comes_before_the_first_force_is_counted(start_m):
     assert np.linalg.norm(flight.positions_m, axis=1).min() >= 50.0
 
 
-WAY = Corridor('+y', 10.0, 1.0, 20.0, width_m=0.2)
+WAY = Passage('+y', 10.0, 1.0, 20.0, width_m=0.2)
 
 
 def docking(**errors):

@@ -17,7 +17,7 @@ from rpo_cli.cli import app
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_judge.safety import peers
+from tools import peers
 
 FOLDER = Path(__file__).parents[2] / 'offline_training' / 'examples' / 'benchmarks'
 ARCH = load_scenario(FOLDER / 'arch_rendezvous.yaml')

@@ -27,7 +27,7 @@ from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.guard import guard_of
 from rpo_safety.kernels import OPEN, open_margins
 from rpo_safety.packed import Filter
-from rpo_safety.settings import Assurance, Corridor
+from rpo_safety.settings import Assurance, Passage
 
 PAPER = scenario.load_scenario('paper_test')
 ASSURED = scenario.load_scenario('assured')
@@ -171,7 +171,7 @@ def test_a_world_whose_errors_are_not_known_needs_bounds():
 
 
 def test_a_corridor_that_is_too_narrow_for_the_errors_is_refused():
-    way = Corridor('+y', 10.0, 1.0, 20.0)
+    way = Passage('+y', 10.0, 1.0, 20.0)
     with pytest.raises(InputError, match='to stop between the walls takes'):
         PAPER.equipped(Assurance(keep_out_m=10.0, corridor=way, position_error_m=0.1))
 

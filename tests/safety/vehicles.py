@@ -20,7 +20,7 @@ from rpo_core.world.disturbance import NONE
 from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety.attack import Result, attack
 from rpo_judge.safety.hostile import KINDS
-from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Corridor, Speed
+from rpo_safety.settings import FILTERS, SPEEDS, Assurance, Passage, Speed
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 
@@ -132,10 +132,10 @@ def _speed(random: np.random.Generator, push_m_s2: float, domain_m: float) -> An
     return Speed(first, per_range_1_s=push_m_s2 / first * random.uniform(0.0, 0.9))
 
 
-def _corridor(random: np.random.Generator, zone_m: float, domain_m: float) -> Corridor | None:
+def _corridor(random: np.random.Generator, zone_m: float, domain_m: float) -> Passage | None:
     if random.uniform() < 0.6:
         return None
-    return Corridor(
+    return Passage(
         along=DIRECTIONS[random.integers(len(DIRECTIONS))],
         half_angle_deg=float(random.uniform(3.0, 45.0)),
         port_m=zone_m * float(random.uniform(0.0, 0.9)),

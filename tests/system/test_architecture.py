@@ -65,7 +65,7 @@ MAY_IMPORT = {
         'rpo_ctrl',
         'rpo_log',
     },
-    'tools': {'rpo_core', 'rpo_ros', 'rpo_log', *OFFLINE_ROOMS},
+    'tools': {'rpo_ros', *FLOWN, *OFFLINE_ROOMS},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed

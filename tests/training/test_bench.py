@@ -8,10 +8,10 @@ import re
 import pytest
 from typer.testing import CliRunner
 
-from rpo_cli.bench import flying, ros, table
 from rpo_cli.cli import app
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import machine, outputs
+from tools.bench import flying, ros, table
 
 ROWS = (
     table.Row('P1', 'inference', '≥ 2 ×', '4/s', '1/s', '4 ×', True),

@@ -13,12 +13,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from rpo_cli.bench import table
 from rpo_cli.cli import app
 from rpo_cli.commands import searching
 from rpo_core.files.validation import InputError
-from rpo_judge.safety import attack, peers
+from rpo_judge.safety import attack
 from rpo_montecarlo import machine
+from tools import peers
+from tools.bench import table
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = str(ROOT / 'offline_training' / 'campaigns' / 'paper_test.yaml')
@@ -118,5 +119,5 @@ def test_the_page_has_every_command_and_says_which_take_no_fail():
         rows = [row for row in ROWS if row == name or row.startswith(f'{name} ')]
         takes = any('--no-fail' in option.opts for option in command.params)
         assert all(ROWS[row] == takes for row in rows), name
-        assert rows or f'`{name}`' in PAGE.partition('Nothing is judged')[2], name
+        assert rows or f'`{name}`' in PAGE.partition('These judge nothing')[2], name
         assert bool(rows) or not takes, name

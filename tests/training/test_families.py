@@ -147,8 +147,8 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
 
 def test_the_command_of_a_family_is_its_default_configuration():
     chosen = replace(family_training.config_of('pace'), seed=3)
-    assert family_training.command(chosen) == 'rpo train --family pace --seed 3'
-    assert family_training.parse(yaml.safe_load(family_training.dumps(chosen))) == chosen
+    assert chosen.command == 'rpo train --family pace --seed 3'
+    assert family_training.FamilyConfig.parse(yaml.safe_load(chosen.dumps())) == chosen
 
 
 @pytest.mark.parametrize(

@@ -22,24 +22,24 @@ from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.world.navigation import Navigation
-from rpo_proof import cells, check, check_ticks, folder, laws, probing, proving, sets, tables
+from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets
+from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
-from rpo_proof.estimating import estimate
 from rpo_proof.folder import Folder
+from rpo_proof.invariant import invariant_set_of
 from rpo_proof.problem import GROUPS, Problem, Settings
-from rpo_proof.prover import Prover
-from rpo_proof.rest import rest_of
-from rpo_proof.sets import Rest
+from rpo_proof.proving import estimate
+from rpo_proof.sets import InvariantSet
 
 SHIPPED = ('robust', 'trained', 'handmade')
-NOWHERE = Rest(0.0, 0.06, 0.0)
+NOWHERE = InvariantSet(0.0, 0.06, 0.0)
 """No tube is in it, so each flies on to the end."""
 
 
 @pytest.fixture(scope='module', params=SHIPPED)
 def surface(request):
     controller = load_fuzzy(request.param)
-    return controller, tables.table_of(controller, 0.5, COARSE)
+    return controller, enclosure.table_of(controller, 0.5, COARSE)
 
 
 def test_the_force_follows_the_law_on_its_strip(surface):
@@ -52,7 +52,7 @@ def test_the_force_follows_the_law_on_its_strip(surface):
             r, v = 0.01 * r, 0.01 * v
         size = 10.0 ** rng.uniform(-6.0, 0.5)
         tilt, half = rng.uniform(-0.2, 0.05), 0.05 * size * rng.random()
-        law = laws.law_of(table, r - size, r + size, v, tilt, half)
+        law = enclosure.law_of(table, r - size, r + size, v, tilt, half)
         shares = np.vstack(
             [rng.uniform(-1.0, 1.0, (20, 2)), [[a, b] for a in (-1, 0, 1) for b in (-1, 1)]]
         )
@@ -65,7 +65,9 @@ def test_the_force_follows_the_law_on_its_strip(surface):
 def test_a_law_of_a_point_is_sharp(surface):
     """In a smooth place, what is left shrinks with the square of the strip."""
     _, table = surface
-    coarse, fine = (laws.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01))
+    coarse, fine = (
+        enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
+    )
     assert fine < 0.02 * coarse
 
 
@@ -73,9 +75,9 @@ def test_the_table_agrees_with_rational_numbers(surface):
     controller, _ = surface
     settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
     problem = Problem.of(controller, load('paper_training').base, settings)
-    assert (problem.table.steep >= 0).any()
+    assert (problem.table.division >= 0).any()
     rng = np.random.default_rng(1)
-    assert not list(check_ticks.surface_faults(problem, rng, 15))
+    assert not list(check_sets.surface_faults(problem, rng, 15))
 
 
 @pytest.mark.parametrize('name', ['robust', 'trained'])
@@ -101,7 +103,7 @@ def test_tubes_hold_the_flights_of_their_cells(name):
             )
             start = np.zeros(6)
             start[chosen] = np.array(centre) + np.array(half) * share
-            flight = probing.fly(problem, probing.varied(problem, rng, start))
+            flight = flights.fly(problem, flights.vary(problem, rng, start))
             end = min(last, len(flight.states) - 1)
             states, t = flight.states[: end + 1, chosen], prover.trace
             assert (t.low[: end + 1] <= states).all() and (states <= t.high[: end + 1]).all()
@@ -116,8 +118,8 @@ def test_divided_cells_sharpen_the_slew():
     problem = problem_of('allround', half=(100.0, 100.0, 100.0, 0.0, 0.0, 0.0))
     table, bounds = problem.table, []
     cell = cells.Cell((73.0, 51.0, 0.0, 0.0), (0.1, 0.1, 0.0, 0.0))
-    for steep in (table.steep, np.full_like(table.steep, -1)):
-        problem.__dict__['table'] = table._replace(steep=steep)
+    for steep in (table.division, np.full_like(table.division, -1)):
+        problem.__dict__['table'] = table._replace(division=steep)
         prover = Prover(problem, 'planar', NOWHERE)
         prover.fly(cell)
         bounds.append(prover.trace.slew[: problem.scenario.ticks - 1].max())
@@ -125,7 +127,7 @@ def test_divided_cells_sharpen_the_slew():
     flown = 0.0
     for x, y in ((72.9, 50.9), (72.9, 51.1), (73.1, 50.9), (73.1, 51.1)):
         start = np.array([x, y, 0.0, 0.0, 0.0, 0.0])
-        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
         flown = max(flown, float(np.abs(np.diff(flight.forces_n[:-1], axis=0)).max()) / 0.1)
     assert flown <= bounds[0] < bounds[1]
     assert bounds[0] < 1.25 * flown
@@ -144,17 +146,15 @@ def test_a_strip_in_parts_sharpens_the_slew():
     assert bounds[1] <= 0.1 < bounds[0]
     for _ in range(20):
         start = np.array([*(np.array([71.0, 23.0]) + rng.uniform(-0.5, 0.5, 2)), 0, 0, 0, 0])
-        flight = probing.fly(problem, probing.varied(problem, rng, start))
+        flight = flights.fly(problem, flights.vary(problem, rng, start))
         slew = np.abs(np.diff(flight.forces_n[: judged + 1, :2], axis=0)) / problem.scenario.dt_s
         assert (slew <= prover.trace.slew[:judged]).all()
 
 
 def test_flights_of_a_proof_have_the_bits_of_simulate():
     problem = problem_of('robust')
-    scenario = probing.varied(
-        problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0])
-    )
-    ours, theirs = probing.fly(problem, scenario), fly(scenario, problem.controller)
+    scenario = flights.vary(problem, np.random.default_rng(1), np.array([9.0, -7.0, 3.0, 0, 0, 0]))
+    ours, theirs = flights.fly(problem, scenario), fly(scenario, problem.controller)
     assert (ours.states == theirs.states).all() and (ours.forces_n == theirs.forces_n).all()
 
 
@@ -162,14 +162,14 @@ def test_flights_of_a_proof_have_the_bits_of_simulate():
 def test_no_flight_leaves_the_set_of_rest(name):
     """From its corners, where a flight would leave first."""
     problem = problem_of(name)
-    rest = rest_of(problem, 0.5, None)
+    rest = invariant_set_of(problem, 0.5, None)
     assert rest is not None
     for signs in np.ndindex(2, 2, 2, 2, 2, 2):
         a, b = (1.0 - 2.0 * np.array(signs)).reshape(2, 3)
         position = rest.radius_m * a
         start = np.concatenate([position, -rest.rate * position + rest.speed_m_s * b])
         start *= 1.0 - 1e-9
-        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
         r, v = flight.states[:300, :3], flight.states[:300, 3:]
         assert np.abs(r).max() <= rest.radius_m
         assert np.abs(v + rest.rate * r).max() <= rest.speed_m_s
@@ -181,7 +181,7 @@ def test_there_is_no_rest_without_damping():
     rows = tuple(robust.system.rules.words[2] for _ in range(5))
     undamped = replace(robust, system=replace(robust.system, rules=RuleTable(rows)))
     problem = Problem.of(undamped, load('paper_training').base, problem_of('robust').settings)
-    assert rest_of(problem, 0.5, None) is None
+    assert invariant_set_of(problem, 0.5, None) is None
 
 
 def test_rounding_of_a_cell_leaves_no_gap():
@@ -189,7 +189,7 @@ def test_rounding_of_a_cell_leaves_no_gap():
     for group in GROUPS:
         some = cells.roots(problem, group)
         halved = [half for cell in some[1:] for half in cells.halves(cell, cells.widths(cell))]
-        found = cells.Found(
+        found = cells.CellBounds(
             np.array([c.centre for c in (some[0], *halved)]),
             np.array([c.half for c in (some[0], *halved)]),
             *4 * [np.empty((0, 0))],
@@ -248,7 +248,7 @@ def test_what_the_theory_does_not_know_is_refused():
     part = replace(robust.system.position, sp_left=robust.system.position.sp_centre)
     jumping = replace(robust, system=replace(robust.system, position=part))
     with pytest.raises(InputError, match=r'vertical edge at 0\.1921'):
-        tables.table_of(jumping, 0.5, COARSE)
+        enclosure.table_of(jumping, 0.5, COARSE)
 
 
 def test_rules_that_are_not_odd_are_proven_from_the_whole_box():
@@ -344,8 +344,8 @@ def test_the_energy_of_flights_is_in_its_range(tmp_path):
     folder = small_proof(tmp_path / 'proof')
     ranges, problem = folder.summary()['ranges'], folder.problem
     energies = []
-    for start in probing.anywhere(problem, 300, 5):
-        flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+    for start in flights.random_starts(problem, 300, 5):
+        flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
         energies.append(float((flight.forces_n[:-1] ** 2).sum()) * problem.scenario.dt_s)
     low, high = ranges['energy_n2s']['low'], ranges['energy_n2s']['high']
     assert low <= min(energies) and max(energies) <= high
@@ -361,7 +361,7 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
     rest = np.zeros((n, 1, 2, 4)), np.zeros((1, 2, 1)), np.zeros((2, 0, 4))
     problem = problem_of('robust')
     plain, turned = (
-        {'planar': cells.Found(half, half[order], values[order], *rest)}
+        {'planar': cells.CellBounds(half, half[order], values[order], *rest)}
         for order in (np.arange(n), rng.permutation(n))
     )
     assert ranges_of(problem, plain) == ranges_of(problem, turned)

@@ -15,11 +15,10 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.files.scenario import load_scenario
-from rpo_judge.safety import peers
-from rpo_proof import abort, rendezvous
-from rpo_proof.abort import exponential
 from rpo_proof.exact import exact
 from rpo_proof.sets import box_of
+from tools import peers, rendezvous
+from tools.rendezvous import exponential
 
 FILE = Path(__file__).parents[2] / 'offline_training/examples/benchmarks/arch_rendezvous.yaml'
 LAWS = rendezvous.laws_of(load_scenario(FILE))
@@ -71,17 +70,17 @@ def leaves(tables, laws, cell, rng, until_s=6780.0, flights=4):
     c, g, d = rendezvous.set_of(cell)
     low, high, least, most = np.empty((4, 4))
     m, boxes = 2, []
-    for _ in range(round(until_s / abort.TICK_S)):
+    for _ in range(round(until_s / rendezvous.TICK_S)):
         box_of(c, g, d, m, low, high)
-        m = abort.tick(tables, c, g, d, m, low, high, least, most)
+        m = rendezvous.tick(tables, c, g, d, m, low, high, least, most)
         boxes.append((least.copy(), most.copy()))
     ticks = np.unique(np.concatenate([np.arange(0, len(boxes), 500), np.arange(400, 420)]))
-    ticks = np.concatenate([ticks, np.arange(round(6480 / abort.TICK_S), len(boxes), 3)])
+    ticks = np.concatenate([ticks, np.arange(round(6480 / rendezvous.TICK_S), len(boxes), 3)])
     ticks = np.unique(ticks[ticks < len(boxes)])
     out = 0
     for _ in range(flights):
         x, y = cell[0] + cell[2] * rng.uniform(-1, 1), cell[1] + cell[3] * rng.uniform(-1, 1)
-        times = (ticks + rng.uniform(0, 1, len(ticks))) * abort.TICK_S
+        times = (ticks + rng.uniform(0, 1, len(ticks))) * rendezvous.TICK_S
         for k, s in zip(ticks, flown(laws, x, y, times), strict=True):
             if (s < boxes[k][0] - 1e-7).any() or (s > boxes[k][1] + 1e-7).any():
                 out += 1
@@ -91,7 +90,7 @@ def leaves(tables, laws, cell, rng, until_s=6780.0, flights=4):
 
 @pytest.fixture(scope='module')
 def tables():
-    return abort.tables_of(LAWS, 18000.0)
+    return rendezvous.tables_of(LAWS, 18000.0)
 
 
 @pytest.mark.parametrize('time_s', [0.25, 15.0, 600.0])
@@ -118,7 +117,7 @@ def image_is_held(a, before, after, m):
     c, g, d = (exact(v.tolist()) for v in before)
     new_c, new_g, new_d = (exact(v.tolist()) for v in after)
     with mpmath.workdps(50):
-        rows = [[mpmath.mpf(v.numerator) / v.denominator * abort.TICK_S for v in r] for r in a]
+        rows = [[mpmath.mpf(v.numerator) / v.denominator * rendezvous.TICK_S for v in r] for r in a]
         true = mpmath.expm(mpmath.matrix(rows))
         moved = [[Fraction(str(true[i, j])) for j in range(4)] for i in range(4)]
     for k, row in enumerate(moved):
@@ -135,13 +134,13 @@ def moved_at_random(tables, rng, near):
     """Return a random set, what a tick makes of it, and the number of its generators."""
     m, scale = int(rng.integers(2, 40)), np.array([1.0, 1.0, 0.002, 0.002])
     c = np.array([-60.0 if near else -500.0, -20.0, 0.05, 0.01]) * rng.uniform(0.5, 1.0, 4)
-    g = np.zeros((4, abort.CAPACITY))
+    g = np.zeros((4, rendezvous.CAPACITY))
     g[:, :m] = rng.normal(size=(4, m)) * scale[:, None] / m
     d = rng.uniform(0, 1e-9, 4)
     before = c.copy(), g.copy(), d.copy()
     low, high, least, most = np.empty((4, 4))
     box_of(c, g, d, m, low, high)
-    after_m = abort.tick(tables, c, g, d, m, low, high, least, most)
+    after_m = rendezvous.tick(tables, c, g, d, m, low, high, least, most)
     assert after_m == m
     return before, (c, g, d), m
 
@@ -167,7 +166,7 @@ def test_a_wrong_gain_or_tick_is_found(tables):
     cell = rendezvous.first_cells()[90]
     weaker = [list(row) for row in LAWS.near]
     weaker[2][0] *= Fraction(99, 100)
-    wrong = abort.tables_of(LAWS._replace(near=weaker), 60.0)
+    wrong = rendezvous.tables_of(LAWS._replace(near=weaker), 60.0)
     assert leaves(wrong, LAWS, cell, rng, 7500.0) > 0
     late = LAWS._replace(switch_m=-99.0)
     assert leaves(tables, late, cell, rng) > 0
@@ -200,9 +199,9 @@ def aborts(rng):
 def bad_bounds(tables, rng, minutes=60.0):
     """Return how many boxes have a drift that comes nearer than its bounds say, or not so near."""
     bad = 0
-    last = round(60.0 * minutes / abort.DRIFT_S)
+    last = round(60.0 * minutes / rendezvous.DRIFT_S)
     for low, high in aborts(rng):
-        least, sure = abort.nearest(tables, low, high, last)
+        least, sure = rendezvous.nearest(tables, low, high, last)
         found = drifts([low, high, *rng.uniform(low, high, (2, 4))], minutes)
         bad += min(found) < least - 1e-9 or max(found) > sure + 1e-9
     return bad
@@ -217,9 +216,9 @@ def test_a_wrong_orbit_or_a_drift_that_ends_early_is_found(tables):
     rng = np.random.default_rng(7)
     faster = [[v * Fraction(21, 20) for v in row] for row in LAWS.free]
     faster[0][2] = faster[1][3] = Fraction(1)
-    assert bad_bounds(abort.tables_of(LAWS._replace(free=faster), 18000.0), rng) > 0
+    assert bad_bounds(rendezvous.tables_of(LAWS._replace(free=faster), 18000.0), rng) > 0
     low, high = next(aborts(np.random.default_rng(8)))
-    assert abort.nearest(tables, low, high, 40)[0] > min(drifts([low, high], 60.0))
+    assert rendezvous.nearest(tables, low, high, 40)[0] > min(drifts([low, high], 60.0))
 
 
 def test_cells_and_their_halves_cover_the_starts():
@@ -275,7 +274,7 @@ def test_only_the_benchmark_with_a_proof_is_proven():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('laws', [LAWS, abort.Laws(*map(of_minutes, SPACEEX), -100.0)])
+@pytest.mark.parametrize('laws', [LAWS, rendezvous.Laws(*map(of_minutes, SPACEEX), -100.0)])
 def test_every_instance_is_as_it_is_named(laws):
     proof = rendezvous.prove(laws, lambda *_: None)
     assert all(rendezvous.verdict(proof, name).as_expected for name in peers.ABORT_MIN)

@@ -17,12 +17,12 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.requirements import Requirements
-from rpo_proof import apart, cells, check, check_apart, check_ticks, merging, probing, proving
-from rpo_proof.claims import nowhere
-from rpo_proof.corridor import around_of
+from rpo_proof import cells, check, check_sets, flights, per_axis, proving
+from rpo_proof.cells import Prover
+from rpo_proof.claims import empty_set
+from rpo_proof.flights import context_of
 from rpo_proof.folder import Folder
-from rpo_proof.problem import APART, Problem, Settings
-from rpo_proof.prover import Prover
+from rpo_proof.problem import PER_AXIS, Problem, Settings
 from rpo_proof.slew import Strip
 from rpo_report.proof import report_of
 
@@ -43,13 +43,13 @@ def strips_of(rng):
 def test_strips_are_covered_and_halved(rng):
     """All of them, in rational numbers; points of them, however they are drawn."""
     strips, size = strips_of(rng), (float(rng.uniform(0.05, 2.0)), float(rng.uniform(0.005, 0.2)))
-    made = merging.cover(strips, size)
+    made = per_axis.cover(strips, size)
     room = 1.0 + 1e-9
     assert all(one.half_m <= size[0] * room + 1e-12 for one in made)
     assert all(one.half <= size[1] * room + 1e-12 for one in made)
     for one in strips:
-        assert check_apart.is_covered(one, made)
-        assert check_apart.is_covered(one, merging.halves(one))
+        assert check_sets.is_covered(one, made)
+        assert check_sets.is_covered(one, per_axis.halves(one))
         a, b = rng.uniform(-1.0, 1.0, (2, 20))
         r = one.r + a * one.half_m
         v = one.v + one.tilt * a * one.half_m + b * one.half
@@ -65,14 +65,14 @@ def test_strips_are_covered_and_halved(rng):
 def test_a_gap_in_the_cover_is_found(rng):
     """A strip is left out, or a little narrower, where no other one is."""
     start = Strip(1.0, 0.1, 2.0, float(rng.uniform(-0.2, 0.2)), 0.1)
-    made = merging.cover([start], (0.3, 0.02))
+    made = per_axis.cover([start], (0.3, 0.02))
     k = int(rng.integers(len(made)))
-    assert check_apart.is_covered(start, made)
-    assert not check_apart.is_covered(start, made[:k] + made[k + 1 :])
+    assert check_sets.is_covered(start, made)
+    assert not check_sets.is_covered(start, made[:k] + made[k + 1 :])
     narrow = made[k]._replace(half_m=made[k].half_m * 0.999)
-    assert not check_apart.is_covered(start, [*made[:k], narrow, *made[k + 1 :]])
+    assert not check_sets.is_covered(start, [*made[:k], narrow, *made[k + 1 :]])
     low = made[k]._replace(half=made[k].half * 0.999)
-    assert not check_apart.is_covered(start, [*made[:k], low, *made[k + 1 :]])
+    assert not check_sets.is_covered(start, [*made[:k], low, *made[k + 1 :]])
 
 
 def paper_like(**options):
@@ -98,7 +98,7 @@ def paper_like(**options):
 def _merged_often():
     """Strips near the target do not become long; here others cover them all the same."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(merging, 'LONG', 0.0)
+        patch.setattr(per_axis, 'LONG', 0.0)
         yield
 
 
@@ -111,13 +111,13 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def groups(folder):
-    return {group: folder.cells(group) for group in APART}
+    return {group: folder.cells(group) for group in PER_AXIS}
 
 
 def prover_of(folder, groups, group):
-    before = {name: groups[name] for name in list(APART)[: list(APART).index(group)]}
-    around = around_of(folder.problem, group, before)
-    return Prover(folder.problem, group, nowhere(folder.problem), *around)
+    before = {name: groups[name] for name in list(PER_AXIS)[: list(PER_AXIS).index(group)]}
+    around = context_of(folder.problem, group, before)
+    return Prover(folder.problem, group, empty_set(folder.problem), *around)
 
 
 def test_it_is_proven_and_checked(folder, groups):
@@ -147,20 +147,22 @@ def test_a_flight_of_everything_at_once_is_in_some_cell_of_each_axis(folder, gro
     """Drawn without the prover's help: where it starts, each axis has a tube that holds it."""
     problem, rng = folder.problem, np.random.default_rng(4)
     for _ in range(3):
-        point = {g: np.array([rng.uniform(*r) for r in apart.ranges(problem, g)]) for g in APART}
+        point = {
+            g: np.array([rng.uniform(*r) for r in per_axis.ranges(problem, g)]) for g in PER_AXIS
+        }
         for unknown in point.values():
             unknown[-1] = point['x'][-1]  # one mass for all axes
             unknown[-3:-1] *= 0.7
         scenario = problem.scenario
         for group, unknown in point.items():
-            scenario = apart.scenario_in(problem, group, unknown, scenario)
+            scenario = per_axis.scenario_in(problem, group, unknown, scenario)
         start = np.array(problem.settings.centre) + rng.uniform(-1, 1, 6) * problem.settings.half
         x, y, z, vx, vy, vz = start.tolist()
         scenario = replace(
             scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
         )
         flight = fly(scenario, problem.controller)
-        for group, chosen in APART.items():
+        for group, chosen in PER_AXIS.items():
             prover, found = prover_of(folder, groups, group), groups[group]
             at = np.concatenate([start[list(chosen)], point[group]])
             (k, *_) = np.flatnonzero((np.abs(found.centre - at) <= found.half).all(axis=1))
@@ -176,7 +178,7 @@ def test_the_slew_of_strips_holds_flights_of_any_disturbance_and_mass(folder, gr
     problem = paper_like(disturbance_share=1.5, mass_share=0.09)
     base = replace(problem.scenario, requirements=required)
     problem = Problem.of(problem.controller, base, problem.settings)
-    prover = Prover(problem, 'y', nowhere(problem), *around_of(problem, 'y', groups))
+    prover = Prover(problem, 'y', empty_set(problem), *context_of(problem, 'y', groups))
     roots, rng = cells.roots(problem, 'y'), np.random.default_rng(3)
     far = [sign * 0.75, sign * 0.25, sign * 0.75]
     cell = min(roots, key=lambda c: float(np.abs(np.array(c.centre[2:5]) - far).sum()))
@@ -185,24 +187,24 @@ def test_the_slew_of_strips_holds_flights_of_any_disturbance_and_mass(folder, gr
     for _ in range(6):
         start = np.array(base.start) + rng.choice([-1.0, 1.0], 6) * problem.settings.half
         unknown = np.array(cell.centre) + np.array(cell.half) * rng.choice([-1.0, 1.0], 6)
-        drawn = probing.varied(problem, rng, start)
-        drawn = apart.scenario_in(problem, 'y', unknown[2:], drawn)
-        assert check._in_some(prover, probing.fly(problem, drawn), tubes)
+        drawn = flights.vary(problem, rng, start)
+        drawn = per_axis.scenario_in(problem, 'y', unknown[2:], drawn)
+        assert check._in_some(prover, flights.fly(problem, drawn), tubes)
 
 
 def test_a_push_outside_the_corridor_gives_nothing(folder, groups):
     """What is known of y follows from the corridor of x; a tube of x that leaves it is open."""
     prover = prover_of(folder, groups, 'x')
     cell = cells.roots(folder.problem, 'x')[0]
-    narrow = prover.beside.corridor.copy()
+    narrow = prover.other_axis.corridor.copy()
     narrow[1, 300:] = narrow[0, 300:]
-    prover.beside = prover.beside._replace(corridor=narrow)
+    prover.other_axis = prover.other_axis._replace(corridor=narrow)
     row = prover.values(cell)[0]
     assert row[cells.VALUES.index('last_s')] < 30.0
     assert np.isinf(row[cells.VALUES.index('hold_error_m')])
 
 
-@pytest.mark.parametrize('group', APART)
+@pytest.mark.parametrize('group', PER_AXIS)
 def test_the_motion_of_every_cell_is_what_is_flown(folder, groups, group):
     """At its corners, where the rounding of the sinusoids is largest."""
     prover, found = prover_of(folder, groups, group), groups[group]
@@ -210,7 +212,7 @@ def test_the_motion_of_every_cell_is_what_is_flown(folder, groups, group):
         cell = cells.Cell(tuple(centre), tuple(half))
         for tick in range(0, folder.problem.scenario.ticks, 100):
             motion = prover.motion_of(cell)
-            assert not list(check_apart.motion_faults(prover, cell, motion, tick, ''))
+            assert not list(check_sets.motion_faults(prover, cell, motion, tick, ''))
 
 
 def test_what_is_refuted_at_once_is_not_searched(tmp_path):
@@ -222,12 +224,12 @@ def test_what_is_refuted_at_once_is_not_searched(tmp_path):
     made = Folder.create(tmp_path / 'proof', problem)
     proving.prove(made, 1, '', lambda *_: None, probes=10)
     assert [claim['verdict'] for claim in made.summary()['claims'].values()] == ['refuted']
-    for group in APART:
+    for group in PER_AXIS:
         assert len(made.cells(group).values) == len(cells.roots(problem, group))
     assert check.check(made, check.Sample(starts=1, ticks=1, surface=1, flights=5)).faults == []
     found = made.cells('z')
     found.values[0, cells.VALUES.index('hold_error_m')] = 0.1
-    assert list(check_apart.empty_faults(problem, 'z', found))
+    assert list(check_sets.empty_faults(problem, 'z', found))
 
 
 def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):
@@ -238,26 +240,26 @@ def test_strips_that_begin_or_end_elsewhere_are_found(folder, groups):
     first, second, *_ = list(prover.stages(cell))
     assert (first.last, second.first) == (700, 700)
     one, motion = first.moved[0], prover.motion_of(cell)
-    c, g, d, m = merging.set_of(one.strip, motion.carried.shape[1])
-    assert not list(check_apart.start_faults(one.strip, c, g[:, :m], d, ''))
+    c, g, d, m = per_axis.set_of(one.strip, motion.carried.shape[1])
+    assert not list(check_sets.start_faults(one.strip, c, g[:, :m], d, ''))
     for wrong in (
         one.strip._replace(r=one.strip.r + 1e-12),
         one.strip._replace(half=one.strip.half * (1.0 + 1e-12)),
         one.strip._replace(tilt=one.strip.tilt + 1e-9),
     ):
-        assert list(check_apart.start_faults(wrong, c, g[:, :m], d, ''))
+        assert list(check_sets.start_faults(wrong, c, g[:, :m], d, ''))
     numbers = range(first.first, first.last)
-    moving = check_ticks.set_faults(folder.problem, motion, (c, g, d, m), numbers, set(), '')
+    moving = check_sets.set_faults(folder.problem, motion, (c, g, d, m), numbers, set(), '')
     with pytest.raises(StopIteration) as stopped:
         next(moving)
     m = stopped.value.value
-    assert not list(check_apart.end_faults(one.end, c, g[:, :m], d, ''))
+    assert not list(check_sets.end_faults(one.end, c, g[:, :m], d, ''))
     for wrong in (
         one.end._replace(half_m=one.end.half_m * 0.999),
         one.end._replace(half=one.end.half * 0.999),
         one.end._replace(v=one.end.v + 1e-6),
     ):
-        assert list(check_apart.end_faults(wrong, c, g[:, :m], d, ''))
+        assert list(check_sets.end_faults(wrong, c, g[:, :m], d, ''))
 
 
 def test_planted_errors_are_found(folder, groups):
@@ -269,21 +271,21 @@ def test_planted_errors_are_found(folder, groups):
     assert list(check.tube_faults(prover, found, rng, every, lambda *_: None))
     k = int(np.flatnonzero(found.column('last_s') > 0.0)[0])
     found.values[k, cells.VALUES.index('last_s')] = -0.1
-    assert list(check_apart.empty_faults(folder.problem, 'x', found))
+    assert list(check_sets.empty_faults(folder.problem, 'x', found))
     cell = cells.Cell(tuple(found.centre[k]), tuple(found.half[k]))
     motion = prover.motion_of(cell)
-    assert not list(check_apart.motion_faults(prover, cell, motion, 50, ''))
+    assert not list(check_sets.motion_faults(prover, cell, motion, 50, ''))
     for wrong in (
         motion._replace(constant=motion.constant + 1e-9),
         motion._replace(carried=motion.carried * 0.999),
         motion._replace(mass=motion.mass * 0.999),
         motion._replace(b=motion.b * (1.0 + 1e-9)),
-        motion._replace(pushed=motion.pushed + 1e-3),
-        motion._replace(shaken=motion.shaken * 0.9),
+        motion._replace(coupling=motion.coupling + 1e-3),
+        motion._replace(coupling_half=motion.coupling_half * 0.9),
     ):
-        assert list(check_apart.motion_faults(prover, cell, wrong, 50, ''))
+        assert list(check_sets.motion_faults(prover, cell, wrong, 50, ''))
     c, g, d, m = prover.start(cell)
-    before, after, _ = check_ticks.stepped(folder.problem, motion, 50, c, g, d, m)
-    assert not list(check_ticks.step_faults(motion, before, after, ''))
-    still = motion._replace(pushed=0.0 * motion.pushed)
-    assert list(check_ticks.step_faults(still, before, after, ''))
+    before, after, _ = check_sets.stepped(folder.problem, motion, 50, c, g, d, m)
+    assert not list(check_sets.step_faults(motion, before, after, ''))
+    still = motion._replace(coupling=0.0 * motion.coupling)
+    assert list(check_sets.step_faults(still, before, after, ''))

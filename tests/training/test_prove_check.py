@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from proofs import small_proof
 
-from rpo_proof import cells, check, check_ticks, sets
-from rpo_proof.check_claims import Written, what_follows
+from rpo_proof import cells, check, check_sets, sets
+from rpo_proof.cells import Prover
+from rpo_proof.check import WrittenSummary, recompute
 from rpo_proof.problem import GROUPS
-from rpo_proof.prover import Prover
 
 KINDS = ('row', 'boxes', 'cell', 'gap', 'claim', 'law', 'rounding', 'set', 'boxed', 'rest', 'table')
 
@@ -26,8 +26,8 @@ class Bench:
         self.folder, self.problem = folder, folder.problem
         self.summary = folder.summary()
         self.groups = {group: folder.cells(group) for group in GROUPS}
-        self.written = Written.of(folder)
-        self.rest = self.written.rest
+        self.written = WrittenSummary.of(folder)
+        self.rest = self.written.omega
 
     def prover(self, group):
         above = self.groups['vertical'].tail if group == 'planar' else None
@@ -43,7 +43,7 @@ class Bench:
         boxing = False
         last = int(rng.integers(20, 120))
         while number < last or not boxing:
-            before, after, m = check_ticks.stepped(self.problem, prover.motion, number, c, g, d, m)
+            before, after, m = check_sets.stepped(self.problem, prover.motion, number, c, g, d, m)
             m = sets.tidy(number, g, d, kept, m)
             boxing = m < after.g.shape[1]
             number += 1
@@ -92,7 +92,7 @@ class Bench:
         key = sorted(summary['claims'])[int(rng.integers(len(summary['claims'])))]
         summary['claims'][key]['bound'] *= 1.0 - 10.0 ** -rng.uniform(1.0, 9.0)
         written = replace(self.written, document=summary)
-        return what_follows(self.problem, self.groups, written, written.flown).faults
+        return recompute(self.problem, self.groups, written, written.flown).faults
 
     def law(self, rng):
         """A number of a law that is wrong: the kernel's force contradicts it in the set."""
@@ -109,13 +109,13 @@ class Bench:
             ]
             k_r, k_v, k_0, rho = wrong[axis, :4]
             if (np.abs(force - k_r * r - k_v * v - k_0) > rho).any():
-                return check_ticks.law_faults(self.problem, replace(before, laws=wrong), 'planted')
+                return check_sets.law_faults(self.problem, replace(before, laws=wrong), 'planted')
 
     def rounding(self, rng):
         """Nothing is widened for rounding."""
         prover, before, after, _, _ = self.tick(rng)
         wrong = replace(after, d=before.d.copy() * 0.0)
-        return check_ticks.step_faults(prover.motion, before, wrong, 'planted')
+        return check_sets.step_faults(prover.motion, before, wrong, 'planted')
 
     def set(self, rng):
         """A number of the next set is off by a millionth of a millimetre."""
@@ -126,24 +126,24 @@ class Bench:
             g[row, int(rng.integers(g.shape[1]))] += 1e-9
         else:
             c[row] -= 1e-9
-        return check_ticks.step_faults(prover.motion, before, replace(after, g=g, c=c), 'planted')
+        return check_sets.step_faults(prover.motion, before, replace(after, g=g, c=c), 'planted')
 
     def boxed(self, rng):
         """The box of small generators is a little too small."""
         _, _, after, tidied, kept = self.tick(rng)
         g = tidied.g.copy()
         g[:, -4:] *= 1.0 - 1e-9
-        return check_ticks.tidy_faults(after, replace(tidied, g=g), kept, 'planted')
+        return check_sets.tidy_faults(after, replace(tidied, g=g), kept, 'planted')
 
     def rest_set(self, rng):
         share = rng.uniform(0.01, 0.1)
-        return check.rest_faults(self.problem, self.rest._replace(speed_m_s=share * 1e-3))
+        return check.invariant_faults(self.problem, self.rest._replace(speed_m_s=share * 1e-3))
 
     def table(self, rng):
         arrays = self.folder.table()
         values = arrays[str(rng.choice(['u', 'bend', 'slopes', 'part_range', 'part_slopes']))]
         values.flat[int(rng.integers(values.size))] += 1e-9
-        return check_ticks.table_faults(self.problem, arrays)
+        return check_sets.table_faults(self.problem, arrays)
 
 
 @pytest.fixture(scope='module')
@@ -160,10 +160,10 @@ def missed(bench, kind, count):
 def test_a_sound_tick_has_no_faults(bench):
     for seed in range(3):
         prover, before, after, tidied, kept = bench.tick(np.random.default_rng(seed))
-        assert not list(check_ticks.law_faults(bench.problem, before, ''))
-        assert not list(check_ticks.step_faults(prover.motion, before, after, ''))
-        assert not list(check_ticks.tidy_faults(after, tidied, kept, ''))
-    assert not list(check.rest_faults(bench.problem, bench.rest))
+        assert not list(check_sets.law_faults(bench.problem, before, ''))
+        assert not list(check_sets.step_faults(prover.motion, before, after, ''))
+        assert not list(check_sets.tidy_faults(after, tidied, kept, ''))
+    assert not list(check.invariant_faults(bench.problem, bench.rest))
 
 
 @pytest.mark.parametrize('kind', KINDS)

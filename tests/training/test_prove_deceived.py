@@ -21,10 +21,9 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import digest_of
 from rpo_proof import check as checker
-from rpo_proof import probing, proving
+from rpo_proof import flights, proving
 from rpo_proof.cells import VALUES
-from rpo_proof.check import check
-from rpo_proof.check_claims import strayed
+from rpo_proof.check import check, why_outside
 from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
@@ -60,9 +59,9 @@ def faults(path):
 def stamp(path):
     """Write the digest that fits the premises of a folder."""
     texts = Problem.of_texts([(path / name).read_text() for name in TEXTS]).texts
-    stamped = yaml.safe_load((path / 'versions.yaml').read_text())
-    stamped['files_sha256'] = digest_of(*texts)
-    (path / 'versions.yaml').write_text(yaml.safe_dump(stamped))
+    recorded = yaml.safe_load((path / 'versions.yaml').read_text())
+    recorded['files_sha256'] = digest_of(*texts)
+    (path / 'versions.yaml').write_text(yaml.safe_dump(recorded))
 
 
 def edit(path, change):
@@ -250,8 +249,8 @@ def test_a_counterexample_is_one_of_the_flights(copy_of):
 def test_a_flight_of_a_claim_is_under_what_is_asked_for(proofs):
     problem = proofs['apart'].problem
     rng, base = np.random.default_rng(1), problem.scenario
-    found = probing.varied(problem, rng, np.array(base.start))
-    assert strayed(problem, found) == ''
+    found = flights.vary(problem, rng, np.array(base.start))
+    assert why_outside(problem, found) == ''
     harmonic = found.disturbance.harmonics[0]
     stronger = replace(found.disturbance, harmonics=(replace(harmonic, amplitude_n=0.005),))
     faster = replace(found.disturbance, harmonics=(replace(harmonic, angular_rate_rad_s=0.1),))
@@ -264,7 +263,7 @@ def test_a_flight_of_a_claim_is_under_what_is_asked_for(proofs):
         (replace(found, duration_s=2.0 * found.duration_s), 'of another scenario'),
         (replace(found, initial_velocity_m_s=(0.0, 0.0, 0.1)), 'outside the box'),
     ):
-        assert sentence in strayed(problem, wrong)
+        assert sentence in why_outside(problem, wrong)
 
 
 @pytest.mark.parametrize(
@@ -280,7 +279,7 @@ def test_the_worst_flights_of_the_page(name, key, least):
     )
     problem = Problem.of(controller, base, settings)
     found = load_scenario(f'offline_training/proofs/paper_box_{name}.yaml')
-    assert strayed(problem, replace(found, name=base.name, description=base.description)) == ''
+    assert why_outside(problem, replace(found, name=base.name, description=base.description)) == ''
     assert least <= values_of(problem, fly(found, controller))[key] < problem.limits[key]
 
 
@@ -314,8 +313,8 @@ def test_axes_apart_hold_flights_of_any_signs(tmp_path):
     proving.prove(folder, 1, '', lambda *_: None, probes=8)
     for group, chosen in problem.groups.items():
         low, high = folder.cells(group).reach
-        for start in probing.anywhere(problem, 8, 1):
-            flight = probing.fly(problem, probing.varied(problem, np.random.default_rng(1), start))
+        for start in flights.random_starts(problem, 8, 1):
+            flight = flights.fly(problem, flights.vary(problem, np.random.default_rng(1), start))
             states = flight.states[:, list(chosen)]
             assert ((low <= states) & (states <= high)).all()
 
@@ -394,7 +393,7 @@ def test_units_of_an_earlier_call_are_not_checked(proofs, tmp_path):
         folder.path / 'parts' / 'planar_0000.npz', vars(proofs['together'].cells('planar'))
     )
     outcome = proving.prove(Folder.open(folder.path), 1, '', lambda *_: None, probes=20)
-    assert outcome.taken == {'vertical': (0, 1), 'planar': (1, 1)}
+    assert outcome.resumed == {'vertical': (0, 1), 'planar': (1, 1)}
 
 
 def test_a_damaged_unit_is_made_again(proofs, tmp_path):

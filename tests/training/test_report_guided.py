@@ -137,7 +137,7 @@ def test_the_page_has_a_part_for_each_stage(made, flown):
         0.1 * acted.constraints.count('speed')
     )
     assert dict(table(made, 'Passage of the zones').rows)[
-        'guidance: enters the keep-out sphere of 10 m'
+        'zones: enters the keep-out sphere of 10 m'
     ] == ('never')
     assert 'relative to the reference' in text
 

@@ -17,7 +17,9 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
 from rpo_core.world.thrusters import Thrusters
 from rpo_judge.truth import inertial, two_body
+from tools import basilisk
 
+SCIPY, BASILISK = {'SciPy': two_body.by_scipy}, {'Basilisk': basilisk.by_basilisk}
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)
 
 
@@ -102,7 +104,7 @@ def test_basilisk_flies_what_scipy_flies():
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
     flight = fly(load_scenario('paper_test'), load_controller('trained'))
-    found = two_body.compare(flight, 'test')
+    found = two_body.compare(flight, 'test', {**BASILISK, **SCIPY})
     assert list(found.errors) == ['Basilisk', 'SciPy']
     assert found.disagreement_m < 1e-7
     for errors in found.errors.values():
@@ -116,7 +118,7 @@ WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 def test_a_true_world_is_that_of_scipy(world):
     """Pulses, falling mass, J2, drag: the states of the plant in 20 s."""
     flight = fly(replace(load_scenario(world), duration_s=20.0), load_controller('pd'))
-    found = two_body.compare(flight, world, ['SciPy'])
+    found = two_body.compare(flight, world, SCIPY)
     errors = np.abs(found.errors['SciPy']).max(axis=0)
     assert (errors[:3] < 1e-9).all() and (errors[3:] < 1e-10).all()
     assert found.plant == 'two_body'
@@ -130,5 +132,5 @@ def test_basilisk_flies_the_true_worlds(world):
         pytest.skip('Basilisk (layer truth) is not installed')
     scenario = load_scenario(world)
     scenario = scenario.equipped(replace(scenario.dynamics, drag=None))
-    found = two_body.compare(fly(scenario, load_controller('trained')), world, ['Basilisk'])
+    found = two_body.compare(fly(scenario, load_controller('trained')), world, BASILISK)
     assert np.linalg.norm(found.errors['Basilisk'][:, :3], axis=1).max() < 1e-5

@@ -71,7 +71,15 @@ def _assurance_status(rng: Random, tick: int) -> cdr.Status:
 def _recorder_status(rng: Random, tick: int) -> cdr.Status:
     says = rng.choice(('waiting', 'ready', 'closed', 'failed'))
     pairs = ('recorder', '0' * 32), ('run', ''), ('reason', ''), ('next_tick', str(tick))
+    pairs += (('asks_from', str(tick)),) if rng.random() < 0.5 else ()
     return cdr.Status(0, 'recorder', says, 'none', pairs)
+
+
+def _plant_tick(rng: Random, tick: int) -> cdr.Status:
+    rows = interfaces.row_of(interfaces.RELATIVE_STATE), interfaces.row_of(interfaces.CONTROL_FORCE)
+    numbers = ((row.name, ' '.join(repr(rng.random()) for _ in row.columns)) for row in rows)
+    pairs = ('run', '0' * 32), ('tick', str(tick)), *numbers
+    return cdr.Status(0, 'plant', 'tick', 'none', pairs)
 
 
 def _manifest(rng: Random, tick: int) -> cdr.Status:
@@ -89,6 +97,7 @@ _MADE: dict[str, Callable[[Random, int], cdr.Status]] = {
     interfaces.GUIDANCE_STATUS: _guidance_status,
     statuses.AssuranceStatus.topic: _assurance_status,
     interfaces.RECORDER_STATUS: _recorder_status,
+    interfaces.PLANT_TICK: _plant_tick,
     interfaces.NODE_MANIFEST: _manifest,
 }
 

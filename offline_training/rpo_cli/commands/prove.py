@@ -62,7 +62,7 @@ def prove(
         ),
     ] = False,
     cell: Annotated[
-        float, typer.Option(help='half-width of the first cells, or of strips of axes apart [m]')
+        float, typer.Option(help='half-width of the first cells, or of strips of --axes-apart [m]')
     ] = 1.0,
     cell_velocity: Annotated[
         float, typer.Option(help='half-width of them in velocity [m/s]')
@@ -144,7 +144,7 @@ def _problem(
 ) -> Problem:
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import ScenarioSet, load
-    from rpo_proof.claims import asked_of
+    from rpo_proof.claims import requirements_of
     from rpo_proof.problem import Problem, Settings
 
     found = load(scenario)
@@ -162,7 +162,7 @@ def _problem(
         centre=(*centre, *base.initial_velocity_m_s), half=(*half, *3 * [velocity]), **options
     )
     problem = Problem.of(load_controller(controller), base, settings)
-    asked_of(problem)
+    requirements_of(problem)
     return problem
 
 
@@ -187,10 +187,10 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
         flight, _ = folder.flights(key)
         controller = str(folder.path / 'controller.yaml')
         echo(shlex.join(['rpo', 'simulate', str(flight), '--controller', controller]))
-    for group, (taken, every) in outcome.taken.items():
-        if taken:
+    for group, (resumed, every) in outcome.resumed.items():
+        if resumed:
             echo(
-                f'Not checked: {taken} of {every} units of {group} cells are of an earlier call, '
+                f'Not checked: {resumed} of {every} units of {group} cells are of an earlier call, '
                 'as the folder says; --check looks at them'
             )
     echo(f'took {began:.1f} s; {cpu:.1f} s of CPU time of this process')
@@ -200,8 +200,8 @@ def _prove(folder: Folder, workers: int, cluster: str) -> bool:
 
 def _estimate(problem: Problem, count: int) -> None:
     from rpo_cli.display import print_table, progress
-    from rpo_proof.estimating import estimate
-    from rpo_proof.premises import title_of
+    from rpo_proof.problem import title_of
+    from rpo_proof.proving import estimate
 
     with progress() as show:
         found = estimate(problem, count, show)
@@ -212,7 +212,7 @@ def _estimate(problem: Problem, count: int) -> None:
     ]
     print_table(('claim', 'limit', 'bound', 'flown', 'open first cells'), rows, title_of(problem))
     echo(
-        f'{found.restless} of {sampled} first cells do not come to rest. '
+        f'{found.never_inside} of {sampled} first cells do not enter the invariant set. '
         f'{found.tubes / sampled:.1f} tubes and {found.seconds / sampled:.2f} s of CPU time each; '
         f'all {found.cells}: about {found.hours:.2g} hours of one core'
     )
@@ -228,7 +228,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
     from rpo_proof.claims import worst
     from rpo_proof.folder import code_digest
 
-    if folder.stamped['code_sha256'] != code_digest():
+    if folder.recorded['code_sha256'] != code_digest():
         echo(
             'The folder says that it was made with other code: '
             'its bounds may differ in the last bits.',
@@ -249,8 +249,7 @@ def _check(folder: Folder, cells: int, flights: int, seed: int | None) -> bool:
 
 
 def _say_what_was_checked(folder: Folder, found: Checked, sample: Sample) -> None:
-    from rpo_proof.folder import code_digest
-    from rpo_proof.premises import origins
+    from rpo_proof.folder import code_digest, origins
 
     for line in origins(folder):
         echo(line)
@@ -274,7 +273,7 @@ def _not_checked(folder: Folder, found: Checked) -> Iterable[str]:
     for claim in found.claims:
         if not claim.start:
             yield f'what was flown for {claim.key}: its flight is not in the folder'
-    yield f'what versions.yaml says: {", ".join(map(" ".join, sorted(folder.stamped.items())))}'
+    yield f'what versions.yaml says: {", ".join(map(" ".join, sorted(folder.recorded.items())))}'
     yield from folder.others()
 
 
@@ -286,8 +285,8 @@ def _print(
 ) -> None:
     """Print what was computed in this call."""
     from rpo_cli.display import print_table
-    from rpo_proof.claims import unknown
-    from rpo_proof.premises import lower, range_of, row_of, title_of, upper
+    from rpo_proof.claims import lower, row_of, unknown, upper
+    from rpo_proof.problem import range_of, title_of
 
     rows = [row_of(claim) for claim in claims]
     whole = checked is None or checked.whole

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, end, interruptible
+from rpo_cli.commands.shared import NoFail, Set, end, interruptible, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 
@@ -250,47 +250,6 @@ def peers(
 
     Exit code 1 if our stack breaks a constraint; with --prove, if an instance is not as named.
     """
-    if prove:
-        end(not _prove_peers(files), no_fail)
-        return
-    from rpo_cli.display import print_table
-    from rpo_core.control.controller import load_controller
-    from rpo_core.files.scenario import load_scenario
-    from rpo_core.files.validation import choice
-    from rpo_judge.safety import peers as benchmarks
-
-    ours, broken = load_controller(controller), 0
-    for file in files:
-        scenario = load_scenario(file)
-        known = choice('scenario', scenario.name, benchmarks.ROWS)
-        rows = benchmarks.ROWS[known](scenario, ours, starts, seed)
-        cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
-        print_table((*benchmarks.HEADINGS[known], 'constraints'), cells, scenario.name)
-        broken += sum(not row.met for row in rows if row.cells[0].startswith(benchmarks.OURS))
-    end(broken > 0, no_fail)
-
-
-def _prove_peers(files: list[str]) -> bool:
-    """Print what is proven of ARCH-COMP's instances; return whether all is as they say."""
-    from rpo_cli.display import print_table, progress
-    from rpo_core.files.scenario import load_scenario
-    from rpo_core.files.validation import choice
-    from rpo_judge.safety import peers as benchmarks
-    from rpo_proof import rendezvous
-
-    scenarios = [load_scenario(file) for file in files]
-    for scenario in scenarios:
-        choice('scenario', scenario.name, (benchmarks.ARCH,))
-    as_expected = True
-    for scenario in scenarios:
-        with interruptible(lambda: 'stopped'), progress() as show:
-            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
-        found = [rendezvous.verdict(proof, name) for name in benchmarks.ABORT_MIN]
-        title = (
-            f'{scenario.name}: {benchmarks.arch_lqr().name}, from every start, {proof.cells} cells'
-        )
-        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
-        for sentence in filter(None, map(rendezvous.flight_of, found)):
-            typer.echo(sentence)
-        as_expected &= all(v.as_expected for v in found)
-    return as_expected
+    program = tool('peers')
+    missed = program.prove(files) if prove else program.compare(files, controller, starts, seed)
+    end(missed, no_fail)

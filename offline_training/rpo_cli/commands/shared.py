@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+import importlib
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-from rpo_core.files.validation import printable
+from rpo_core.files.validation import InputError, printable
 
 
 def echo(text: object, err: bool = False) -> None:
@@ -46,6 +49,16 @@ def end(missed: bool, no_fail: bool) -> None:
     """
     if missed and not no_fail:
         raise typer.Exit(1)
+
+
+def tool(name: str) -> Any:
+    """Return a module of `tools/`, which is part of a checkout; raises InputError without one."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / 'tools' / '__init__.py').is_file():
+        raise InputError(f'tools/{name.split(".")[0]} is not installed: run this from a checkout')
+    if str(root) not in sys.path:
+        sys.path.append(str(root))
+    return importlib.import_module(f'tools.{name}')
 
 
 @contextmanager

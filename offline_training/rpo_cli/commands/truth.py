@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rpo_cli.commands.shared import tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
@@ -42,14 +43,16 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
-    from rpo_judge.truth.two_body import TRUTHS, compare
+    from rpo_judge.truth.two_body import by_scipy, compare
     from rpo_log.show.report import folder_of
 
-    names = [name for name in TRUTHS if name != 'Basilisk' or find_spec('Basilisk')]
-    if 'Basilisk' not in names:
-        typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
     flight, title = _flight(run, scenario, controller)
-    found = compare(flight, title, names)
+    truths = {'SciPy': by_scipy}
+    if not find_spec('Basilisk'):
+        typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)
+    elif (basilisk := tool('basilisk')).knows(flight.scenario):
+        truths = {'Basilisk': basilisk.by_basilisk, **truths}
+    found = compare(flight, title, truths)
     _print(found)
     folder = Path('runs') if run is None else folder_of(run)
     _draw(found, plot or folder / 'truth.png')

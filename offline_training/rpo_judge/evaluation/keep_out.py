@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core.judge.zones import along_and_across, beside_m
 from rpo_guidance.guidance import CONE_SHARE
 from rpo_guidance.plan import Guidance
 
@@ -48,10 +49,8 @@ class KeepOut(NamedTuple):
 
     def beside_m(self, positions: Floats) -> Floats:
         """Return how far (n,) [m] positions (n, 3) lie beside the cone, across its axis."""
-        offset = positions - self.port_m
-        along = offset @ self.axis
-        across = np.linalg.norm(offset - along[:, None] * self.axis, axis=1)
-        beside: Floats = across - self.slope * along
+        along, across = along_and_across(positions.T, self.port_m, self.axis)
+        beside: Floats = beside_m(along, np.linalg.norm(across, axis=0), 0.0, self.slope)
         return beside
 
     def pyramid(self, share: float = 1.0) -> tuple[Floats, Floats]:

@@ -6,13 +6,13 @@ The target follows its orbit, a circle or that of section `dynamics`; the chaser
 and J2 and drag where the scenario has them, and forces held for a tick in the axes of
 `target_lvlh`, to which its body axes stay parallel.
 
-Two of them, with nothing in common: Basilisk's spacecraft; and target and relative motion in
-inertial axes (`rpo_judge.truth.inertial`), by SciPy's DOP853.
+Target and relative motion are integrated in inertial axes (`rpo_judge.truth.inertial`), by SciPy's
+DOP853. In a checkout `tools.basilisk` is another truth, with nothing in common.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.world import cw
-from rpo_judge.truth import basilisk
 from rpo_judge.truth.inertial import World, integrate
 
 Floats = NDArray[np.float64]
@@ -88,9 +87,6 @@ def drift_errors(scenario: Scenario, duration_s: float) -> list[Growth]:
     return found
 
 
-TRUTHS: dict[str, Truth] = {'Basilisk': basilisk.by_basilisk, 'SciPy': by_scipy}
-"""Name -> simulation."""
-
 SHOWN = 8
 """Moments in the table of a flight."""
 
@@ -129,15 +125,14 @@ class Comparison:
             )
 
 
-def compare(flight: Flight, title: str, names: Sequence[str] = tuple(TRUTHS)) -> Comparison:
-    """Fly the forces of a flight under true gravity, by the named truths that have what acts."""
+def compare(flight: Flight, title: str, truths: Mapping[str, Truth]) -> Comparison:
+    """Fly the forces of a flight under true gravity, by truths that have what acts."""
     scenario, forces, masses = flight.scenario, total_forces_n(flight), flight.thrust.masses_kg
-    names = [name for name in names if name != 'Basilisk' or basilisk.knows(scenario)]
-    true = {name: TRUTHS[name](scenario, forces, masses) for name in names}
-    apart = None
+    true = {name: by(scenario, forces, masses) for name, by in truths.items()}
+    disagreement_m = None
     if len(true) == 2:
         first, second = true.values()
-        apart = float(np.linalg.norm((first - second)[:, :3], axis=1).max())
+        disagreement_m = float(np.linalg.norm((first - second)[:, :3], axis=1).max())
     errors = {name: flight.states - states for name, states in true.items()}
     growth = tuple(drift_errors(scenario, scenario.duration_s))
-    return Comparison(title, scenario, errors, apart, growth)
+    return Comparison(title, scenario, errors, disagreement_m, growth)

@@ -9,11 +9,9 @@ few units per worker are under way at a time, so that memory stays flat.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable
 from contextlib import closing
 from functools import lru_cache, partial
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,22 +51,10 @@ def fly(
         store.finish(document(store))
 
 
-def on_threads(campaign: Campaign, pending: list[int], workers: int) -> Results:
+def on_threads(campaign: Campaign, pending: Iterable[int], workers: int) -> Results:
     """Yield results as they come in."""
-    executor = ThreadPoolExecutor(workers, 'rpo-campaign')
-    todo = iter(pending)
-    under_way: dict[Future[Floats], int] = {}
-    try:
-        while True:
-            for unit in islice(todo, pool.AHEAD * workers - len(under_way)):
-                under_way[executor.submit(fly_unit, campaign, unit)] = unit
-            if not under_way:
-                return
-            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield under_way.pop(future), future.result()
-    finally:
-        executor.shutdown(cancel_futures=True)
+    calls = ((unit, (campaign, unit)) for unit in pending)
+    return pool.on_threads(fly_unit, calls, workers)
 
 
 @lru_cache(maxsize=2)

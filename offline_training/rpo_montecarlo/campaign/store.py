@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -36,11 +35,14 @@ from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.run_batch import UNIT, columns_of, units
 from rpo_montecarlo.cluster.pool import versions
 from rpo_montecarlo.outputs import (
+    VERSIONS,
     alone,
+    begin_folder,
     digest_of,
     make_folder,
     read_arrays,
-    write_aside,
+    require_free,
+    write_arrays,
     write_text,
 )
 
@@ -48,7 +50,6 @@ Floats = NDArray[np.float64]
 
 _TEXTS = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
 _RESULTS, _SUMMARY, _PART, _DONE = 'results.npz', 'summary.yaml', 'results.part', 'done.part'
-_VERSIONS = 'versions.yaml'
 _BYTES = 8
 """Of a number, and of the digest of a unit."""
 
@@ -77,20 +78,20 @@ class Store:
         InputError
             If it holds a campaign already, or other files.
         """
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            if not (folder / _TEXTS[0]).is_file():
-                raise InputError(f'{folder}: must be a new or empty folder; it holds other things')
+
+        def hint() -> str:
             same = cls._texts(folder) == campaign.texts
             state = 'this campaign: go on with --resume' if same else 'another configuration'
-            raise InputError(f'{folder}: holds a campaign already, of {state}')
+            return f', of {state}'
+
+        require_free(folder, _TEXTS[0], 'campaign', hint)
         store = cls(folder, campaign)
         make_folder(folder)
         runs = campaign.config.runs
         store._reserve(_PART, len(store.columns) * runs * _BYTES)
         store._reserve(_DONE, units(runs) * _BYTES)
-        write_text(folder / _VERSIONS, yaml.safe_dump({**versions(), _BOUND: store.bound}))
-        for name, text in zip(reversed(_TEXTS), reversed(campaign.texts), strict=True):
-            write_text(folder / name, text)  # campaign.yaml last: with it, the folder is one
+        texts = dict(zip(reversed(_TEXTS), reversed(campaign.texts), strict=True))
+        begin_folder(folder, texts, {**versions(), _BOUND: store.bound})
         return store
 
     @classmethod
@@ -100,7 +101,7 @@ class Store:
             raise InputError(f'{folder}: must be the folder of a campaign; it holds no {_TEXTS[0]}')
         names = tuple(str(folder / name) for name in _TEXTS)
         store = cls(folder, Campaign.of_texts(cls._texts(folder), names))  # type: ignore[arg-type]
-        theirs = files.load(folder / _VERSIONS, _versions)
+        theirs = files.load(folder / VERSIONS, _versions)
         bound = theirs.pop(_BOUND, store.bound if store.finished else '')  # older ones have none
         if theirs != versions():
             raise InputError(
@@ -178,7 +179,8 @@ class Store:
         """Write `results.npz` and the summary; remove the partial results."""
         text = yaml.safe_dump(dict(summary), sort_keys=False, width=100)
         write_text(self.folder / _SUMMARY, text)
-        write_aside(self.folder / _RESULTS, self._archive)
+        columns = ((name, self.column(name)) for name in self.columns)
+        write_arrays(self.folder / _RESULTS, columns)
         for name in (_PART, _DONE):
             (self.folder / name).unlink()
 
@@ -193,14 +195,6 @@ class Store:
         offset = self.columns.index(name) * runs * _BYTES
         with self._read(_PART) as part:
             return np.fromfile(part, '<f8', count=runs, offset=offset)
-
-    def _archive(self, file: IO[bytes]) -> None:
-        """Write an .npz, column by column, without times of files: the same bytes each time."""
-        with zipfile.ZipFile(file, 'w', allowZip64=True) as archive:
-            for name in self.columns:
-                entry = zipfile.ZipInfo(f'{name}.npy')
-                with archive.open(entry, 'w', force_zip64=True) as member:
-                    np.lib.format.write_array(member, self.column(name), allow_pickle=False)
 
     def _read(self, name: str) -> IO[bytes]:
         try:

@@ -1,28 +1,30 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Work on a `dask.distributed` cluster: one of this machine, or a scheduler at an address.
+"""Work on the threads of this machine, or on a `dask.distributed` cluster.
 
-A result depends on the function and its arguments only: another worker repeats the task of a lost
-one, and the bits are those of one machine. A few tasks per thread are under way at a time, so that
-memory stays flat.
+A cluster is one of this machine, or a scheduler at an address. A result depends on the function and
+its arguments only: another worker repeats the task of a lost one, and the bits are those of one
+machine. A few tasks per thread are under way at a time, so that memory stays flat.
 """
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from rpo_core.files.validation import InputError
 
+Result = TypeVar('Result')
+
 AHEAD = 3
-"""Tasks under way per thread of a worker."""
+"""Tasks under way per thread."""
 
 CONNECT_S = 10
 """How long a cluster may take to answer."""
@@ -34,6 +36,28 @@ RETRIES = 10
 def versions() -> dict[str, str]:
     """Return the versions of the libraries that the bits of results depend on."""
     return {name: version(name) for name in ('numba', 'numpy', 'scipy')}
+
+
+def on_threads(
+    function: Callable[..., Result], calls: Iterable[tuple[int, tuple[Any, ...]]], workers: int
+) -> Generator[tuple[int, Result], None, None]:
+    """Call a function on threads; yield (number, result) of each call as they come in.
+
+    calls : (number, arguments) of each
+    """
+    executor, todo = ThreadPoolExecutor(workers, 'rpo-work'), iter(calls)
+    under_way: dict[Future[Result], int] = {}
+    try:
+        while True:
+            for number, arguments in islice(todo, AHEAD * workers - len(under_way)):
+                under_way[executor.submit(function, *arguments)] = number
+            if not under_way:
+                return
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield under_way.pop(future), future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
 
 
 def _call(function: Callable[..., Any], *arguments: Any) -> tuple[dict[str, str], Any]:

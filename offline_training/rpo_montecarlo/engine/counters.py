@@ -7,7 +7,8 @@ from __future__ import annotations
 from math import sqrt
 
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import AxisSums, fill_row, larger, last_outside, norm, with_square
+from rpo_core.judge.metrics import AxisSums, fill_row, larger, last_outside, with_square
+from rpo_core.kernels import norm
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_montecarlo.engine.parts import (
     BEFORE,

@@ -144,7 +144,7 @@ class Waves(NamedTuple):
 
 
 class Goal(NamedTuple):
-    """A goal away from the target, as `rpo_core.control.controller_file.GoalStage` flies to it.
+    """A goal away from the target, as `rpo_core.control.controller_file.FollowStage` flies to it.
 
     position, force : (2 P + Q,) lanes x..., y..., z...: the goal [m], and the force [N] on top of
         the command

@@ -132,5 +132,7 @@ class Family(Baseline):
 
 def family_of(name: str) -> type[Family]:
     """Return the family of a name; raises InputError."""
-    known = {n: kind for n, kind in controller_file.kinds().items() if issubclass(kind, Family)}
+    known = {
+        n: kind for n, kind in sorted(controller_file.kinds().items()) if issubclass(kind, Family)
+    }
     return known[choice('family', name, known)]

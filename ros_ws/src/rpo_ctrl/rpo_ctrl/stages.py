@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds that this room adds to controller files; `rpo_core.files.plugins` imports it."""
 
-from rpo_ctrl import baselines, more_words, pace, time_to_go
+from rpo_ctrl import baselines, table, time_to_go
 
-__all__ = ['baselines', 'more_words', 'pace', 'time_to_go']
+__all__ = ['baselines', 'table', 'time_to_go']

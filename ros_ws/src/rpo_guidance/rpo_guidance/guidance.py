@@ -10,8 +10,7 @@ import numpy as np
 
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.files.scenario import Scenario
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import State
+from rpo_core.kernels import State, norm
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_guidance import plan
@@ -27,7 +26,7 @@ from rpo_guidance.legs import (
 )
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.transfer_kernels import Floats, at_port
-from rpo_guidance.transfers import Zones
+from rpo_guidance.transfers import Limits
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
 COMMANDS = (GO, STOP, RETREAT, ABORT)
@@ -274,7 +273,7 @@ class GuidanceStage(Stage):
         # nearer than it is
         range_m = norm(*start[:3])
         free = corridor_s is None and min(range_m, norm(*end[:3])) <= radius
-        zones = Zones(
+        zones = Limits(
             0.0 if free else min(radius, range_m),
             None,
             settings.port_m,

@@ -12,12 +12,11 @@ from math import ceil, sqrt
 from typing import NamedTuple, Protocol
 
 from rpo_core import kernels
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import CwStep, State, Vector, sin_cos
+from rpo_core.kernels import CwStep, State, Vector, norm, sin_cos
 from rpo_core.world import cw
 from rpo_guidance import transfers
 from rpo_guidance.transfer_kernels import Floats, sample
-from rpo_guidance.transfers import Transfer, Zones
+from rpo_guidance.transfers import Limits, Transfer
 
 PI = 3.141592653589793
 
@@ -112,7 +111,7 @@ class Transferring:
         end: State,
         vehicle: Vehicle,
         duration_s: float,
-        zones: Zones,
+        zones: Limits,
         corridor_s: float | None = None,
         burn_s: float | None = None,
         ease_s: float | None = None,
@@ -132,7 +131,7 @@ class Transferring:
         start: State,
         end: State,
         duration_s: float,
-        zones: Zones,
+        zones: Limits,
         corridor_s: float | None,
         burn_s: float | None,
         ease_s: float | None,

@@ -8,18 +8,18 @@ first one at the state of the chaser. After the last leg the reference stays whe
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
 
+from rpo_core.files import codec
 from rpo_core.files.codec import UNLESS_DEFAULT
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, Name, check_fields, choice, real, shown, vector3
-from rpo_core.judge import zones
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import Vector, sin_cos
-from rpo_guidance.transfers import along_and_across
+from rpo_core.judge.zones import NO_CORRIDOR, Corridor, Zone, Zones
+from rpo_core.kernels import Vector
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
 KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)
@@ -31,9 +31,6 @@ GO_ON, ABORT = 'go', 'abort'
 """What a hold does when its time is up."""
 
 MAX_LEGS = 50
-
-SHORTEST_AXIS = 1e-6
-"""A shorter axis of a corridor has no direction that is sure."""
 
 _position = partial(vector3, unit='m', bound=MAX_POSITION_M)
 _velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
@@ -136,50 +133,11 @@ _DEFAULTS = {name: Leg.__dataclass_fields__[name].default for name in _KINDS_OF}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Corridor:
-    """The cone by which the chaser enters the keep-out sphere; its tip is the port.
-
-    axis : (3,) from the port outward; half_angle_deg : of the cone
-    from_m : range from the target within which the chaser must be inside; 0: no corridor
-    """
-
-    axis: Annotated[Vector, partial(vector3, unit='', bound=1e3)] = (0.0, 1.0, 0.0)
-    half_angle_deg: Annotated[float, partial(real, unit='deg', above=0.0, most=60.0)] = 10.0
-    from_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        if norm(*self.axis) < SHORTEST_AXIS:
-            raise InputError(
-                f'`axis` must be at least {SHORTEST_AXIS:g} long; got {list(self.axis)!r}'
-            )
-
-    @property
-    def ahead(self) -> Vector:
-        """Unit vector (3,) from the port outward."""
-        x, y, z = self.axis
-        size = norm(x, y, z)
-        return x / size, y / size, z / size
-
-    @property
-    def slope(self) -> float:
-        """Tangent of the half angle."""
-        sine, cosine = sin_cos(self.half_angle_deg * 0.017453292519943295)
-        return sine / cosine
-
-    def outside_m(self, position_m: Vector, port_m: Vector) -> float:
-        """Return how far [m] a point lies outside the cone, across its axis; < 0 inside."""
-        along, across = along_and_across(position_m, port_m, self.ahead)
-        return norm(*across) - along * self.slope
-
-
-@dataclass(frozen=True, kw_only=True)
 class Guidance:
     """Settings of guidance.
 
-    keep_out_m : radius of the sphere about the target; the corridor leads through it
+    keep_out_m, port_m, corridor : as in section `zones`, unless they differ for guidance
     margin_m : by which transfers plan a larger sphere, for the errors of the flight
-    port_m : (3,) tip of the corridor
     retreat_m : (3,) where `retreat` leads
     abort_offset_m : by how much `abort` goes below (ahead of the target) or above (behind it), from
         where relative motion carries the chaser away without a force
@@ -193,7 +151,7 @@ class Guidance:
     legs: tuple[Leg, ...]
     keep_out_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e4)] = 0.0
     margin_m: Annotated[float, partial(real, unit='m', least=0.0, most=1e3)] = 3.0
-    corridor: Corridor = Corridor()
+    corridor: Corridor = NO_CORRIDOR
     port_m: Annotated[Vector, _position] = (0.0, 0.0, 0.0)
     retreat_m: Point = None
     abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
@@ -223,18 +181,19 @@ class Guidance:
             if names.count(name) > 1:
                 raise InputError(f'`legs` must have names of their own; {name} is there twice')
 
-    def zones(self, _scenario: Any) -> zones.Zones:
+    def zones(self, _scenario: Any) -> Zone:
         """Return what views draw: sphere, corridor, holds, retreat."""
-        corridor, points, end_m = None, {}, None
-        if self.corridor.from_m:
-            length_m = self.corridor.from_m - norm(*self.port_m)
-            corridor = zones.Corridor(
-                self.port_m, self.corridor.ahead, self.corridor.slope, length_m
-            )
+        points, end_m = {}, None
         for leg in self.legs:
             end_m = leg.to_m or end_m
             if leg.kind == HOLD and end_m is not None:
                 points[leg.name] = end_m
         if self.retreat_m is not None:
             points['retreat'] = self.retreat_m
-        return zones.Zones(self.keep_out_m, corridor, points)
+        zones = Zones(keep_out_m=self.keep_out_m, port_m=self.port_m, corridor=self.corridor)
+        return zones.zone(points)
+
+    @staticmethod
+    def of_zones(_document: Any, zones: Zones) -> Mapping[str, Any]:
+        """Return the fields that are as the zones of the scenario, unless the section has them."""
+        return codec.to_mapping(zones)

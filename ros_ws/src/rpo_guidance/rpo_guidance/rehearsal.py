@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import State, Vector
+from rpo_core.kernels import State, Vector, norm
 from rpo_guidance import plan
 from rpo_guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
 from rpo_guidance.legs import SEGMENTS
@@ -73,7 +72,8 @@ def check(settings: Guidance, scenario: Scenario) -> None:
             '`force_share`), or zones without a way between them'
         ) from None
     _check_durations(settings, scenario, found)
-    corridor, starts = settings.corridor, [change.tick for change in found.changes]
+    cone = settings.corridor.cone(settings.port_m)
+    starts = [change.tick for change in found.changes]
     for tick, (reference, force) in enumerate(zip(found.references, found.forces, strict=True)):
         phase = found.changes[bisect_right(starts, tick) - 1].phase
         at = f'leg {phase}, {tick * scenario.dt_s:g} s'
@@ -86,12 +86,12 @@ def check(settings: Guidance, scenario: Scenario) -> None:
         distance, sphere = norm(*reference[:3]), settings.keep_out_m
         if distance >= sphere or (settings.past_port_m and phase in (ARRIVED, DOCKED)):
             continue
-        if not corridor.from_m:
+        if not settings.corridor.from_m:
             raise InputError(
                 f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m '
                 f'without `corridor.from_m`; {at}: {distance:.4g} m from the target'
             )
-        outside = corridor.outside_m(reference[:3], settings.port_m)
+        outside = cone.outside_m(reference[:3])
         if outside > 1e-9:
             raise InputError(
                 f'`guidance` must keep out of the sphere of `keep_out_m` = {sphere:g} m but for '

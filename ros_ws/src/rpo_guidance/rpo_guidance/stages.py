@@ -11,6 +11,12 @@ from rpo_guidance.rehearsal import check
 
 register(
     Section(
-        'guidance', Guidance, Place.GUIDANCE, GuidanceStage, rehearse=check, zones=Guidance.zones
+        'guidance',
+        Guidance,
+        Place.GUIDANCE,
+        GuidanceStage,
+        rehearse=check,
+        zones=Guidance.zones,
+        of_zones=Guidance.of_zones,
     )
 )

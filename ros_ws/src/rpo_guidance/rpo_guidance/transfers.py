@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import CwStep, State, Vector
+from rpo_core.judge.zones import along_and_across, beside_m
+from rpo_core.kernels import CwStep, State, Vector, norm
 from rpo_guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 from rpo_guidance.work import spend
 
@@ -73,15 +73,7 @@ def _side(states: Floats, distances: list[float]) -> Vector:
     return 0.0, 0.0, 1.0
 
 
-def along_and_across(position: Vector, port_m: Vector, axis: Vector) -> tuple[float, Vector]:
-    """Return how far [m] a point lies along an axis from a port, and its vector (3,) [m] across."""
-    offset = [r - p for r, p in zip(position, port_m, strict=True)]
-    along = offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2]
-    x, y, z = (o - along * a for o, a in zip(offset, axis, strict=True))
-    return along, (x, y, z)
-
-
-class Zones(NamedTuple):
+class Limits(NamedTuple):
     """Where the path may be.
 
     radius_m : of the sphere about the target that it keeps out of; 0: none
@@ -110,13 +102,13 @@ class Zones(NamedTuple):
                 worst = max(worst, self.radius_m - distances[j])
                 continue
             along, across = along_and_across(tuple(states[j, :3].tolist()), self.port_m, self.axis)
-            worst = max(worst, norm(*across) - self.slope * along)
+            worst = max(worst, beside_m(along, norm(*across), 0.0, self.slope))
             if j == self.corridor:
                 worst = max(worst, self.gate_m - along)
         return worst
 
 
-ANYWHERE = Zones()
+ANYWHERE = Limits()
 
 
 class _HalfSpaces:
@@ -135,7 +127,7 @@ class _HalfSpaces:
 
 
 def _outside_sphere(
-    states: Floats, distances: list[float], zones: Zones, side: Vector | None
+    states: Floats, distances: list[float], zones: Limits, side: Vector | None
 ) -> _HalfSpaces:
     """Return the half-spaces that keep a path out of the sphere.
 
@@ -157,7 +149,7 @@ def _outside_sphere(
     return found
 
 
-def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Zones) -> None:
+def _touch_cone(planes: _HalfSpaces, states: Floats, zones: Limits) -> None:
     """Add the planes that touch the cone beside the points of a path outside it.
 
     The cone is convex: a plane that touches it is right for every path.
@@ -190,7 +182,7 @@ class _Problem:
         end: State,
         step: CwStep,
         segments: int,
-        zones: Zones,
+        zones: Limits,
         burn: int | None,
         ease: int,
     ) -> None:
@@ -266,7 +258,7 @@ def least_energy(
     end: State,
     step: CwStep,
     segments: int,
-    zones: Zones = ANYWHERE,
+    zones: Limits = ANYWHERE,
     burn: int | None = None,
     ease: int = 0,
 ) -> Transfer:

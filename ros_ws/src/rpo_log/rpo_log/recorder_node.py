@@ -18,7 +18,8 @@ from rpo_core import files
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
-from rpo_core.wire.statuses import READERS, WAITING, Manifest, RunStatus
+from rpo_core.wire.interfaces import PROGRESS_TICKS
+from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
@@ -74,7 +75,7 @@ class RecorderNode(FlightNode):
         self._end: tuple[str, int, float] | None = None
         self._heard: set[str] = set()
         self._ready, self._running, self._anew, self._newest = False, False, False, -1
-        self._told = 0
+        self._reported, self._asked = 0, None
         self._timeout = Timeout()
         self._interrupted = False
         self._health_log: HealthLogWriter | None = None
@@ -111,6 +112,7 @@ class RecorderNode(FlightNode):
             DiagnosticArray, names.DIAGNOSTICS, self._on_diagnostics, qos.DIAGNOSTICS, raw=True
         )
         hear(self, Manifest, self._on_manifest)
+        hear(self, PlantTick, self._on_plant_tick, qos.RECORDING)
 
     def _on_raw(self, name: str, data: bytes) -> None:
         if self._commanded_s is None and name == self._force_topic:
@@ -120,13 +122,22 @@ class RecorderNode(FlightNode):
         if self.log is not None:
             if name in self._recorded:
                 self.log.record(name, data)
-                if self.log.next_tick >= self._told + interfaces.PROGRESS_TICKS:
-                    self._told = self.log.next_tick  # so that a plant does not run away
-                    self._announce('ready' if self._ready else 'waiting')
+                self._report_progress(self.log)
             elif self._decisions is not None and name == self._decision_topic:
                 self._decisions.record(data, self.log.latest)
         elif len(self._early) < _MOST_EARLY:
             self._early.append((name, data))
+
+    def _report_progress(self, log: RunLogWriter) -> None:
+        """Publish how far the log is, so that the plant does not run away, and what is asked."""
+        if log.next_tick >= self._reported + PROGRESS_TICKS or log.asks_from != self._asked:
+            self._reported, self._asked = log.next_tick, log.asks_from
+            self._announce('ready' if self._ready else 'waiting')
+
+    def _on_plant_tick(self, found: PlantTick) -> None:
+        if self.log is not None and found.run == self._manifests.run_id:
+            self.log.report(found.tick, found.taken)
+            self._report_progress(self.log)
 
     def refused(self, topic: str, reason: str) -> None:
         """Count a message with a wrong content, as others that are not of this run."""
@@ -233,10 +244,11 @@ class RecorderNode(FlightNode):
             self._lose_plant('the plant was started anew')
         elif silent_s > self.values['plant_timeout_s'] or gone:
             self._lose_plant('the plant is gone')
-        elif not log.wary:
+        elif log.asks_from is None:
             for name in self._contested():
-                log.be_wary()
+                log.ask()
                 self.get_logger().warning(f'{name} has several publishers: the log holds what acts')
+            self._report_progress(log)
 
     def _contested(self) -> list[str]:
         """Return the topics with a message at every tick that several nodes publish."""
@@ -279,7 +291,7 @@ class RecorderNode(FlightNode):
         log = RunLogWriter(
             self.folder, base, self._recorded, self._manifests.attachments(own),
             split_s=self.values['split_s'], split_bytes=round(self.values['split_mb'] * 1e6),
-            overwrite=self.values['overwrite'], scenario=found)  # fmt: skip
+            overwrite=self.values['overwrite'])  # fmt: skip
         self._health_log = HealthLogWriter(self.folder)
         self._awaited = set(self._expected)
         rate_hz = self._manifests.decision_rate_hz
@@ -343,7 +355,9 @@ class RecorderNode(FlightNode):
     def _announce(self, message: str, reason: str = '') -> None:
         values = {'recorder': self._id, 'run': self._manifests.run_id, 'reason': reason}
         if self.log is not None:
-            values['next_tick'] = self._told
+            values['next_tick'] = self._reported
+            if self._asked is not None:
+                values['asks_from'] = self._asked
         status = (health.ERROR if reason else health.OK)[0], self.get_name(), message, 'none'
         self._last_status = cdr.encode_status(*status, texts_of(values.items()))
         self._publish_status()

@@ -10,7 +10,7 @@ from typing import Any
 from rpo_core.files.validation import InputError
 from rpo_safety.assumed import SQRT_3, Errors, unknown_n
 from rpo_safety.kernels import Guard, authority, fastest_after, speed_limit
-from rpo_safety.settings import Assurance, Corridor
+from rpo_safety.settings import Assurance, Passage
 
 EDGE_SHARE = 0.6
 """Share of the domain beyond which its edge is in question; near the one that allows most speed."""
@@ -102,7 +102,7 @@ class _Edge:
         way_m = max(self.from_m - free_m, 0.0)
         return math.sqrt(speed_m_s * speed_m_s + 2.0 * g.slowing_m_s2 * way_m)
 
-    def brakes_who_leaves(self, way: Corridor | None) -> bool:
+    def brakes_who_leaves(self, way: Passage | None) -> bool:
         """Return whether who left the corridor faster than the limit has braked down to it here.
 
         In the corridor nothing brakes a chaser that recedes, and is pushed outward.

@@ -13,7 +13,7 @@ from rpo_core.files.validation import InputError
 from rpo_safety.assumed import SQRT_3, Errors, ahead, errors_of, unknown_n
 from rpo_safety.edge import speed_floor, within_domain
 from rpo_safety.kernels import FAR, Guard, speed_limit
-from rpo_safety.settings import LEAST_CHANGE, Assurance, Corridor
+from rpo_safety.settings import LEAST_CHANGE, Assurance, Passage
 
 BRAKE_SHARE = 0.95
 """Share of a thruster axis that the backup law may push along the range; 0.31 is left across."""
@@ -212,7 +212,7 @@ def _check_speed(
 
 
 def _corridor(
-    way: Corridor | None,
+    way: Passage | None,
     scenario: Any,
     errors: Errors,
     here: tuple[float, float],
@@ -268,7 +268,7 @@ def _corridor(
     }
 
 
-def _check_contact(way: Corridor, rest_m_s: float, across_m_s: float) -> None:
+def _check_contact(way: Passage, rest_m_s: float, across_m_s: float) -> None:
     """Refuse speeds of contact that the backup law does not keep for certain.
 
     rest_m_s : what it leaves where it stops; across_m_s : that, or away from a wall at the port

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.judge.metrics import norm
-from rpo_core.kernels import State, Vector
+from rpo_core.kernels import State, Vector, norm
 from rpo_safety.kernels import Guard, closing, speed_limit
 from rpo_safety.manoeuvre import World, towards
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any
@@ -13,9 +14,8 @@ from rpo_core.files import codec
 from rpo_core.files.codec import UNLESS_DEFAULT
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, check_fields, choice, real
-from rpo_core.judge import zones
 from rpo_core.judge.requirements import DIRECTIONS
-from rpo_core.kernels import sin_cos
+from rpo_core.judge.zones import Cone, Zone, Zones, along_and_across, tangent
 from rpo_core.world.disturbance import MAX_FORCE_N
 from rpo_safety.abort_table import AbortTable
 
@@ -78,7 +78,7 @@ def _speed_of(name: str, value: Any) -> Speed:
 
 
 @dataclass(frozen=True)
-class Corridor:
+class Passage:
     """The way to the port through the keep-out sphere: a pyramid in a cone about an axis.
 
     along : axis from the target to the port, of target LVLH
@@ -102,14 +102,13 @@ class Corridor:
     @property
     def slope(self) -> float:
         """What the half-width gains per metre: the pyramid lies in the cone."""
-        sine, cosine = sin_cos(math.pi / 180.0 * self.half_angle_deg)
-        return sine / cosine / math.sqrt(2.0)
+        return tangent(self.half_angle_deg) / math.sqrt(2.0)
 
 
-def _corridor_of(name: str, value: Any) -> Corridor | None:
-    if value is None or isinstance(value, Corridor):
+def _corridor_of(name: str, value: Any) -> Passage | None:
+    if value is None or isinstance(value, Passage):
         return value
-    return codec.from_mapping(Corridor, name, value)
+    return codec.from_mapping(Passage, name, value)
 
 
 _some_metres = partial(_optional, unit='m', most=MAX_POSITION_M)
@@ -124,6 +123,7 @@ class Assurance:
     speed : preset or own limit of the speed by range
     keep_out_m : radius of the sphere about the target; 0: none
     corridor : the way in; None: there is none
+    Both are as in section `zones`, where the section does not have their fields
     slew_n_s : largest change of an axis per second, kept as long as the sets allow it; None: any
     position_error_m, velocity_error_m_s : largest norm of the error of the state that it sees
     disturbance_n : largest norm of the force from outside
@@ -180,13 +180,37 @@ class Assurance:
         if zone >= self.domain_m:
             raise InputError(f'`keep_out_m` must be < domain_m = {self.domain_m!r} m; got {zone!r}')
 
-    def zones(self, _scenario: Any) -> zones.Zones:
+    def zones(self, _scenario: Any) -> Zone:
         """Return what views draw: sphere and corridor."""
-        way, corridor = self.corridor, None
+        way, cone = self.corridor, None
         if way is not None:
             sign, axis = (1.0 if way.along[0] == '+' else -1.0), 'xyz'.index(way.along[1])
             ahead = tuple(sign if i == axis else 0.0 for i in range(3))
             tip = tuple(way.port_m * a for a in ahead)
             length_m = way.outer_m - way.port_m
-            corridor = zones.Corridor(tip, ahead, way.slope, length_m, way.width_m, square=True)
-        return zones.Zones(self.keep_out_m, corridor)
+            cone = Cone(tip, ahead, way.slope, length_m, way.width_m, square=True)
+        return Zone(self.keep_out_m, cone)
+
+    @staticmethod
+    def of_zones(document: Any, zones: Zones) -> Mapping[str, Any]:
+        """Return the fields that are as the zones of the scenario, unless the section has them.
+
+        Raises InputError where the corridor is not along an axis of LVLH from the target.
+        """
+        found: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
+        if not isinstance(document, Mapping) or document.get('corridor') is None:
+            return found
+        corridor = zones.corridor
+        along, (x, y, z) = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
+        if not corridor.from_m or not corridor.along or any((x, y, z)):
+            raise InputError(
+                '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
+                f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
+            )
+        found['corridor'] = {
+            'along': corridor.along,
+            'half_angle_deg': corridor.half_angle_deg,
+            'port_m': along,
+            'outer_m': corridor.from_m,
+        }
+        return found

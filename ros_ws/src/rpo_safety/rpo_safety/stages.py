@@ -32,6 +32,12 @@ interfaces.add(
 )
 register(
     Section(
-        'assurance', Assurance, Place.ASSURANCE, AssuranceStage, check_start, zones=Assurance.zones
+        'assurance',
+        Assurance,
+        Place.ASSURANCE,
+        AssuranceStage,
+        check_start,
+        zones=Assurance.zones,
+        of_zones=Assurance.of_zones,
     )
 )

@@ -24,7 +24,7 @@ class FreeRunningPlant(Plant):
 
     def __init__(self, scenario: Scenario, expected: Sequence[str], stale_after_ticks: int) -> None:
         super().__init__(scenario, expected)
-        self.stale_after_ticks = stale_after_ticks
+        self.stale_after_ticks = self.settled_after_ticks = stale_after_ticks
         self.held_ticks = 0
         self.stale_ticks = 0
         self._held: dict[str, tuple[int, Force]] = {}
@@ -53,6 +53,7 @@ class FreeRunningPlant(Plant):
         if tick <= newest:
             return self.ignore(REPEATED if tick == newest else LATE)
         self._held[name] = (tick, force_n)
+        self.taken.get(tick, {})[name] = force_n
         return ACCEPTED
 
     def age_ticks(self, name: str) -> int | None:

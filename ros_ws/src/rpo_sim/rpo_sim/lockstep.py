@@ -4,18 +4,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from rpo_core.files.scenario import Scenario
 from rpo_sim.plant import ACCEPTED, DROPPED, EARLY, FOREIGN, LATE, REPEATED, Force, Plant
 
 
 class LockstepPlant(Plant):
     """State k waits for the answers with stamp k, then steps."""
 
-    def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
-        super().__init__(scenario, expected)
-        self.answers: dict[str, Force] = {}
+    @property
+    def answers(self) -> dict[str, Force]:
+        """The answers to the current state, by topic."""
+        return self.taken[self.tick]
 
     @property
     def missing(self) -> list[str]:
@@ -55,4 +53,3 @@ class LockstepPlant(Plant):
     def advance(self) -> None:
         """Step to the next tick; all answers must be there and the run not finished."""
         self.fly(self.answers)
-        self.answers.clear()

@@ -16,7 +16,7 @@ from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
-from rpo_core.kernels import pulse_kernels
+from rpo_core.kernels import norm, pulse_kernels
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.world.thrusters import ValvesStage
@@ -54,8 +54,12 @@ class Plant:
 
     scenario : of the run
     expected : topics of the answers to each state
+    taken : tick, of the last ones -> the answers to its state that were accepted, by topic
+    settled_after_ticks : after so many ticks no answer to a state can act any more
     depths_m : zone -> how deep the chaser has been in it so far, if it was
     """
+
+    settled_after_ticks = 0
 
     def __init__(self, scenario: Scenario, expected: Sequence[str]) -> None:
         self.scenario = scenario
@@ -64,6 +68,7 @@ class Plant:
         self._squares = [0.0, 0.0, 0.0]  # of the saturated commands, per axis [N^2]
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
+        self.taken: dict[int, dict[str, Force]] = {0: {}}
         self._chain = Chain.of(scenario).part(*PLACES)
         self._chain.reset()
         self.inputs = tuple(name for name in self._chain.inputs if name != RELATIVE_STATE)
@@ -120,7 +125,7 @@ class Plant:
         self._chain.step(self.tick, signals)
         # With its norms: 1e300 m is finite, but no controller can answer it.
         state = signals[RELATIVE_STATE]
-        if not math.isfinite(metrics.norm(*state[:3]) + metrics.norm(*state[3:])):
+        if not math.isfinite(norm(*state[:3]) + norm(*state[3:])):
             signals[RELATIVE_STATE] = before
             raise NotFiniteError(self._why_not_finite(signals))
         x, y, z = signals[SATURATED_FORCE]
@@ -130,6 +135,8 @@ class Plant:
             for total, force in zip(self._squares, (x, y, z), strict=True)
         ]
         self.tick += 1
+        self.taken[self.tick] = {}
+        self.taken.pop(self.tick - interfaces.REMEMBERED_TICKS, None)
         self._stamp_ns = self.scenario.stamp_ns(self.tick)
         self._look_for_zones(before, state)
 
@@ -166,8 +173,8 @@ class Plant:
         error = self.scenario.from_goal(self.state)
         where = 'target' if self.scenario.goal is None else 'goal'
         return (
-            f'{metrics.norm(*error[:3]):.3g} m from the {where} and '
-            f'{metrics.norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
+            f'{norm(*error[:3]):.3g} m from the {where} and '
+            f'{norm(*error[3:]):.3g} m/s (norms), J = {self.energy_n2s:.4g} N^2 s'
         )
 
     def figures(self) -> dict[str, float | int]:
@@ -177,7 +184,7 @@ class Plant:
             'tick': self.tick,
             'time_s': self.scenario.time_s(self.tick),
             'energy_n2s': self.energy_n2s,
-            'distance_m': metrics.norm(x, y, z),
-            'speed_m_s': metrics.norm(vx, vy, vz),
+            'distance_m': norm(x, y, z),
+            'speed_m_s': norm(vx, vy, vz),
             'saturated_ticks': self.saturated_ticks,
         }

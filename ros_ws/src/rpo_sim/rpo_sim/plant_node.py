@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from rpo_core import files
+from rpo_core.chain.chain import Signals
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.wire import interfaces
@@ -27,7 +28,7 @@ from rpo_sim.pacing import FreeRunningPacing, LockstepPacing, applied_topic
 from rpo_sim.parameters import FREE_RUNNING, LOCKSTEP
 from rpo_sim.parameters import PLANT as PARAMETERS
 from rpo_sim.plant import ACCEPTED, NotFiniteError, topics_of
-from rpo_sim.publications import Publications
+from rpo_sim.publications import Publications, TickReports
 from rpo_sim.recorder_watch import RecorderWatch
 from rpo_sim.refusals import Refusals
 from rpo_sim.simulator_control import SimulatorControl
@@ -67,8 +68,9 @@ class PlantNode(Loop):
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore)
         self._refusals = Refusals(self, self.scenario)
+        self.reports = TickReports(self, self.run_id, self._peers)
         self.recorder = RecorderWatch(
-            self, self.values['wait_for_recorder'], self.run_id, self._on_progress
+            self, self.values['wait_for_recorder'], self.run_id, self._on_progress, self.reports.ask
         )
 
     def _manifest(self, text: str) -> None:
@@ -84,6 +86,7 @@ class PlantNode(Loop):
         self.paused, self.steps = False, 0
         self.loop = LoopHealth(self.pacing.plant, self.pacing.figures)
         self.recorder.forget()
+        self.reports.forget()
         self._again, self._unrecorded, self._logged_s = False, False, 0.0
         self._zones_entered = 0
         self._complete = False  # whether all was there at the last look
@@ -132,10 +135,12 @@ class PlantNode(Loop):
     def advance(self) -> None:
         """Pass the current tick."""
         plant, topics = self.pacing.plant, self.topics
-        stamp_ns = plant.stamp_ns
+        tick, stamp_ns = plant.tick, plant.stamp_ns
+        state: Signals = {interfaces.RELATIVE_STATE: plant.state}
         applied = self.pacing.applied()
         if plant.finished:
-            topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
+            made = topics.made(stamp_ns, {**plant.last_signals(plant.answers), **applied})
+            self.reports.passed(plant, tick, state | made)
             self._end(FINISHED, '; '.join(filter(None, ('reached the last tick', plant.entered))))
             return
         try:
@@ -146,7 +151,8 @@ class PlantNode(Loop):
         self.progress_s = time.monotonic()
         self.send()
         self._judge_zones()
-        topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
+        made = topics.made(stamp_ns, {**plant.signals, **applied} if applied else plant.signals)
+        self.reports.passed(plant, tick, state | made)
         self.loop.sent(plant.tick, self.sent_s)
         if self.steps:
             self.steps -= 1
@@ -227,6 +233,7 @@ class PlantNode(Loop):
 
     def _end(self, phase: str, reason: str, level: bytes = health.OK) -> None:
         self.pacing.stop()
+        self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
         if phase == ABORTED:

@@ -11,12 +11,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 
+from rpo_core.chain.chain import Signals
 from rpo_core.chain.stage import Signal
 from rpo_core.wire import cdr, interfaces
-from rpo_ros import conversions, names, qos
+from rpo_core.wire.interfaces import REMEMBERED_TICKS
+from rpo_core.wire.statuses import numbers_text
+from rpo_ros import conversions, health, names, qos
 from rpo_ros.running import FlightNode
 from rpo_ros.signals import Outlet
-from rpo_sim.plant import ZERO
+from rpo_sim.plant import ZERO, Force, Plant
 
 
 class Publications:
@@ -37,11 +40,12 @@ class Publications:
         if self._clock is not None:
             self._clock.publish(cdr.encode_clock(stamp_ns))
 
-    def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> None:
-        """Publish those of some signals that are outputs of the plant."""
-        for name, outlet in self._made.items():
-            if name in signals:
-                outlet.publish(stamp_ns, signals[name])
+    def made(self, stamp_ns: int, signals: Mapping[str, Signal]) -> Signals:
+        """Publish those of some signals that are outputs of the plant; return them."""
+        found = {name: signals[name] for name in self._made if name in signals}
+        for name, values in found.items():
+            self._made[name].publish(stamp_ns, values)
+        return found
 
     def before_flight(self, stamp_ns: int) -> None:
         """Publish the outputs once with a stamp before the first, to connect a recorder."""
@@ -54,3 +58,61 @@ class Publications:
     def last_words(self, most_s: float) -> None:
         """Wait until all subscribers have the last run_status."""
         self._status.wait_for_all_acked(Duration(seconds=0, nanoseconds=round(most_s * 1e9)))
+
+
+class TickReports:
+    """What the plant published and took at a tick: on `plant_tick`, from where a recorder asks.
+
+    A tick is reported when no answer to its state can act any more. A flight without a question
+    publishes nothing.
+
+    run : id of the plant
+    peers : topics of the answers
+    """
+
+    def __init__(self, node: FlightNode, run: str, peers: Sequence[str]) -> None:
+        self._run, self._peers = run, tuple(peers)
+        profile = qos.of(interfaces.row_of(interfaces.PLANT_TICK).qos)
+        self._publisher = node.create_publisher(DiagnosticStatus, names.PLANT_TICK, profile)
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin a new run, of which nobody has asked yet."""
+        self._known: dict[int, tuple[Signals, dict[str, Force]]] = {}
+        self._asked: int | None = None
+        self._settled = 0
+
+    def passed(self, plant: Plant, tick: int, published: Signals) -> None:
+        """Remember what was published at a tick; the answers may still come."""
+        self._known[tick] = published, plant.taken[tick]
+        self._known.pop(tick - REMEMBERED_TICKS, None)
+        self._settle(tick - plant.settled_after_ticks)
+
+    def end(self, plant: Plant) -> None:
+        """Report the ticks up to the last one of the run."""
+        state: Signals = {interfaces.RELATIVE_STATE: plant.state}
+        self._known.setdefault(plant.tick, (state, plant.taken[plant.tick]))
+        self._settle(plant.tick)
+
+    def ask(self, first: int) -> None:
+        """Report the ticks from one on, as far as they are remembered and not reported yet."""
+        before = self._settled if self._asked is None else min(self._asked, self._settled)
+        self._asked = first if self._asked is None else min(self._asked, first)
+        for tick in range(max(first, before - REMEMBERED_TICKS), before):
+            self._publish(tick)
+
+    def _settle(self, last: int) -> None:
+        for tick in range(self._settled, last + 1):
+            if self._asked is not None and tick >= self._asked:
+                self._publish(tick)
+        self._settled = max(self._settled, last + 1)
+
+    def _publish(self, tick: int) -> None:
+        if tick not in self._known:
+            return
+        published, taken = self._known[tick]
+        values: dict[str, object] = {'run': self._run, 'tick': tick}
+        values |= {name: numbers_text(found) for name, found in published.items()}
+        values |= {name: numbers_text(taken.get(name, ())) for name in self._peers}
+        status = conversions.to_status(health.OK, 'plant', 'tick', values.items())
+        self._publisher.publish(status)

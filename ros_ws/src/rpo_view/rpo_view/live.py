@@ -21,7 +21,7 @@ from rpo_core.files import scenario as scenarios
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import MOST_NAME, InputError, printable
 from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
-from rpo_core.judge.zones import Zones, zones_of
+from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_core.world.thrusters import STANDARD_GRAVITY_M_S2
 from rpo_view.onboard import Onboard, number
@@ -125,7 +125,7 @@ class LiveRun:
     decisions: dict[str, AxisDecision] = field(default_factory=dict)
     effort: Effort = field(default_factory=Effort)
     onboard: Onboard = field(default_factory=Onboard)
-    zones: list[Zones] = field(default_factory=list)
+    zones: list[Zone] = field(default_factory=list)
     flights: int = 0
     _text: str = ''
     _law: AnyController | None = None
@@ -306,7 +306,7 @@ class LiveRun:
         }
 
 
-def _drawn(zones: Zones) -> dict[str, Any]:
+def _drawn(zones: Zone) -> dict[str, Any]:
     """Return zones, ready for JSON; a corridor by its edges in both planes of the page."""
     corridor = zones.corridor
     return {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rpo_core.judge.zones import Zones
+from rpo_core.judge.zones import Zone
 from rpo_log.show.style import COLOURS
 from rpo_ros.names import LVLH_FRAME
 from rpo_view.onboard import Onboard
@@ -58,7 +58,7 @@ def markers(
     force_n: Vector | None,
     trail: Sequence[Vector],
     look: Look,
-    zones: Sequence[Zones] = (),
+    zones: Sequence[Zone] = (),
     onboard: Onboard | None = None,
 ) -> MarkerArray:
     """Return the whole scene; the aids of `look` where the scenario has no zones of its own.
@@ -147,7 +147,7 @@ def _aids(start_m: Vector, look: Look) -> list[Marker]:
     return found
 
 
-def zone_markers(zones: Sequence[Zones]) -> list[Marker]:
+def zone_markers(zones: Sequence[Zone]) -> list[Marker]:
     """Return spheres, corridors, ports and the points of a plan with their names."""
     found = []
     for i, zone in enumerate(zones):

@@ -50,18 +50,27 @@ class ControllerStage(Stage):
 _STATES = (interfaces.STATE, interfaces.RELATIVE_STATE, interfaces.NAVIGATION_STATE)
 
 
-class GoalStage(Stage):
-    """A controller that was made for the target, and flies to another goal.
+class FollowStage(Stage):
+    """A controller that was made for the target, and flies to a goal or follows a reference.
 
-    It gets the state relative to the goal. Its command gets the force on top that holds a chaser
-    at rest there: off V-bar, relative gravity would otherwise push the chaser off the goal.
+    It gets the state relative to the goal or the reference. Its command gets the force on top that
+    a chaser at rest at the goal, or on the reference, needs: off V-bar, relative gravity would
+    otherwise push the chaser off the goal. It may oppose the disturbance that is estimated.
 
-    goal_m : (3,) [m]; force_n : (3,) [N], target LVLH
+    goal : state (6,) [m, m/s] and force (3,) [N], target LVLH; None: those of the signals of
+        guidance, if `guided`, or none
+    compensated : whether the disturbance [N] estimated at a tick is taken from its command
     """
 
-    def __init__(self, inner: Stage, goal_m: Vector, force_n: Vector) -> None:
-        self._inner, self._offset, self._force_n = inner, (*goal_m, 0.0, 0.0, 0.0), force_n
-        self.name, self.inputs, self.outputs = inner.name, inner.inputs, inner.outputs
+    def __init__(
+        self, inner: Stage, goal: tuple[State, Vector] | None, guided: bool, compensated: bool
+    ) -> None:
+        self._inner, self._goal = inner, goal
+        self._guided, self._compensated = guided, compensated
+        self.name, self.outputs = inner.name, inner.outputs
+        followed = (interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE) if guided else ()
+        opposed = (interfaces.ESTIMATED_DISTURBANCE,) if compensated else ()
+        self.inputs = (*inner.inputs, *followed, *opposed)
         self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
 
     def reset(self) -> None:
@@ -69,30 +78,40 @@ class GoalStage(Stage):
         self._inner.reset()
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the outputs of the controller; its command is the sum of both forces."""
-        seen = [
-            tuple(map(sub, values, self._offset)) if name in _STATES else values
-            for name, values in zip(self.inputs, inputs, strict=True)
-        ]
-        made = self._inner.step(tick, *seen)
-        return tuple(
-            tuple(map(add, values, self._force_n)) if name == interfaces.CONTROL_FORCE else values
-            for name, values in zip(self.outputs, made, strict=True)
-        )
+        """Return the outputs of the controller; its command is the sum of all forces."""
+        return self._around(partial(self._inner.step, tick), inputs, _less, _plus)
 
     def steps(
         self, ticks: NDArray[np.int64], *inputs: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], ...]:
         """Return the outputs of many ticks."""
-        seen = [
-            values - np.array(self._offset) if name in _STATES else values
-            for name, values in zip(self.inputs, inputs, strict=True)
-        ]
-        made = self._inner.steps(ticks, *seen)
-        return tuple(
-            values + np.array(self._force_n) if name == interfaces.CONTROL_FORCE else values
-            for name, values in zip(self.outputs, made, strict=True)
-        )
+        return self._around(partial(self._inner.steps, ticks), inputs, np.subtract, np.add)
+
+    def _around(self, answer: Any, inputs: Any, less: Any, plus: Any) -> Any:
+        """Return what the controller answers to inputs, by the arithmetic of tuples or arrays."""
+        own = len(self._inner.inputs)
+        read, origin, on_top = inputs[:own], None, None
+        if self._guided:
+            origin, on_top = inputs[own : own + 2]
+        elif self._goal is not None:
+            origin, on_top = self._goal
+        if origin is not None:
+            names = zip(self._inner.inputs, read, strict=True)
+            read = [less(values, origin) if name in _STATES else values for name, values in names]
+        made = list(answer(*read))
+        for i, name in enumerate(self.outputs):
+            if name == interfaces.CONTROL_FORCE:
+                made[i] = made[i] if on_top is None else plus(made[i], on_top)
+                made[i] = less(made[i], inputs[-1]) if self._compensated else made[i]
+        return tuple(made)
+
+
+def _less(values: Signal, others: Signal) -> Signal:
+    return tuple(map(sub, values, others))
+
+
+def _plus(values: Signal, others: Signal) -> Signal:
+    return tuple(map(add, values, others))
 
 
 def followed(state: Any, force_n: Any, signals: Mapping[str, Any]) -> tuple[Any, Any]:
@@ -119,63 +138,6 @@ def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]
         return seen, tuple(signals[interfaces.REFERENCE_FORCE])
     force_n = (0.0, 0.0, 0.0) if scenario.goal is None else scenario.goal.force_n
     return tuple(scenario.from_goal(state)), force_n
-
-
-class FollowStage(Stage):
-    """A controller that was made for the target, and follows a reference.
-
-    It gets the state relative to the reference. Its command gets the force on top that a chaser on
-    the reference needs.
-    """
-
-    def __init__(self, inner: Stage) -> None:
-        self._inner = inner
-        self.name, self.outputs = inner.name, inner.outputs
-        self.inputs = (*inner.inputs, interfaces.REFERENCE_STATE, interfaces.REFERENCE_FORCE)
-        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
-
-    def reset(self) -> None:
-        """Forget all earlier ticks."""
-        self._inner.reset()
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the outputs of the controller; its command is the sum of both forces."""
-        *read, reference, force_n = inputs
-        seen = [
-            tuple(map(sub, values, reference)) if name in _STATES else values
-            for name, values in zip(self._inner.inputs, read, strict=True)
-        ]
-        made = self._inner.step(tick, *seen)
-        return tuple(
-            tuple(map(add, values, force_n)) if name == interfaces.CONTROL_FORCE else values
-            for name, values in zip(self.outputs, made, strict=True)
-        )
-
-
-class OpposeStage(Stage):
-    """A controller whose command opposes the disturbance that the estimator finds.
-
-    The force [N] that is estimated at a tick is taken from the command of that tick.
-    """
-
-    def __init__(self, inner: Stage) -> None:
-        self._inner = inner
-        self.name, self.outputs = inner.name, inner.outputs
-        self.inputs = (*inner.inputs, interfaces.ESTIMATED_DISTURBANCE)
-        self.memory_ticks, self.counts_ticks = inner.memory_ticks, inner.counts_ticks
-
-    def reset(self) -> None:
-        """Forget all earlier ticks."""
-        self._inner.reset()
-
-    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
-        """Return the outputs of the controller; its command is less by the disturbance."""
-        *read, force_n = inputs
-        made = self._inner.step(tick, *read)
-        return tuple(
-            tuple(map(sub, values, force_n)) if name == interfaces.CONTROL_FORCE else values
-            for name, values in zip(self.outputs, made, strict=True)
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
-from rpo_core.chain.stage import section_of, sections
+from rpo_core.chain.stage import Section, section_of, sections
 from rpo_core.files import codec, starts
 from rpo_core.files.starts import MAX_POSITION_M, Starts
 from rpo_core.files.validation import (
@@ -35,12 +35,10 @@ from rpo_core.files.validation import (
 )
 from rpo_core.judge import requirements
 from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.zones import Zones, filled, without
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.world import cw
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
-from rpo_core.world.dynamics import Dynamics
-from rpo_core.world.navigation import Navigation
-from rpo_core.world.thrusters import Thrusters
 
 Settings = TypeVar('Settings')
 
@@ -60,7 +58,7 @@ AT_TARGET: Vector = (0.0, 0.0, 0.0)
 
 _STAMP_END_NS = 2**31 * NANOSECONDS  # the seconds of a ROS stamp are an int32
 
-_OPTIONAL = ('goal_position_m', 'body', 'requirements', 'description')
+_OPTIONAL = ('goal_position_m', 'body', 'zones', 'requirements', 'description')
 _FIELDS = ('orbit_radius_m', 'mass_kg', 'max_force_n', 'dt_s', 'duration_s', 'initial_velocity_m_s')
 
 
@@ -83,6 +81,7 @@ class Scenario:
     epoch_ns : int, UTC nanoseconds since 1970 of tick 0
     sections : settings of stages that are not the identity (`rpo_core.chain.stage.sections`)
     goal_position_m : (3,) target LVLH, where the chaser shall come to rest
+    zones : as the file states them; sections have taken theirs from there
     requirements : what flights are judged by; None: they are not judged
     """
 
@@ -100,7 +99,8 @@ class Scenario:
     goal_position_m: Annotated[Vector, partial(vector3, unit='m', bound=MAX_POSITION_M)] = AT_TARGET
     body: cw.Body = cw.EARTH
     description: Description = field(default='', compare=False)
-    requirements: Requirements | None = field(default=None, compare=False)  # they change no flight
+    zones: Zones | None = field(default=None, compare=False)  # neither changes a flight
+    requirements: Requirements | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -161,20 +161,25 @@ class Scenario:
         """Return the settings of a stage, None where it is the identity."""
         return next((found for found in self.sections if type(found) is kind), None)
 
+    def named(self, section: str) -> Any:
+        """Return the settings of the section of a name, None where the scenario has none."""
+        found = {section_of(settings).name: settings for settings in self.sections}
+        return found.get(section)
+
     @property
-    def dynamics(self) -> Dynamics | None:
+    def dynamics(self) -> Any:
         """How chaser and target move; None: as Clohessy and Wiltshire say."""
-        return self.section(Dynamics)
+        return self.named('dynamics')
 
     @property
-    def thrusters(self) -> Thrusters | None:
+    def thrusters(self) -> Any:
         """Thrusters with a delay or a matrix; None: saturation alone."""
-        return self.section(Thrusters)
+        return self.named('thrusters')
 
     @property
-    def navigation(self) -> Navigation | None:
+    def navigation(self) -> Any:
         """Errors of navigation; None: the controller sees the truth."""
-        return self.section(Navigation)
+        return self.named('navigation')
 
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""
@@ -288,17 +293,21 @@ def parse(document: Any) -> Scenario | ScenarioSet:
     required = ['schema', 'name', *_FIELDS, start, 'epoch', 'disturbance']
     _refuse_ellipses(document)
     data = mapping('', document, required, [*known, *_OPTIONAL])
+    about = codec.from_mapping(Zones, 'zones', data['zones']) if 'zones' in data else None
     base = Scenario(
         name=data['name'],
         description=data.get('description', ''),
         initial_position_m=(0.0, 0.0, 0.0) if is_set else data[start],
         epoch_ns=_epoch_ns(data['epoch']),
         sections=tuple(
-            codec.from_mapping(section.settings, name, data[name])
+            codec.from_mapping(section.settings, name, _filled(section, data[name], about))
             for name, section in known.items()
             if name in data
         ),
-        requirements=(requirements.parse(data['requirements']) if 'requirements' in data else None),
+        zones=about,
+        requirements=(
+            requirements.parse(data['requirements'], about) if 'requirements' in data else None
+        ),
         goal_position_m=data.get('goal_position_m', AT_TARGET),
         body=cw.body_of('body', data.get('body', 'earth')),
         **{name: data[name] for name in _FIELDS},
@@ -333,7 +342,22 @@ def to_document(scenario: Scenario) -> dict[str, Any]:
         document['body'] = cw.document_of(scenario.body)
     if scenario.requirements is not None:
         document['requirements'] = scenario.requirements.to_document()
-    return {key: codec.to_mapping(value) for key, value in document.items()}
+    document = {key: codec.to_mapping(value) for key, value in document.items()}
+    if scenario.zones is not None:
+        document['zones'] = codec.to_mapping(scenario.zones)
+        takers = {s.name: s.of_zones for s in map(section_of, scenario.sections) if s.of_zones}
+        for name, of_zones in {**takers, 'requirements': requirements.of_zones}.items():
+            if name in document:
+                known = of_zones(document[name], scenario.zones)
+                document[name] = without(document[name], known)
+    return document
+
+
+def _filled(section: Section, document: Any, zones: Zones | None) -> Any:
+    """Return the mapping of a section with what it takes from section `zones`."""
+    if zones is None or section.of_zones is None:
+        return document
+    return filled(document, section.of_zones(document, zones))
 
 
 def dumps(scenario: Scenario) -> str:

@@ -11,9 +11,9 @@ from __future__ import annotations
 from math import inf
 from typing import Any, NamedTuple
 
-from rpo_core.judge.metrics import norm
 from rpo_core.judge.requirements import Requirements
-from rpo_core.kernels import Vector, sin_cos
+from rpo_core.judge.zones import beside_kernel, tangent
+from rpo_core.kernels import Vector, norm
 from rpo_core.kernels.jit import as_table, kernel
 
 LINE_OF_SIGHT = -1
@@ -43,7 +43,6 @@ class Port(NamedTuple):
 def port_of(required: Requirements, goal: Vector) -> Port:
     """Return what requirements say of contact and zone."""
     along = required.contact_axis or ''
-    sine, cosine = sin_cos((required.corridor_half_angle_deg or 0.0) * 0.017453292519943295)
     return Port(
         required.contact_range_m or 0.0,
         'xyz'.index(along[1]) if along else LINE_OF_SIGHT,
@@ -51,7 +50,7 @@ def port_of(required: Requirements, goal: Vector) -> Port:
         required.contact_least_closing_speed_m_s or 0.0,
         goal,
         required.keep_out_m or 0.0,
-        sine / cosine,
+        tangent(required.corridor_half_angle_deg or 0.0),
     )
 
 
@@ -107,8 +106,8 @@ def depth_m(x: float, y: float, z: float, port: Port) -> float:
     """Return how deep [m] an error of position is in the zone and off the cone; 0.0 outside."""
     depth = port.zone_m - norm(x + port.goal[0], y + port.goal[1], z + port.goal[2])
     if port.axis >= 0 and port.slope > 0.0:
-        beside = across(x, y, z, port.axis) - port.range_m
-        beside -= port.slope * outward(x, y, z, port.axis, port.side)
+        along = outward(x, y, z, port.axis, port.side)
+        beside = beside_kernel(along, across(x, y, z, port.axis), port.range_m, port.slope)
         depth = beside if beside < depth else depth
     return depth if depth > 0.0 else 0.0
 

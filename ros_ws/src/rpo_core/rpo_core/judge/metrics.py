@@ -9,7 +9,7 @@ the Monte Carlo engine, which keep no flight, use the same ones and get the same
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import inf
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from rpo_core.judge.limits import ARRIVAL_WINDOW_S as ARRIVAL_WINDOW_S
 from rpo_core.judge.limits import MAX_ARRIVAL_DISTANCE_M as MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.limits import MAX_ARRIVAL_SPEED_M_S as MAX_ARRIVAL_SPEED_M_S
 from rpo_core.judge.limits import MAX_SLEW_N_S as MAX_SLEW_N_S
+from rpo_core.kernels import norm
 from rpo_core.kernels.jit import as_table, kernel
 
 PENALTY = 100.0
@@ -126,12 +127,6 @@ def with_square(total: float, force: float) -> float:
 def last_outside(last: float, tick: int, r: float, arrival_m: float) -> float:
     """Return the number of the last tick, from 1, after which |r| [m] is beyond arrival."""
     return tick + 1.0 if abs(r) > arrival_m else last
-
-
-@kernel
-def norm(x: float, y: float, z: float) -> float:
-    """Length of a vector."""
-    return sqrt(x * x + y * y + z * z)
 
 
 @kernel

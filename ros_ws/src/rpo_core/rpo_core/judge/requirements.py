@@ -8,12 +8,14 @@ vector. Errors are positions relative to the goal.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files import codec
 from rpo_core.files.validation import InputError, check_fields, choice, mapping, real
+from rpo_core.judge.zones import Zones
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
 """Axes of target LVLH, by which a chaser comes in."""
@@ -175,9 +177,30 @@ LIMITS = tuple(f.name for f in fields(Requirements) if f.name not in _SETTINGS)
 """Fields that are limits; the others say when or where the limits hold."""
 
 
-def parse(value: Any) -> Requirements:
-    """Return the section `requirements` of a scenario file; raises InputError."""
+PORT = 'port'
+"""Value of `contact_axis` in a file: the axis of the corridor of section `zones`."""
+
+
+def of_zones(document: Mapping[str, Any], zones: Zones) -> dict[str, Any]:
+    """Return the fields that are as the zones of the scenario, unless the section has them."""
+    if 'keep_out_depth_m' not in document:
+        return {}
+    known: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
+    if zones.corridor.from_m and 'contact_axis' in document:
+        known['corridor_half_angle_deg'] = zones.corridor.half_angle_deg
+    return known
+
+
+def parse(value: Any, zones: Zones | None = None) -> Requirements:
+    """Return the section `requirements` of a scenario file; raises InputError.
+
+    zones : section `zones`, where the file has it
+    """
     known = [f.name for f in fields(Requirements)]
+    if zones is not None and isinstance(value, Mapping):
+        value = {**of_zones(value, zones), **value}
+        if value.get('contact_axis') == PORT:
+            value['contact_axis'] = zones.corridor.along
     for name, item in mapping('requirements', value, (), known).items():
         if item is None:
             raise InputError(f'`requirements.{name}` must be a number; got nothing')

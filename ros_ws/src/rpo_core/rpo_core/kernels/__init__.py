@@ -12,6 +12,7 @@ and the centroid is summed in mirrored pairs of samples.
 
 from __future__ import annotations
 
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -87,6 +88,12 @@ class CwStep(NamedTuple):
     vyfy: float
     zfz: float
     vzfz: float
+
+
+@kernel
+def norm(x: float, y: float, z: float) -> float:
+    """Length of a vector."""
+    return sqrt(x * x + y * y + z * z)
 
 
 @kernel

@@ -50,6 +50,7 @@ RUN_STATUS = 'run_status'
 DECISION = 'decision'
 NODE_MANIFEST = 'node_manifest'
 RECORDER_STATUS = 'recorder_status'
+PLANT_TICK = 'plant_tick'
 DIAGNOSTICS = 'diagnostics'
 
 STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
@@ -103,6 +104,10 @@ run's forces."""
 PROGRESS_TICKS, MOST_AHEAD_TICKS = 16, 48
 """A recorder says every so many ticks how far it is; in lockstep the plant waits for one that is so
 many ticks behind. With what is under way that is less than the depth: nothing is lost."""
+
+REMEMBERED_TICKS = 160
+"""Ticks back for which a plant knows what it published and took: as far as a recorder compares
+messages (100), and as far as it may be behind."""
 
 LATCHED = Qos(durability='transient_local', depth=1)
 """Statuses and manifests: who comes late still learns the last one."""
@@ -275,6 +280,9 @@ for _row in (
               due=EVENT, logged=False, qos=LATCHED),
     Interface(RECORDER_STATUS, STATUS_TYPE, 'waiting, ready, closed or failed',
               due=EVENT, logged=False, qos=LATCHED),
+    Interface(PLANT_TICK, STATUS_TYPE,
+              'what the plant published and took at a tick, from where a recorder asks',
+              due=EVENT, logged=False, qos=Qos(depth=2 * REMEMBERED_TICKS)),
     Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
               due=EVENT, logged=False, qos=Qos(depth=10)),
 ):

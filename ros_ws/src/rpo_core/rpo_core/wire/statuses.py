@@ -246,6 +246,7 @@ class RecorderStatus:
     recorder : id of the recorder
     run : id of the plant that it records; '' while it records none
     next_tick : up to which its log is complete; None before it has one
+    asks_from : first tick of which the plant shall report what it published and took; None: of none
     """
 
     topic: ClassVar[str] = interfaces.RECORDER_STATUS
@@ -254,6 +255,7 @@ class RecorderStatus:
     run: str
     reason: str
     next_tick: int | None = None
+    asks_from: int | None = None
 
     @classmethod
     def of(cls, status: Status) -> RecorderStatus:
@@ -266,8 +268,43 @@ class RecorderStatus:
             text('recorder', _given(values, 'recorder')),
             text('run', run) if run else '',
             printable(_given(values, 'reason')),
-            _tick(values, 'next_tick') if 'next_tick' in values else None,
+            *(_tick(values, n) if n in values else None for n in ('next_tick', 'asks_from')),
         )
+
+
+@dataclass(frozen=True)
+class PlantTick:
+    """What a plant published and took at a tick.
+
+    run : id of the plant
+    taken : signal -> its numbers, as `numbers_text` writes them; '' for an answer that it did not
+        take
+    """
+
+    topic: ClassVar[str] = interfaces.PLANT_TICK
+    run: str
+    tick: int
+    taken: Mapping[str, str]
+
+    @classmethod
+    def of(cls, status: Status) -> PlantTick:
+        """Return what a status says; raises InputError."""
+        values = _values(status)
+        run, tick = text('run', _given(values, 'run')), _tick(values)
+        taken = {name: found for name, found in values.items() if name not in ('run', 'tick')}
+        for name, found in taken.items():
+            columns = interfaces.row_of(choice('signal', name, interfaces.table())).columns
+            numbers = found.split()
+            if numbers and len(numbers) != len(columns):
+                raise InputError(f'{quoted(name)} must have {len(columns)} numbers; got {found!r}')
+            for number in numbers:
+                _number({name: number}, name)
+        return cls(run, tick, taken)
+
+
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers as a text from which the same bits follow."""
+    return ' '.join(repr(float(value)) for value in values)
 
 
 @dataclass(frozen=True)
@@ -301,7 +338,8 @@ class Manifest:
 READERS: Mapping[str, type[Reader]] = {
     kind.topic: kind
     for kind in (
-        RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, Manifest,
+        RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, PlantTick,
+        Manifest,
     )
 }  # fmt: skip
 """Name of a topic -> its reader."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
-from rpo_core.judge import metrics
+from rpo_core.kernels import norm
 from rpo_core.wire import cdr, interfaces
 from rpo_log import events
 from rpo_log.read.decode import Event, TickBlock
@@ -52,8 +52,8 @@ class _Figures:
             found['saturated_ticks'] = (int(saturated),)
         state = self._states[row].tolist()
         if not math.isnan(state[0]):
-            found['distance_m'] = (metrics.norm(*state[:3]),)
-            found['speed_m_s'] = (metrics.norm(*state[3:]),)
+            found['distance_m'] = (norm(*state[:3]),)
+            found['speed_m_s'] = (norm(*state[3:]),)
         return found
 
 

@@ -15,9 +15,11 @@ A tick is let go when it is complete. While it is not, the ticks after it wait, 
   waited for until their next message;
 - the log is closed.
 
-A tick with several different messages of one topic, or with a message that came before its state,
-waits `reach` ticks: what follows shows which message acted (`judge`). The others are ignored. From
-then on (`wary`), a state leads only once it follows from the one before it.
+A tick with a message that came before its state waits `HOLD` ticks for another one. Where several
+messages of one topic and tick differ, the plant is asked (`ask`): from then on each tick waits for
+what the plant reports of it (`report`), and a state leads once the plant has reported the tick
+before it. The message that the plant published or took is let go, and the others are ignored. What
+the plant does not report, nobody knows: the first message stays, and the tick has a conflict.
 
 Events are rare, and are not waited for; only the first run_status is, before tick 1. An event
 whose tick is written already is passed on by itself with the last tick written: none is lost. A
@@ -27,24 +29,58 @@ part in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from rpo_log.write.tick_messages import (
-    HOLD,
-    LINE,
-    MOST_CANDIDATES,
-    MOST_EARLY,
-    MOST_HELD,
-    MOST_HOLES,
-    NEVER,
-    REORDER,
-    WINDOW,
-    Candidates,
-    Counts,
-    TickMessages,
-    no_judge,
-)
+REORDER = 3
+"""A topic that is so many ticks further brings no message of a tick any more."""
+WINDOW = 100
+"""Most ticks that wait for a message, or for the plant; older ticks are not compared any more."""
+LINE = 5
+"""States that follow each other where the plant went on unheard."""
+HOLD = 8
+"""Ticks after one by which all its messages are there."""
+MOST_AHEAD = 10_000
+"""Messages stamped more than `WINDOW` ticks ahead that are kept, and events."""
+MOST_MESSAGES = 32
+"""Different messages of one topic and tick that are kept."""
+MOST_HOLES = 100_000
+"""Ticks without a message that are remembered for each topic."""
+NEVER = 1 << 62
+
+NOTHING = ''
+"""Reported of a topic of whose messages the plant took none."""
+
+
+def unread(index: int, data: bytes) -> tuple[str, bool]:
+    """Know nothing of the numbers of a message."""
+    return data.hex(), True
+
+
+@dataclass
+class Counts:
+    """What happened to the messages of one topic."""
+
+    written: int = 0
+    missing: int = 0
+    first_missing: int | None = None
+    duplicates: int = 0
+    conflicts: int = 0
+    first_conflict: int | None = None
+    late: int = 0
+    ignored: int = 0
+
+
+@dataclass
+class _Tick:
+    """The different messages of a tick, by topic, in the order in which they came.
+
+    early : whether a message came before the state
+    """
+
+    messages: list[list[bytes]]
+    events: list[tuple[int, bytes]] = field(default_factory=list)
+    early: bool = False
 
 
 @dataclass
@@ -57,9 +93,8 @@ class TickOrderer:
         the same tick brings an event alone.
     leader : index of the topic of true states
     plain : indices of the topics whose messages hold their stamp only, so that none differ
-    judge : returns which message of a topic acted at a tick; None if that is not known
-    tells : whether `judge` knows which state follows; else the first one that comes leads
-    reach : ticks after one that show which of its messages acted
+    read : returns the numbers of a message as a text, and whether it holds nothing else
+    asks_from : first tick for which the plant is asked; None: for none
     """
 
     width: int
@@ -68,45 +103,41 @@ class TickOrderer:
     release: Callable[[int, Sequence[tuple[int, bytes]]], None]
     leader: int = 0
     plain: frozenset[int] = frozenset()
-    judge: Callable[[int, int, Candidates], bytes | None] = no_judge
-    tells: bool = False
-    reach: int = HOLD
+    read: Callable[[int, bytes], tuple[str, bool]] = unread
     counts: list[Counts] = field(init=False)
+    asks_from: int | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.counts = [Counts() for _ in range(self.width)]
         self.next_tick = 0
-        self.wary = False
         self._regular = [i for i in range(self.width) if i not in self.events]
-        self._pending: dict[int, TickMessages] = {}
-        self._released: dict[int, list[bytes | None]] = {}
+        self._pending: dict[int, _Tick] = {}
+        self._released: dict[int, _Tick] = {}
+        self._reports: dict[int, Mapping[int, str]] = {}
+        self._ahead: dict[tuple[int, int], bytes] = {}
         self._known_events: dict[tuple[int, int, bytes], None] = {}
         self._dropped: dict[int, int] = {}
         self._newest = [-1] * self.width
         self._silent = [False] * self.width
         self._holes: list[set[int]] = [set() for _ in range(self.width)]
-        self._far: dict[int, bytes] = {}
         self._latest, self._last = -1, NEVER
         self._event_due = self.awaited is not None
 
     @property
     def waiting(self) -> int:
         """Number of messages of ticks that are not let go yet."""
-        return sum(tick.waiting for tick in self._pending.values())
+        ticks = self._pending.values()
+        return sum(len(tick.events) + sum(map(bool, tick.messages)) for tick in ticks)
 
     @property
     def latest(self) -> int:
         """Tick of the newest state."""
         return self._latest
 
-    def candidates(self, index: int, tick: int) -> Sequence[bytes]:
-        """Return the messages of a topic at a tick; one at most if the tick was let go."""
-        entry = self._pending.get(tick)
-        known = entry.messages if entry is not None else self._released.get(tick)
-        first = known[index] if known is not None else None
-        if first is None:
-            return ()
-        return (first, *entry.others.get(index, ())) if entry is not None else (first,)
+    def messages(self, index: int, tick: int) -> Sequence[bytes]:
+        """Return the different messages of a topic at a tick, as far as they are still known."""
+        entry = self._pending.get(tick) or self._released.get(tick)
+        return entry.messages[index] if entry is not None else ()
 
     def drop(self, index: int, tick: int) -> None:
         """Expect no more messages of a topic from a tick on."""
@@ -114,113 +145,155 @@ class TickOrderer:
         self._advance()
 
     def end(self, tick: int) -> None:
-        """Take the last tick of the flight: none follows, and nothing waits for more."""
+        """Take the last tick of the flight: none follows."""
         self._last = tick
+        self._advance()
+
+    def ask(self, tick: int) -> None:
+        """Let each tick from one on wait for what the plant reports of it."""
+        self.asks_from = tick if self.asks_from is None else min(self.asks_from, tick)
+
+    def report(self, tick: int, taken: Mapping[int, str]) -> None:
+        """Take what the plant published or took at a tick: the numbers by topic, as `read` does.
+
+        Two reports that differ say nothing.
+        """
+        if not self.next_tick - WINDOW <= tick <= self._latest + WINDOW:
+            return
+        if self._reports.setdefault(tick, taken) != taken:
+            self._reports[tick] = {}
+        for past in [t for t in self._reports if t < self.next_tick - WINDOW]:
+            del self._reports[past]
+        released = self._released.get(tick)
+        if released is not None:
+            self._choose(tick, released)
+        self._follow()
         self._advance()
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
         if index in self.events:
             self._add_event(index, tick, data)
-        elif index == self.leader:
-            self._lead(tick, data)
+        elif tick > self._latest + (1 if index == self.leader and not self._asks else WINDOW):
+            self._keep_ahead(index, tick, data)
         else:
+            if index == self.leader and not self._asks:
+                self._lead(tick)
             self._take(index, tick, data)
-        if self.wary:
-            self._follow()
+        self._follow()
         self._advance()
 
-    def _lead(self, tick: int, data: bytes) -> None:
-        """Take a state: the next one moves the line, one ahead waits until others follow it."""
-        if self.wary and tick <= self._latest + WINDOW:
-            self._take(self.leader, tick, data)
-        elif tick <= self._latest + 1:
-            self._ignore_far()
-            self._latest = max(self._latest, tick)
-            self._take(self.leader, tick, data)
-        elif len(self._far) < MOST_HELD:
-            self._far[tick] = data
-            if all(tick - back in self._far for back in range(LINE)):
-                self._follow_far(tick - LINE + 1)
+    @property
+    def _asks(self) -> bool:
+        return self.asks_from is not None
 
-    def _ignore_far(self) -> None:
-        self.counts[self.leader].ignored += len(self._far)
-        self._far.clear()
+    def _lead(self, tick: int) -> None:
+        """Go on to a state, where it is the next one; nothing that is ahead is of this flight."""
+        for index, _ in self._ahead:
+            self.counts[index].ignored += 1
+        self._ahead.clear()
+        self._latest = max(self._latest, tick)
 
-    def _follow_far(self, first: int) -> None:
-        """Go on from a state ahead of the line."""
-        for tick in sorted(self._far):
+    def _keep_ahead(self, index: int, tick: int, data: bytes) -> None:
+        """Keep a message far ahead, until states follow each other there or come here."""
+        if len(self._ahead) >= MOST_AHEAD:
+            self.counts[index].ignored += 1
+            return
+        self._ahead.setdefault((index, tick), data)
+        if all((self.leader, tick - back) in self._ahead for back in range(LINE)):
+            self._go_ahead(tick - LINE + 1)
+
+    def _go_ahead(self, first: int) -> None:
+        """Go on from a tick ahead."""
+        found = sorted(self._ahead.items(), key=lambda item: item[0][1])
+        self._ahead.clear()
+        states = [tick for (index, tick), _ in found if index == self.leader and tick >= first]
+        self._latest = max(states, default=self._latest)
+        for (index, tick), data in found:
             if tick >= first:
-                data = self._far.pop(tick)
-                self._latest = tick
-                self._take(self.leader, tick, data)
-        self._ignore_far()
+                self._take(index, tick, data)
+            else:
+                self.counts[index].ignored += 1
 
     def _follow(self) -> None:
-        """In doubt, go on to the next state once it follows from the one before it.
+        """While the plant is asked, go on to each state that it has passed on to.
 
-        Or once a whole window of states came: then a message is missing that would show it.
+        Or once a whole window of states came: then the plant reports nothing.
         """
-        while self.candidates(self.leader, self._latest + 1) and (
-            self._follows(self._latest + 1)
-            or all(
-                self.candidates(self.leader, self._latest + ahead) for ahead in range(WINDOW, 1, -1)
+        while (
+            self._asks
+            and self.messages(self.leader, self._latest + 1)
+            and (
+                self._latest in self._reports
+                or self._latest < (self.asks_from or 0)
+                or all(
+                    self.messages(self.leader, self._latest + ahead)
+                    for ahead in range(2, WINDOW + 1)
+                )
             )
         ):
-            self._latest += 1
+            self._lead(self._latest + 1)
             self._newest[self.leader] = self._latest
             self._silent[self.leader] = False
 
-    def _follows(self, tick: int) -> bool:
-        """Return whether a state follows from the one before; it becomes the first of its tick."""
-        if not self.tells:
-            return True
-        state = self.judge(self.leader, tick, self.candidates)
-        if state is not None:
-            self._prefer(self._pending[tick], self.leader, state)
-        return state is not None
-
     def _take(self, index: int, tick: int, data: bytes) -> None:
-        entry, near = self._pending.get(tick), tick <= self._latest + WINDOW
-        if entry is not None and near:  # nobody answers so far ahead
-            self.counts[index].ignored += entry.forget_far(index)
-        if entry is not None and entry.messages[index] is None:
-            self._keep(entry, index, tick, data)
-        elif self._fresh(index, tick, data):
-            if not near and len(self._pending) >= MOST_HELD:
-                self.counts[index].ignored += 1
-                return
-            entry = self._pending[tick] = TickMessages([None] * self.width, len(self._regular))
-            self._keep(entry, index, tick, data)
+        counts = self.counts[index]
+        if tick < self.next_tick - WINDOW:  # too old to be compared with anything
+            counts.late += tick in self._holes[index]
+            counts.ignored += tick not in self._holes[index]
+            return
+        known = self.messages(index, tick)
+        if data in known:
+            counts.duplicates += 1
+        elif known:
+            self._add_different(index, tick, data)
+        elif tick < self.next_tick:
+            counts.late += 1
+        else:
+            self._add_first(index, tick, data)
 
-    def _keep(self, entry: TickMessages, index: int, tick: int, data: bytes) -> None:
-        entry.messages[index] = data
-        entry.missing -= 1
+    def _add_first(self, index: int, tick: int, data: bytes) -> None:
+        entry = self._entry(tick)
+        entry.messages[index].append(data)
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
-            entry.came_ahead(index, far=tick > self._latest + WINDOW)
-        elif tick <= self._latest and tick > self._newest[index]:
+            entry.early = True
+        elif self._newest[index] < tick <= self._latest:
             self._newest[index] = tick
             self._silent[index] = False
+
+    def _add_different(self, index: int, tick: int, data: bytes) -> None:
+        """Take a message that differs from another one of its topic and tick."""
+        entry = self._pending.get(tick) or self._released[tick]
+        if len(entry.messages[index]) >= MOST_MESSAGES:
+            self.counts[index].ignored += 1
+            return
+        entry.messages[index].append(data)
+        self.ask(tick)
+        if tick < self.next_tick and tick in self._reports:
+            self._choose(tick, entry)
+
+    def _entry(self, tick: int) -> _Tick:
+        entry = self._pending.get(tick)
+        if entry is None:
+            entry = self._pending[tick] = _Tick([[] for _ in range(self.width)])
+        return entry
 
     def _add_event(self, index: int, tick: int, data: bytes) -> None:
         if (index, tick, data) in self._known_events:
             self.counts[index].duplicates += 1
             return
-        if tick > self._latest + WINDOW and len(self._pending) >= MOST_HELD:
+        if tick > self._latest + WINDOW and len(self._pending) >= MOST_AHEAD:
             self.counts[index].ignored += 1
             return
         self._known_events[(index, tick, data)] = None
-        if len(self._known_events) > MOST_HELD:
+        if len(self._known_events) > MOST_AHEAD:
             del self._known_events[next(iter(self._known_events))]
         self._event_due = self._event_due and index != self.awaited
         if tick < self.next_tick:
             self.counts[index].written += 1
             self.release(self.next_tick - 1, [(index, data)])
         else:
-            entry = self._pending.setdefault(
-                tick, TickMessages([None] * self.width, len(self._regular))
-            )
-            entry.events.append((index, data))
+            self._entry(tick).events.append((index, data))
 
     def close(self, last_tick: int) -> None:
         """Release every tick that waits, complete or not.
@@ -228,19 +301,20 @@ class TickOrderer:
         The flight ends in the newest tick: its answers are due only if it is the last of all.
         What is stamped with a later tick is no part of it.
         """
-        for tick, data in self._far.items():
-            if self._latest < 0 or tick <= self._last < NEVER:
-                self._take(self.leader, tick, data)
         if self._latest < 0:
-            self._latest = max(self._far, default=-1)
-        self._far.clear()
+            self._go_ahead(0)
+        elif self._asks and not self._reports:  # of a plant that reports nothing
+            while self.messages(self.leader, self._latest + 1):
+                self._latest += 1
+        if self._last < NEVER:
+            for index, tick in [key for key in self._ahead if key[1] <= self._last]:
+                self._take(index, tick, self._ahead.pop((index, tick)))
         newest = self._last if self._last != NEVER else self._latest
         for tick in [tick for tick in self._pending if tick > newest]:
             entry = self._pending[tick]
-            for index in self._regular:
-                self.counts[index].ignored += entry.messages[index] is not None
-            entry.messages, entry.missing = [None] * self.width, len(self._regular)
-            entry.others.clear()
+            for index, found in enumerate(entry.messages):
+                self.counts[index].ignored += len(found)
+                found.clear()
             if not entry.events or tick > newest + 1:
                 for index, _ in entry.events:
                     self.counts[index].ignored += 1
@@ -248,67 +322,37 @@ class TickOrderer:
         while self._pending:
             self._skip(min(self._pending))
             self._let_go(due=self.next_tick < newest or self.next_tick == last_tick)
+        for tick in list(self._released):
+            self._forget(tick)
 
-    def _fresh(self, index: int, tick: int, data: bytes) -> bool:
-        """Return whether a message is the first of its tick, and count it if it is not."""
+    def _choose(self, tick: int, entry: _Tick) -> None:
+        """Leave one of several messages of a topic, the one that the plant reports.
+
+        Of messages with the same numbers it is the one that holds nothing else. A tick that is
+        written keeps its message.
+        """
+        report, written = self._reports.get(tick, {}), tick < self.next_tick
+        for index, found in enumerate(entry.messages):
+            numbers = report.get(index)
+            if not found or (len(found) == 1 and (numbers is None or written)):
+                continue
+            read = {data: self.read(index, data) for data in found}
+            first = read[found[0]][0]
+            alike = all(text == first for text, _ in read.values())
+            if numbers == NOTHING or (numbers is None and alike):
+                numbers = first
+            right = [data for data in found if read[data][0] == numbers]
+            if not right or (written and found[0] not in right):
+                self._count_conflicts(index, tick, max(1, len(found) - 1))
+            else:
+                self.counts[index].ignored += len(found) - 1
+            if right and not written:
+                found[0] = next((data for data in right if read[data][1]), right[0])
+            del found[1:]
+
+    def _count_conflicts(self, index: int, tick: int, number: int) -> None:
         counts = self.counts[index]
-        if tick < self.next_tick - WINDOW:  # too old to be compared with anything
-            counts.late += tick in self._holes[index]
-            counts.ignored += tick not in self._holes[index]
-            return False
-        known = self.candidates(index, tick)
-        if data in known:
-            counts.duplicates += 1
-            entry = self._pending.get(tick)
-            if entry and entry.gives_way(index, self.leader, self._latest - tick):
-                self._prefer(entry, index, data)
-            return False
-        if known:
-            self._contradict(index, tick, data)
-            return False
-        if tick >= self.next_tick:
-            return True
-        counts.late += 1
-        return False
-
-    def _contradict(self, index: int, tick: int, data: bytes) -> None:
-        """Take a message that differs from the one before."""
-        self.wary = True
-        entry = self._pending.get(tick)
-        if entry is None:  # one is written already
-            known = self.candidates(index, tick)
-            both = {(index, tick): (*known, data)}
-            acted = self.judge(index, tick, lambda i, k: both.get((i, k)) or self.candidates(i, k))
-            self._settle(index, tick, known[0], acted)
-            return
-        others = entry.others.setdefault(index, [])
-        early = index != self.leader and entry.messages[self.leader] is None
-        if len(others) >= (MOST_EARLY if early else MOST_CANDIDATES):
-            self.counts[index].ignored += 1
-            return
-        others.append(data)
-        if entry.gives_way(index, self.leader, self._latest - tick):
-            self._prefer(entry, index, data)
-
-    def _prefer(self, entry: TickMessages, index: int, data: bytes) -> None:
-        """Put a message before those that came ahead of the state: they can be no answer to it."""
-        first = entry.messages[index]
-        entry.early.discard(index)
-        if first is not None and first != data:
-            others = entry.others[index]
-            others.remove(data)
-            others.append(first)
-            entry.messages[index] = data
-
-    def _settle(self, index: int, tick: int, kept: bytes | None, acted: bytes | None) -> None:
-        """Count a contradiction: ignored if the message that is kept is known to have acted."""
-        counts = self.counts[index]
-        after = tick >= self._last - (self.reach - HOLD)  # its force would act after the end
-        nothing_acts = acted is None and after and self.judge is not no_judge
-        if nothing_acts or (acted is not None and acted == kept):
-            counts.ignored += 1
-            return
-        counts.conflicts += 1
+        counts.conflicts += number
         if counts.first_conflict is None:
             counts.first_conflict = tick
 
@@ -321,35 +365,46 @@ class TickOrderer:
 
     def _settled(self) -> bool:
         """Return whether nothing more is waited for at the next tick."""
-        entry = self._pending.get(self.next_tick)
-        ahead = self._latest - self.next_tick
-        if self._event_due and self.next_tick > 0:
+        tick, entry = self.next_tick, self._pending.get(self.next_tick)
+        ahead = self._latest - tick
+        if self._event_due and tick > 0:
             self._event_due = ahead < WINDOW
             if self._event_due:
                 return False
-        doubt = self.wary or (entry is not None and (entry.others or entry.early))
-        if doubt and self._latest < min(self.next_tick + self.reach, self._last):
+        if self.asks_from is not None and tick >= self.asks_from:
+            if tick not in self._reports and ahead < WINDOW:
+                return False
+        elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
             return False
-        if entry is not None and entry.missing == 0:
-            return True
         missing = self._missing(entry)
         if entry is not None and not missing:
-            return True
+            missing = self._wrong(tick, entry)
+            if not missing:
+                return True
         if ahead < 1:  # the newest tick of all may still be completed
             return False
         if ahead >= WINDOW:
             for i in missing:
-                self._silent[i] = self._newest[i] < self.next_tick
+                self._silent[i] = self._newest[i] < tick
             return True
-        return all(self._silent[i] or self._newest[i] >= self.next_tick + REORDER for i in missing)
+        return all(self._silent[i] or self._newest[i] >= tick + REORDER for i in missing)
 
-    def _missing(self, entry: TickMessages | None) -> list[int]:
+    def _missing(self, entry: _Tick | None) -> list[int]:
         """Return the topics whose message of the next tick is still expected."""
         return [
             index
             for index in self._regular
-            if (entry is None or entry.messages[index] is None)
+            if (entry is None or not entry.messages[index])
             and not (self._dropped and self.next_tick >= self._dropped.get(index, NEVER))
+        ]
+
+    def _wrong(self, tick: int, entry: _Tick) -> list[int]:
+        """Return the topics of a tick whose message is not yet the one that the plant reports."""
+        return [
+            index
+            for index, numbers in self._reports.get(tick, {}).items()
+            if numbers != NOTHING
+            and all(self.read(index, data)[0] != numbers for data in entry.messages[index])
         ]
 
     def _skip(self, tick: int) -> None:
@@ -370,30 +425,24 @@ class TickOrderer:
     def _let_go(self, due: bool = True) -> None:
         """Release the next tick; one of which nothing came is counted and passed over."""
         tick = self.next_tick
-        entry = self._pending.get(tick)
-        if entry is not None and entry.others:
-            self._choose(tick, entry)
-        if due and (entry is None or entry.missing):
+        entry = self._pending.pop(tick, None)
+        if due:
             for index in self._missing(entry):
                 self._miss(index, tick, tick + 1)
-        self._pending.pop(tick, None)
-        self.next_tick = tick + 1
-        self._released.pop(tick - WINDOW - self.reach, None)
         if entry is not None:
-            found = [(i, data) for i, data in enumerate(entry.messages) if data is not None]
+            self._choose(tick, entry)
+        self.next_tick = tick + 1
+        self._forget(tick - WINDOW)
+        if entry is not None:
+            found = [(i, data) for i, messages in enumerate(entry.messages) for data in messages]
             found += entry.events
             for index, _ in found:
                 self.counts[index].written += 1
-            self._released[tick] = entry.messages
+            self._released[tick] = entry
             self.release(tick, found)
 
-    def _choose(self, tick: int, entry: TickMessages) -> None:
-        """Keep of several messages of a topic the one that acted, as far as that is known."""
-        for index in sorted(entry.others):
-            acted = self.judge(index, tick, self.candidates)
-            kept = acted if acted is not None else entry.messages[index]
-            for other in self.candidates(index, tick):
-                if other != kept:
-                    self._settle(index, tick, kept, acted)
-            entry.messages[index] = kept
-            del entry.others[index]
+    def _forget(self, tick: int) -> None:
+        """Forget a tick that was let go; nobody reports what came of it later any more."""
+        entry = self._released.pop(tick, None)
+        if entry is not None:
+            self._choose(tick, entry)

@@ -19,7 +19,7 @@ from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
 from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase, cannot_write
 from rpo_log.write.bag_file import CHUNK_SHARE
 from rpo_log.write.mcap_file import McapFile
-from rpo_log.write.tick_messages import NEVER, REORDER
+from rpo_log.write.orderer import NEVER, REORDER
 
 CHUNK_S = 2.0
 """Wall time after which a chunk of the health is closed: a crash loses no more."""

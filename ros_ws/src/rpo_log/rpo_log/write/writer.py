@@ -15,15 +15,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS
+from rpo_core.wire.statuses import numbers_text
 from rpo_log import events, topics
 from rpo_log.errors import LogError
 from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile
 from rpo_log.format.run import RunSummary, TimeBase, cannot_write, prepare_folder
-from rpo_log.write.acting import Acting
 from rpo_log.write.bag_file import BagFileWriter, bag_topics
 from rpo_log.write.orderer import TickOrderer
 
@@ -42,7 +41,6 @@ class RunLogWriter:
     split_s, split_bytes : begin a new file (run_0.mcap, run_1.mcap, ...) after so much simulated
         time or so many bytes; 0 and 0 for one file, run.mcap
     overwrite : clear a log that is there; otherwise that is a LogError
-    scenario : of the run, to find which of several different messages acted; None: the first stays
     ignored : messages that the plant ignores too, by reason
 
     Raises LogError if the log cannot be begun. After that a fault of the disk ends the log, not the
@@ -59,7 +57,6 @@ class RunLogWriter:
         split_s: float = 0.0,
         split_bytes: int = 0,
         overwrite: bool = False,
-        scenario: Scenario | None = None,
     ) -> None:
         self.folder = Path(folder)
         self.base = base
@@ -83,12 +80,8 @@ class RunLogWriter:
         leader = signals.index(RELATIVE_STATE) if RELATIVE_STATE in signals else 0
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self._orderer = TickOrderer(
-            len(self.topics), events, self._status, self._write_tick, leader, plain
+            len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
         )
-        if scenario is not None:
-            acting = Acting(scenario, self.topics)
-            self._orderer.judge, self._orderer.reach = acting.acted, acting.reach
-            self._orderer.tells = acting.tells_states
         prepare_folder(self.folder, overwrite)
         try:
             self._file = self._begin_file(0, 0)
@@ -96,13 +89,29 @@ class RunLogWriter:
             raise cannot_write(self.folder, error) from None
 
     @property
-    def wary(self) -> bool:
-        """Whether several nodes publish a topic, or messages contradicted each other."""
-        return self._orderer.wary
+    def asks_from(self) -> int | None:
+        """First tick for which the plant must report what it published and took; None: for none."""
+        return self._orderer.asks_from
 
-    def be_wary(self) -> None:
-        """Know that several nodes publish a topic: let each tick wait for what follows."""
-        self._orderer.wary = True
+    def ask(self) -> None:
+        """Ask the plant from now on: several nodes publish a topic."""
+        self._orderer.ask(self._orderer.next_tick)
+
+    def report(self, tick: int, taken: Mapping[str, str]) -> None:
+        """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
+        signals = {topic.signal: index for index, topic in enumerate(self.topics)}
+        by_index = {signals[name]: text for name, text in taken.items() if name in signals}
+        try:
+            if self.failure is None and not self._closed:
+                self._orderer.report(tick, by_index)
+        except (OSError, LogError) as error:
+            self._fail(error)
+
+    def _read(self, index: int, data: bytes) -> tuple[str, bool]:
+        """Return the numbers of a message as a text, and whether it holds nothing else."""
+        layout = self.topics[index].row.layout
+        stamp_ns, values, _ = layout.decode(data)
+        return numbers_text(values), data == layout.encode(stamp_ns, values)
 
     def attach(self, name: str, data: bytes) -> None:
         """Attach one more file in flight; never raises."""
@@ -201,11 +210,10 @@ class RunLogWriter:
         """Tick of the newest state."""
         return self._orderer.latest
 
-    def message(self, signal: str, tick: int) -> bytes | None:
-        """Return the message of a signal at a tick, if it came not long ago."""
+    def messages(self, signal: str, tick: int) -> Sequence[bytes]:
+        """Return the different messages of a signal at a tick, if they came not long ago."""
         signals = [topic.signal for topic in self.topics]
-        found = self._orderer.candidates(signals.index(signal), tick) if signal in signals else ()
-        return found[0] if found else None
+        return self._orderer.messages(signals.index(signal), tick) if signal in signals else ()
 
     @property
     def next_tick(self) -> int:

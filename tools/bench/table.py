@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rpo_cli.bench import flying, inference, ros
 from rpo_montecarlo import machine
 from rpo_montecarlo.outputs import markdown_table, write_text
+from tools.bench import flying, inference, ros
 
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 60.0, 4.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0

@@ -1,30 +1,148 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""An axis alone: its set is moved in strips, and other strips cover them again and again.
+"""Proofs per axis: cells of the unknown constants of an axis, strips that cover its starts.
 
-In the plane of position and velocity all flights of an axis come to one line, that of the approach.
-So the tubes of many starts meet. For a stage of a minute strips are moved, each with a law of its
-own at every tick; then, if they have become long, other strips cover all of them. What a set had to
-do with the unknown constants is forgotten there, and costs width; the constants themselves stay
-those of the cell.
+One set that holds every disturbance and mass does not contract; a cell of a few of them does. x and
+y together have six unknown constants, each of them alone three or four. The Coriolis coupling of
+the other axis is then a disturbance within known bounds:
+
+    The proof of y assumes that x stays in a corridor: that of some flights, and a margin. The proof
+    of x uses the bounds proven for y, and shows that x stays in the corridor.
+
+So if all of this holds up to a tick, it holds at the next one. A cell is (r, v, c_1, ..., c_q),
+with all starts (r, v) of the axis. Each unknown constant is a share of its range, -1 to 1; the last
+one is that of the mass, if it may differ, with 1/m = (1 + inverse_mass_share c_q) / nominal mass.
+
+Trajectories from different starts soon merge, so one tube can cover many starts. Strips of states
+move for a stage of a minute, each with its own law at every tick. Strips that have become long are
+then covered by new strips. Such a cover forgets how the set depended on the unknown constants,
+which widens it; the constants themselves stay those of the cell.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_proof.sets import MOST, ROUND, WORTH_S, Rest, strip_of
+from rpo_core.files.scenario import Scenario
+from rpo_core.world import cw
+from rpo_core.world.disturbance import Disturbance, Harmonic
+from rpo_proof.enclosure import Table
+from rpo_proof.problem import PER_AXIS, Problem
+from rpo_proof.sets import MOST, ROUND, WORTH_S, InvariantSet, strip_of
 from rpo_proof.slew import Strip
-from rpo_proof.tables import Table
 from rpo_proof.tube import Motion, Trace, fill_slew, fly
 
 Floats = NDArray[np.float64]
+
+ROOM = 2.0**-44
+"""Share by which the coupling is widened for its rounding."""
+
+
+class OtherAxis(NamedTuple):
+    """What is known of the axis that an axis is coupled with.
+
+    states : (2, N+1, 2) least and greatest position and velocity of the other one at each tick;
+        None: there is no other
+    corridor : the same, of this axis: that a tube must not leave; None: it may
+    """
+
+    states: Floats | None
+    corridor: Floats | None
+
+
+UNCOUPLED = OtherAxis(None, None)
+
+
+def coupled(problem: Problem, motion: Motion, group: str, states: Floats) -> Motion:
+    """Return a motion with the coupling of the other axis, whose states are in bounds (2, N+1, 2).
+
+    Bounds that are not finite: nothing is known of the coupling, and of this axis.
+    """
+    if not np.isfinite(states).all():
+        return motion._replace(coupling=np.full_like(motion.coupling, np.nan))
+    own, other = PER_AXIS[group], PER_AXIS['y' if group == 'x' else 'x']
+    a, b = cw.matrices(problem.scenario.step)
+    a, b = a[np.ix_(own, other)], b[np.ix_(own, other[:1])][:, 0]
+    ticks = len(motion.constant)
+    low, high = states[:, :ticks]
+    size = np.abs(a) @ np.maximum(np.abs(low), np.abs(high)).T
+    strongest = problem.scenario.max_force_n + problem.strongest_n + motion.any_n
+    force = np.abs(b) * (1.0 + problem.inverse_mass_share) * strongest
+    half = np.abs(a) @ (0.5 * (high - low)).T + force[:, None]
+    coupling_half = np.ascontiguousarray((half + ROOM * (half + size)).T)
+    coupling = np.ascontiguousarray((a @ (0.5 * (low + high)).T).T)
+    return motion._replace(coupling=coupling, coupling_half=coupling_half)
+
+
+def ranges(problem: Problem, group: str) -> list[tuple[float, float]]:
+    """Return the least and the greatest of each unknown constant of an axis."""
+    waves = problem.waves(PER_AXIS[group][0])
+    found = [(-1.0, 1.0)] * sum(2 if isinstance(wave, Harmonic) else 1 for wave in waves)
+    share = problem.settings.mass_share
+    return [*found, (-(1.0 - share) / (1.0 + share), 1.0)] if share > 0.0 else found
+
+
+def is_outside(problem: Problem, group: str, centre: Floats, half: Floats) -> bool:
+    """Whether no sinusoid of a cell is as weak as asked for: (a, b) is out of the unit circle."""
+    at = len(PER_AXIS[group])
+    for wave in problem.waves(PER_AXIS[group][0]):
+        if isinstance(wave, Harmonic):
+            least = np.maximum(np.abs(centre[at : at + 2]) - half[at : at + 2], 0.0)
+            if float(least @ least) > 1.0 + 1e-9:
+                return True
+            at += 1
+        at += 1
+    return False
+
+
+def motion_of(problem: Problem, motion: Motion, centre: Floats, half: Floats) -> Motion:
+    """Return the motion of a cell: the middle of its constants is known."""
+    c, h = centre[len(motion.a) :], half[len(motion.a) :]
+    middle = motion.constant + np.einsum('kji,j->ki', motion.carried, c)
+    carried = motion.carried * h[:, None]
+    if not motion.mass:
+        return motion._replace(constant=middle, carried=carried)
+    light = 1.0 + motion.mass * float(c[-1])
+    return motion._replace(
+        b=motion.b * light,
+        constant=middle,
+        carried=carried,
+        mass=motion.mass * float(h[-1]) / light,
+    )
+
+
+def scenario_in(problem: Problem, group: str, constants: Floats, scenario: Scenario) -> Scenario:
+    """Return a scenario with the unknown constants of an axis."""
+    axis, share = PER_AXIS[group][0], problem.settings.disturbance_share
+    left = constants.tolist()
+    constant = list(scenario.disturbance.constant_n)
+    harmonics = list(scenario.disturbance.harmonics)
+    if share > 0.0:
+        harmonics = [h for h in harmonics if 'xyz'.index(h.axis) != axis]
+    for wave in problem.waves(axis):
+        if not isinstance(wave, Harmonic):
+            constant[axis] = share * abs(wave) * left.pop(0)
+            continue
+        a, b = left.pop(0), left.pop(0)
+        phase = np.arctan2(a, b) if wave.function == 'sin' else np.arctan2(-b, a)
+        size = share * abs(wave.amplitude_n) * float(np.hypot(a, b))
+        rate = wave.angular_rate_rad_s
+        harmonics.append(Harmonic(wave.axis, wave.function, size, rate, float(phase)))
+    x, y, z = constant
+    mass = problem.scenario.mass_kg / (1.0 + problem.inverse_mass_share * left[0]) if left else None
+    return replace(
+        scenario,
+        disturbance=Disturbance((x, y, z), tuple(harmonics)),
+        mass_kg=mass or scenario.mass_kg,
+    )
+
 
 STAGE_S = 70.0
 """Strips are moved for so long, before others may cover them."""
@@ -34,13 +152,13 @@ LONG = 3.0
 
 SETTLE_S = 60.0
 """So long before the time of hold they are covered for the last time, for what is forgotten then
-has to fade: a strip near the target holds states that rest, each, for other constants."""
+has to fade: a strip near the target holds the equilibria of all constants."""
 
 DEEPEST = 3
 """Halvings of a strip whose set becomes too wide, at most."""
 
-NEVER = Rest(0.0, 1.0, 0.0)
-"""A set of rest that no strip comes to."""
+NEVER = InvariantSet(0.0, 1.0, 0.0)
+"""An invariant set that no strip enters."""
 
 
 class Moved(NamedTuple):
@@ -95,7 +213,7 @@ def stages(
         part = motion._replace(
             **{
                 name: getattr(motion, name)[first:last]
-                for name in ('constant', 'carried', 'pushed', 'shaken')
+                for name in ('constant', 'carried', 'coupling', 'coupling_half')
             }
         )
         stage = Stage(first, list(_moved(table, part, strips, limits)))
@@ -189,9 +307,9 @@ def _column(left: float, right: float, strips: Floats, size_m_s: float) -> Itera
     low, high = float((level - half).min()), float((level + half).max())
     count = max(1, math.ceil((high - low) / (2.0 * size_m_s) - 1e-9))
     wide = 0.5 * (high - low) / count
-    steep = abs(tilt) + float(np.abs(tilts).max())
+    slope = abs(tilt) + float(np.abs(tilts).max())
     room_m = ROUND * (abs(at) + wide_m)
-    room = ROUND * (abs(low) + abs(high)) + steep * room_m
+    room = ROUND * (abs(low) + abs(high)) + slope * room_m
     for k in range(count):
         yield Strip(at, low + (2 * k + 1) * wide, wide_m + room_m, tilt, wide + room)
 

@@ -2,24 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rendezvous benchmarks of others, flown by the stack and by the controllers that they have.
 
-The control laws of others are restated from their publications, as formulas and numbers.
+`rpo safety peers` runs it. The control laws of others are restated from their publications, as
+formulas and numbers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rpo_cli.commands.shared import interruptible
+from rpo_cli.display import print_table, progress
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.chain.stage import Signal, Stage
-from rpo_core.control.controller import AnyController, only_fuzzy
+from rpo_core.chain.stage import ZERO, Signal, Stage
+from rpo_core.control.controller import AnyController, load_controller, only_fuzzy
 from rpo_core.control.controller_file import ControllerStage
-from rpo_core.files.scenario import Scenario
-from rpo_core.world.thrusters import ZERO
+from rpo_core.files.scenario import Scenario, load_scenario
+from rpo_core.files.validation import choice
 from rpo_guidance.plan import Guidance
 from rpo_safety.passive import clear_for, drifted
 
@@ -296,3 +299,36 @@ def vbar_rows(scenario: Scenario, ours: AnyController, count: int, seed: int) ->
 
 ROWS = {ARCH: arch_rows, VBAR: vbar_rows}
 """Name of a scenario -> what makes its table."""
+
+
+def compare(files: Sequence[str], controller: str, starts: int, seed: int) -> bool:
+    """Fly and print benchmarks; return whether our stack breaks a constraint."""
+    ours, broken = load_controller(controller), False
+    for file in files:
+        scenario = load_scenario(file)
+        known = choice('scenario', scenario.name, ROWS)
+        rows = ROWS[known](scenario, ours, starts, seed)
+        cells = [(*row.cells, 'met' if row.met else 'broken') for row in rows]
+        print_table((*HEADINGS[known], 'constraints'), cells, scenario.name)
+        broken |= any(not row.met for row in rows if row.cells[0].startswith(OURS))
+    return broken
+
+
+def prove(files: Sequence[str]) -> bool:
+    """Prove ARCH-COMP's instances and print them; return whether one is not as it is named."""
+    from tools import rendezvous
+
+    scenarios = [load_scenario(file) for file in files]
+    for scenario in scenarios:
+        choice('scenario', scenario.name, (ARCH,))
+    as_expected = True
+    for scenario in scenarios:
+        with interruptible(lambda: 'stopped'), progress() as show:
+            proof = rendezvous.prove(rendezvous.laws_of(scenario), show)
+        found = [rendezvous.verdict(proof, name) for name in ABORT_MIN]
+        title = f'{scenario.name}: {arch_lqr().name}, from every start, {proof.cells} cells'
+        print_table(rendezvous.HEADINGS, [rendezvous.cells_of(v) for v in found], title, left=2)
+        for sentence in filter(None, map(rendezvous.flight_of, found)):
+            print(sentence)
+        as_expected &= all(v.as_expected for v in found)
+    return not as_expected

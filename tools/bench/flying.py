@@ -23,7 +23,7 @@ from rpo_training.genes import GeneSpace
 PAPER_BUDGET = 60 * 301
 """Evaluations of the paper's genetic algorithm: 60 controllers in the first and 300 generations."""
 
-CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
+CAMPAIGN = Path(__file__).parents[2] / 'offline_training' / 'campaigns' / 'paper_test.yaml'
 CAMPAIGN_RUNS = 10_000
 
 

@@ -1,0 +1,476 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Static fuzzy controllers as a table of forces: by the distance, and by a second input.
+
+Each axis is a zero-order Takagi-Sugeno system (`baseline_kernels.pace_force`): if the target is
+near and the second input is steady, then the force is so many newtons. Two kinds of file differ in
+the second input.
+
+pace        The least-energy approach from rest has the same form from every distance:
+            f = |r| g(-v T / r), a homogeneous law of degree one. So the pace, the closing speed
+            beside the distance, says more than the velocity.
+more_words  The closing speed itself, as the paper has it, but with more words: seven for the
+            distance (so a position, which has two sides, has thirteen) and eight for the speed.
+            Each rule has a force of its own.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar
+
+from rpo_core.control import blend
+from rpo_core.control.blend import Reasons
+from rpo_core.control.controller_file import Reason, register
+from rpo_core.files.validation import InputError, real, shown
+from rpo_core.kernels import State
+from rpo_ctrl.baseline_kernels import (
+    BaselineLaw,
+    baseline_force,
+    interval,
+    law_of,
+    pace_inputs,
+)
+from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+
+HELD_M = 0.5
+"""Error within which a disturbance is held, the paper's."""
+
+RESTING = 2
+"""The place of the word `resting`, in the words of either second input."""
+
+Numbers = tuple[float, ...]
+
+
+def numbers(name: str, value: Any) -> Numbers:
+    """Return a list as numbers; raises InputError."""
+    if not isinstance(value, (list, tuple)):
+        raise InputError(f'`{name}` must be a list of numbers; got {shown(value)}')
+    return tuple(
+        real(f'{name}[{i}]', number, least=-1e6, most=1e6) for i, number in enumerate(value)
+    )
+
+
+def rows(name: str, value: Any, count: int, width: int) -> tuple[Numbers, ...]:
+    """Return `count` lists of `width` numbers; raises InputError."""
+    given = value if isinstance(value, (list, tuple)) else ()
+    found = tuple(numbers(f'{name}[{i}]', row) for i, row in enumerate(given))
+    if len(found) != count or any(len(row) != width for row in found):
+        raise InputError(f'`{name}` must be {count} rows of {width} numbers; got {shown(value)}')
+    return found
+
+
+def ascending(name: str, peaks: Numbers, count: int, positive: bool = False) -> None:
+    """Refuse peaks that are not `count` ascending numbers with an InputError."""
+    least = (0.0,) if positive else ()
+    if len(peaks) != count or not all(a < b for a, b in pairwise((*least, *peaks))):
+        above = ' above 0' if positive else ''
+        raise InputError(f'`{name}` must be {count} ascending numbers{above}; got {list(peaks)}')
+
+
+class ForceTable(Family):
+    """Forces by distance and a second input: a table of rules in words, each axis alike.
+
+    A kind of file is a dataclass of this, with the fields of the file.
+
+    distances : words, ascending; `at` has its peak at 0 m
+    seconds : words of the second input, ascending; `resting` has its peak at 0
+    second, quantity : what the second input is in words; its name where it is published
+    in_unit : its format in a sentence
+    heading : of its peaks
+    braking : the columns in which the force shall fall, and how a sentence says it
+    odd : why the force is odd and has no jump
+    distance_peaks_m : of `distances` without `at`
+    forces_n : towards the target; a row for each distance without `at`
+    """
+
+    alike: ClassVar[bool] = True
+    effort: ClassVar[tuple[int, int]] = (6, 3)
+    distances: ClassVar[tuple[str, ...]]
+    seconds: ClassVar[tuple[str, ...]]
+    second: ClassVar[str]
+    quantity: ClassVar[str]
+    in_unit: ClassVar[str]
+    heading: ClassVar[str]
+    braking: ClassVar[tuple[slice, str]]
+    odd: ClassVar[str]
+
+    distance_peaks_m: Numbers
+    forces_n: tuple[Numbers, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ascending('distance_peaks_m', self.distance_peaks_m, len(self.distances) - 1, positive=True)
+
+    @property
+    @abstractmethod
+    def second_peaks(self) -> Numbers:
+        """Peaks of all words of the second input."""
+
+    @property
+    @abstractmethod
+    def forces_at_n(self) -> Numbers:
+        """The row of forces at the target itself."""
+
+    @property
+    def lead_or_0_s(self) -> float:
+        """What makes the second input a pace (`baseline_kernels.pace_inputs`); 0: a speed."""
+        return 0.0
+
+    @property
+    def peaks_m(self) -> Numbers:
+        """Peaks of all distances."""
+        return (0.0, *self.distance_peaks_m)
+
+    @property
+    def table_n(self) -> tuple[Numbers, ...]:
+        """Forces towards the target; a row for each distance."""
+        return (self.forces_at_n, *self.forces_n)
+
+    @cached_property
+    def law(self) -> BaselineLaw:
+        """What the kernels read."""
+        table = self.peaks_m, self.second_peaks, self.table_n, self.lead_or_0_s
+        return law_of(self.max_force_n, pace=table)
+
+    def tables(self) -> list[Table]:
+        """Return its rules as a table, and the peaks of its words."""
+        lead = f'; lead {self.lead_or_0_s:g} s' if self.lead_or_0_s else ''
+        peaks = (self.heading, '', *(f'{peak:.3g}' for peak in self.second_peaks))
+        forces = [
+            (word, f'{peak:g}', *(f'{force:.3g}' for force in row))
+            for word, peak, row in zip(self.distances, self.peaks_m, self.table_n, strict=True)
+        ]
+        title = f'Force towards the target [N] of each axis{lead}'
+        return [Table(title, ('distance', 'peak [m]', *self.seconds), [peaks, *forces])]
+
+    def claims(self) -> list[Claim]:
+        """Return what is proven of it: the table bounds and signs an interpolated force."""
+        bound_n = min(self.max_force_n, max(abs(force) for row in self.table_n for force in row))
+        rest, peaks_m = [row[RESTING] for row in self.forces_n], self.distance_peaks_m
+        rests = self.second_peaks[RESTING] == 0.0
+        slope = min(force / peak for force, peak in zip(rest, peaks_m, strict=True))
+        held = min(rest[0] / peaks_m[0] * HELD_M, *rest)
+        columns, way = self.braking
+        return [
+            Claim(
+                'output',
+                f'|force| of an axis <= {bound_n:.4g} N, because grades add up to 1',
+                True,
+            ),
+            Claim(
+                'odd and continuous',
+                f'force(-r, -v) = -force(r, v), without a jump at r = 0: {self.odd}',
+                True,
+            ),
+            Claim(
+                'only rest at the target',
+                f'from rest at any distance the force is towards the target: at least {slope:.3g} '
+                'N/m up to the last peak',
+                rests and min(rest) > 0.0,
+            ),
+            Claim(
+                'held disturbance',
+                f'at rest {HELD_M:g} m or farther from the target, the force outweighs a constant '
+                f'disturbance of {held:.3g} N',
+                rests and held > 0.0,
+            ),
+            Claim(
+                'brakes',
+                f'at each distance, the force towards the target falls as the {way}',
+                all(a >= b for row in self.table_n for a, b in pairwise(row[columns])),
+                needed=False,
+            ),
+        ]
+
+    def fired(self, distance_m: float, second: float) -> list[tuple[str, str, float, float]]:
+        """Return word, word, strength and force [N] of the rules that fire, the strongest first."""
+        i, far = interval(distance_m, self.law.distances)
+        j, fast = interval(second, self.law.paces)
+        found = [
+            (self.distances[i + m], self.seconds[j + n], grade * other, self.table_n[i + m][j + n])
+            for m, grade in enumerate((1.0 - far, far))
+            for n, other in enumerate((1.0 - fast, fast))
+            if grade * other > 0.0
+        ]
+        return sorted(found, key=lambda rule: -rule[2])
+
+    def reasons(self, state: State, tick: int) -> Sequence[Reason]:
+        """Return the reasons of x, y, z."""
+        forces = baseline_force(state, tick, self.law)
+        return [self._reason(state[i], state[3 + i], forces[i]) for i in range(3)]
+
+    def _reason(self, r: float, v: float, force: float) -> Reason:
+        distance, second = pace_inputs(r, v, self.lead_or_0_s)
+        fired = self.fired(distance, second)
+        a, b, strength, pull = fired[0]
+        sentence = (
+            f'the target is {a} ({distance:.3g} m) and the {self.second} is {b} '
+            f'({self.in_unit.format(second)}) → {pull:.3g} N towards it, {strength:.2f}'
+        )
+        rules = [(f'rule.{a}.{b}'.replace(' ', '_'), strength) for a, b, strength, _ in fired]
+        return sentence, [
+            ('force_n', force), ('distance_m', distance), (self.quantity, second), *rules
+        ]  # fmt: skip
+
+    def in_words(self, published: Mapping[str, float]) -> Reasons | None:
+        """Return all rules that make a force, with their shares; None if it is not of this one."""
+        force_n = published.get('force_n')
+        fired = self.fired(published.get('distance_m', 0.0), published.get(self.quantity, 0.0))
+        pull = sum(strength * each for *_, strength, each in fired)
+        limit_n = self.max_force_n
+        limited = min(max(pull, -limit_n), limit_n)
+        if force_n is None or not blend.is_same(abs(limited), abs(force_n)):
+            return None
+        causes = [
+            blend.Cause(
+                strength,
+                _towards(each),
+                f'{a}, {b}',
+                f'the target is {a} and the {self.second} is {b}',
+            )
+            for a, b, strength, each in fired
+        ]
+        whole = f', limited from {_towards(pull)}' if limited != pull else ''
+        share = f'{100.0 * abs(limited) / limit_n:.0f} % of {limit_n:g} N'
+        return Reasons(f'{blend.newtons(force_n)}, {_towards(limited)} ({share}{whole})', causes)
+
+
+def _towards(pull_n: float) -> str:
+    """Return a force towards the target in words."""
+    way = ' towards the target' if pull_n > 0.0 else ' away from the target' if pull_n else ''
+    return f'{abs(pull_n):.3g} N{way}'
+
+
+def _peak_values(words: Sequence[str], peaks: Numbers, unit: str) -> dict[str, float]:
+    return {f'{word}: peak{unit}': peak for word, peak in zip(words, peaks, strict=True)}
+
+
+def _force_values(
+    distances: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Numbers]
+) -> dict[str, float]:
+    return {
+        f'{word}, {second}': force
+        for word, row in zip(distances, forces_n, strict=True)
+        for second, force in zip(seconds, row, strict=True)
+    }
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class Pace(ForceTable):
+    """Forces by distance and pace.
+
+    lead_s : with h = lead_s * closing speed, distance is |r| + |h|, and pace h / (|r| + |h|)
+    pace_peaks : of the words of the pace; the first is -1, the last 1
+    forces_n : each row ends with minus its first number; at the target the force is 0
+    """
+
+    kind: ClassVar[str] = 'pace'
+    distances = ('at', 'close', 'very near', 'near', 'middle', 'far', 'very far', 'remote')
+    seconds = (
+        'away', 'drifting away', 'resting', 'very slow', 'slow', 'steady', 'brisk', 'fast',
+        'passing',
+    )  # fmt: skip
+    second = quantity = 'pace'
+    in_unit, heading = '{:.2f}', 'peak of the pace'
+    braking = slice(RESTING, -1), 'pace grows from resting to fast'
+    odd = 'each row ends with minus its first number'
+
+    lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
+    distance_peaks_m: Annotated[Numbers, numbers]
+    pace_peaks: Annotated[Numbers, numbers]
+    forces_n: Annotated[tuple[Numbers, ...], partial(rows, count=7, width=9)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ascending('pace_peaks', self.pace_peaks, len(self.seconds))
+        if (self.pace_peaks[0], self.pace_peaks[-1]) != (-1.0, 1.0):
+            raise InputError(f'`pace_peaks` must be from -1 to 1; got {list(self.pace_peaks)}')
+        for i, row in enumerate(self.forces_n):
+            if row[0] != -row[-1]:
+                raise InputError(
+                    f'`forces_n[{i}]` must end with minus its first number, {-row[0]!r}, so that '
+                    f'the force has no jump at the target; got {row[-1]!r}'
+                )
+
+    @property
+    def second_peaks(self) -> Numbers:
+        """Peaks of the words of the pace."""
+        return self.pace_peaks
+
+    @property
+    def forces_at_n(self) -> Numbers:
+        """No force at a distance of 0, which is at rest at the target."""
+        return (0.0,) * len(self.seconds)
+
+    @property
+    def lead_or_0_s(self) -> float:
+        """The lead."""
+        return self.lead_s
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        return {
+            'lead_s': self.lead_s,
+            **_peak_values(self.distances[1:], self.distance_peaks_m, '_m'),
+            **_peak_values(self.seconds[3:-1], self.pace_peaks[3:-1], ''),
+            **_force_values(
+                self.distances[1:], self.seconds[:-1], [row[:-1] for row in self.forces_n]
+            ),
+        }
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies.
+
+        It begins at what a search from the least-energy approach found, which took longer.
+        """
+        distances_m = (0.58, 4.734, 13.27, 23.33, 46.77, 64.84, 314.2)
+        paces = (0.2417, 0.4151, 0.5621, 0.7303, 0.8678)
+        forces_n = (
+            (0.05539, 0.08159, 0.07704, 0.03245, -0.0125, -0.01382, -0.03193, -0.05246),
+            (0.3127, 0.3303, 0.04916, -0.01857, -0.07314, 0.04146, -0.1041, -0.2874),
+            (0.4273, 0.4337, 0.3104, 0.1432, 0.01851, -0.03623, -0.4025, -0.4576),
+            (0.5336, 0.4124, 0.2097, 0.1538, -0.01054, -0.222, -0.3257, -0.3702),
+            (0.4868, 0.4936, 0.04728, 0.03624, -0.121, -0.3966, -0.443, -0.6705),
+            (0.5453, 0.556, 0.2067, 0.06734, -0.2056, -0.4105, -0.6053, -0.711),
+            (0.7771, 0.4416, 0.4187, -0.2439, -0.4027, -0.7826, -0.7523, -0.2501),
+        )
+        found = [Gene('lead_s', 10.0, 120.0, 21.81, seconds=1, logarithmic=True)]
+        for name, peak in _peak_values(cls.distances[1:], distances_m, '_m').items():
+            found.append(Gene(name, peak / 2.0, peak * 2.0, peak, 1, logarithmic=True))
+        for name, peak in _peak_values(cls.seconds[3:-1], paces, '').items():
+            found.append(Gene(name, peak - 0.07, peak + 0.07, peak))
+        resting = _force_values(cls.distances[1:], cls.seconds[:-1], forces_n)
+        for name, start in resting.items():
+            rest = resting[f'{name.partition(",")[0]}, resting']
+            off = 0.5 * abs(start) + 0.3 * rest
+            found.append(Gene(name, start - off, start + off, start, newtons=1))
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> Pace:
+        """Return the controller of the values of all genes."""
+        words, seconds = cls.distances[1:], cls.seconds
+        forces_n = [[values[f'{word}, {second}'] for second in seconds[:-1]] for word in words]
+        paces = (values[f'{second}: peak'] for second in seconds[3:-1])
+        return cls(
+            name=name,
+            description='Forces by distance and pace, in words.',
+            max_force_n=mission.max_force_n,
+            lead_s=values['lead_s'],
+            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in words),
+            pace_peaks=(-1.0, -0.4, 0.0, *paces, 1.0),
+            forces_n=tuple((*row, -row[0]) for row in forces_n),
+        )
+
+
+@register
+@dataclass(frozen=True, kw_only=True)
+class MoreWords(ForceTable):
+    """Forces by distance and closing speed.
+
+    speed_peaks_m_s : of the words after `resting`; `drifting away` and `receding` mirror
+        `creeping` and `fast`
+    damping_n_s_m : at the target, the force is -damping_n_s_m * velocity at each peak
+    """
+
+    kind: ClassVar[str] = 'more_words'
+    distances = ('at', 'close', 'very near', 'near', 'middle', 'far', 'remote')
+    seconds = (
+        'receding', 'drifting away', 'resting', 'creeping', 'slow', 'steady', 'brisk', 'fast'
+    )  # fmt: skip
+    second, quantity = 'closing speed', 'closing_speed_m_s'
+    in_unit, heading = '{:.3g} m/s', 'peak of the speed [m/s]'
+    braking = slice(None), 'closing speed grows'
+    odd = 'there the force is odd in the speed, because its peaks mirror each other'
+
+    distance_peaks_m: Annotated[Numbers, numbers]
+    speed_peaks_m_s: Annotated[Numbers, numbers]
+    damping_n_s_m: Annotated[float, partial(real, unit='N s/m', above=0.0, most=1e6)]
+    forces_n: Annotated[tuple[Numbers, ...], partial(rows, count=6, width=8)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        count = len(self.seconds) - 1 - RESTING
+        ascending('speed_peaks_m_s', self.speed_peaks_m_s, count, positive=True)
+
+    @property
+    def second_peaks(self) -> Numbers:
+        """Peaks of the words of the closing speed."""
+        creeping, *_, fast = self.speed_peaks_m_s
+        return (-fast, -creeping, 0.0, *self.speed_peaks_m_s)
+
+    @property
+    def forces_at_n(self) -> Numbers:
+        """Damping."""
+        return tuple(0.0 - self.damping_n_s_m * speed for speed in self.second_peaks)
+
+    def values(self) -> dict[str, float]:
+        """Return the values of all genes."""
+        return {
+            'damping_n_s_m': self.damping_n_s_m,
+            **_peak_values(self.distances[1:], self.distance_peaks_m, '_m'),
+            **_peak_values(self.seconds[RESTING + 1 :], self.speed_peaks_m_s, '_m_s'),
+            **_force_values(self.distances[1:], self.seconds, self.forces_n),
+        }
+
+    @classmethod
+    def genes(cls) -> tuple[Gene, ...]:
+        """Return what a search varies.
+
+        It begins at what a longer search from the surface of `pace` found.
+        """
+        damping = 2.423
+        distances_m = (0.7485, 4.553, 10.49, 26.08, 45.05, 58.24)
+        speeds_m_s = (0.05493, 0.2927, 0.4176, 0.6978, 0.8962)
+        forces_n = (
+            (0.4515, 0.1611, 0.09305, -0.01589, -0.3204, -0.3602, -0.4507, -0.4789),
+            (0.5154, 0.1665, 0.0447, 0.007882, -0.0001342, -0.2872, -0.4352, -0.3505),
+            (0.4583, 0.3879, 0.3037, 0.255, 0.1267, 0.003998, -0.1928, -0.3001),
+            (0.4321, 0.2406, 0.2395, 0.1895, 0.1176, 0.04226, -0.02424, -0.1736),
+            (0.4198, 0.09237, 0.0383, 0.04616, 0.07408, 0.07026, 0.07421, 0.003745),
+            (0.3728, 0.2029, 0.1962, 0.1809, 0.169, 0.1573, 0.09969, 0.04508),
+        )
+        found = [Gene('damping_n_s_m', damping / 3, damping * 3, damping, -1, 1, 1, True)]
+        for seconds, peaks, unit, words in (
+            (0, distances_m, '_m', cls.distances[1:]),
+            (-1, speeds_m_s, '_m_s', cls.seconds[RESTING + 1 :]),
+        ):
+            named = _peak_values(words, peaks, unit).items()
+            for (name, peak), (least, most) in zip(named, _between(peaks), strict=True):
+                found.append(Gene(name, least, most, peak, 1, seconds, logarithmic=True))
+        for name, start in _force_values(cls.distances[1:], cls.seconds, forces_n).items():
+            off = 0.5 * abs(start) + 0.05
+            found.append(Gene(name, start - off, start + off, start, newtons=1))
+        return tuple(found)
+
+    @classmethod
+    def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> MoreWords:
+        """Return the controller of the values of all genes."""
+        words, seconds = cls.distances[1:], cls.seconds
+        return cls(
+            name=name,
+            description='Forces by distance and closing speed, in seven and eight words.',
+            max_force_n=mission.max_force_n,
+            distance_peaks_m=tuple(values[f'{word}: peak_m'] for word in words),
+            speed_peaks_m_s=tuple(values[f'{second}: peak_m_s'] for second in seconds[3:]),
+            damping_n_s_m=values['damping_n_s_m'],
+            forces_n=tuple(
+                tuple(values[f'{word}, {second}'] for second in seconds) for word in words
+            ),
+        )
+
+
+def _between(peaks: Numbers) -> list[tuple[float, float]]:
+    """Return the ranges of ascending peaks in a search, of which no two touch."""
+    around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
+    return [
+        (peak * (before / peak) ** 0.45, peak * (after / peak) ** 0.45)
+        for before, peak, after in zip(around, peaks, around[2:], strict=False)
+    ]
