@@ -187,7 +187,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
     """Compare with the decision that the controller published; return whether none differs."""
-    from rpo_log.read.decisions import decision_at
+    from rpo_log.read.run_log import decision_at
 
     logged = decision_at(path, stamp_ns)
     if logged is None:
