@@ -123,7 +123,7 @@ def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
 
 # --- what tests may cost ----------------------------------------------------------------------
 
-BUDGET_S = 3.0
+BUDGET_S = 10.0
 """CPU time that a quick test may take on the usual machine, with the processes it waits for."""
 LOOP_S = 0.0065
 """CPU time of `loop_s` on that machine."""

@@ -11,8 +11,8 @@ import subprocess
 import sys
 
 import pytest
-from scenarios import lasting
 from doc_blocks import DOCS, code, run_line
+from scenarios import lasting
 
 from rpo_core import files
 from tools.node_processes import node_processes
