@@ -199,15 +199,6 @@ def test_fuzzylite_reads_the_rules_of_the_time_to_go_and_agrees():
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_python_gives_the_bits_without_us(name):
-    law, module = load_controller(name), {}
-    exec(export.text_of(law, 'python'), module)
-    for tick, (r, v) in enumerate(STATES.tolist()):
-        state = (r, -r, 0.1 * r), (v, 0.3, -v)
-        assert module['force_n'](*state, 40 * tick) == law.force_n(*state, 40 * tick)
-
-
-@pytest.mark.parametrize('name', NAMES)
 def test_json_holds_the_file_the_rules_and_the_claims(name):
     law = load_controller(name)
     document = json.loads(export.text_of(law, 'json'))

@@ -292,7 +292,7 @@ def _print_rules(controller: FuzzyController) -> None:
 
 def _print_functions(controller: FuzzyController) -> None:
     from rpo_cli.display import print_table
-    from rpo_export.parts import variables
+    from rpo_export.formats import variables
 
     parts, rows = variables(controller), []
     for terms in zip(*(part.terms for part in parts), strict=True):
