@@ -27,8 +27,7 @@ from rpo_log.tools.sign import sign_run
 from rpo_log.verify import verify
 from rpo_log.verify.digests import MAX_BESIDE_BYTES
 from tools import mutate_runs
-from tools.mutate_runs import SignedCase, run_cases
-from tools.mutations import Parts
+from tools.mutate_runs import Parts, SignedCase, run_cases
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')
