@@ -39,11 +39,10 @@ from rpo_log import signature
 from rpo_log.errors import ExitCode
 from rpo_log.format import sums
 from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
-from rpo_log.read.decisions import read_decisions
 from rpo_log.read.records import FileRecords, RawMessage, message_at
-from rpo_log.read.run_log import read_run
+from rpo_log.read.run_log import read_decisions, read_run
+from rpo_log.signature import sign_run
 from rpo_log.tools.info import inspect
-from rpo_log.tools.sign import sign_run
 from rpo_log.verify import Verification, verify
 from tools.mutating import (
     NOT_WRITTEN,

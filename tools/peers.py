@@ -18,12 +18,11 @@ import numpy as np
 from rpo_cli.commands.shared import interruptible
 from rpo_cli.display import print_table, progress
 from rpo_core.chain.flight import Flight, fly
-from rpo_core.chain.stage import Signal, Stage
+from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.control.controller import AnyController, load_controller, only_fuzzy
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import choice
-from rpo_core.world.thrusters import ZERO
 from rpo_guidance.plan import Guidance
 from rpo_safety.passive import clear_for, drifted
 

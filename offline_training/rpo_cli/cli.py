@@ -33,9 +33,9 @@ from rpo_log.errors import LogError
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from rpo_log.format import code
+        from rpo_log import provenance
 
-        typer.echo(f'rpo {code.version()}, sources of core and logs {code.digest()}')
+        typer.echo(f'rpo {provenance.version()}, sources of core and logs {provenance.digest()}')
         raise typer.Exit
 
 

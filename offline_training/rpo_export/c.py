@@ -10,20 +10,18 @@ So the compiler must not contract, reorder or compute in wider formats: no `-ffa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from rpo_core import kernels
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
-from rpo_core.files.validation import InputError, shown
-from rpo_core.kernels import State, Vector, saturate
-from rpo_ctrl import baseline_kernels
 from rpo_ctrl.baselines import Baseline
-from rpo_export import parts
+from rpo_export import formats
 from rpo_export.c_expressions import number
 from rpo_export.c_function import wrapped
 from rpo_export.c_source import Source
+from rpo_export.kernel_source import law_of
 from rpo_montecarlo.outputs import identifier
 
 SOURCE = """{facts}
@@ -99,62 +97,23 @@ _SELF_TEST = """{cases}
 _CASES, _TICKS_APART = 24, 37
 
 
-class Function(NamedTuple):
-    """What answers a state: the expression, and whether it counts ticks."""
+def function_of(source: Source, controller: AnyController) -> str:
+    """Add the kernels of a controller to a source; return the expression of its force.
 
-    call: str
-    counts_ticks: bool
-
-
-class AlikeGains(NamedTuple):
-    """Rows (k, d) of gains that are the same on each axis, a row a tick; and the limit."""
-
-    gains: Any
-    limit: float
-
-
-def alike_force(state: State, tick: int, law: AlikeGains) -> Vector:
-    """Force [N] of a law that treats all axes alike, with the bits of that for any gains."""
-    x, y, z, vx, vy, vz = state
-    last = len(law.gains) - 1
-    row = law.gains[tick if tick < last else last]
-    k, d = row[0], row[1]
-    fx = -(k * x + 0.0 * y + 0.0 * z + d * vx + 0.0 * vy + 0.0 * vz)
-    fy = -(0.0 * x + k * y + 0.0 * z + 0.0 * vx + d * vy + 0.0 * vz)
-    fz = -(0.0 * x + 0.0 * y + k * z + 0.0 * vx + 0.0 * vy + d * vz)
-    return saturate(fx, law.limit), saturate(fy, law.limit), saturate(fz, law.limit)
-
-
-def function_of(source: Source, controller: AnyController) -> Function:
-    """Add the kernels of a controller to a source; raises InputError if it has others."""
-    if isinstance(controller, FuzzyController):
-        source.record('LAW', controller.system.tables)
-        force = source.function(kernels.fuzzy_force).name
-        scales = ', '.join(map(number, controller.scales))
-        return Function(f'{force}(state, (double3){{{{{scales}}}}}, &LAW)', counts_ticks=False)
-    if not isinstance(controller, Baseline):
-        raise InputError(
-            f'`--to c` needs a fuzzy controller or one that answers by `kernel`, like those of '
-            f'`rpo_ctrl.baselines`; got kind {shown(controller.kind)}'
-        )
-    kernel, law = controller.kernel()
-    gains = getattr(law, 'gains', ())
-    if kernel is baseline_kernels.baseline_force and controller.alike and len(gains):
-        rows = np.asarray(gains)[:, [0, 3]]
-        kernel, law = alike_force, AlikeGains(rows, law.limit)
-    source.record('LAW', law)
-    counts = controller.clock_s is not None
-    tick = 'tick' if counts else '0'
-    return Function(f'{source.function(kernel).name}(state, {tick}, &LAW)', counts)
+    Raises InputError if it does not answer by a kernel.
+    """
+    law = law_of(controller)
+    source.record('LAW', law.tables)
+    force = source.function(law.kernel).name
+    if law.scales:
+        scales = ', '.join(map(number, law.scales))
+        return f'{force}(state, (double3){{{{{scales}}}}}, &LAW)'
+    return f'{force}(state, {"tick" if law.counts_ticks else "0"}, &LAW)'
 
 
 def facts_of(controller: AnyController) -> str:
     """Return comments that say what the controller is."""
-    if isinstance(controller, FuzzyController):
-        lines = parts.facts(controller)
-    else:
-        lines = parts.named(controller)
-    return '\n'.join(f'/* {line} */' for line in lines)
+    return '\n'.join(f'/* {line} */' for line in formats.facts(controller))
 
 
 def force_prototype(controller: AnyController, name: str) -> str:
@@ -167,9 +126,9 @@ def force_prototype(controller: AnyController, name: str) -> str:
 
 def force_text(source: Source, controller: AnyController, name: str) -> str:
     """Return `NAME_force` in C."""
-    function = function_of(source, controller)
-    at = ', at a tick of the run' if function.counts_ticks else ''
-    return _FORCE.format(at=at, prototype=force_prototype(controller, name), call=function.call)
+    prototype = force_prototype(controller, name)
+    at = ', at a tick of the run' if 'int tick' in prototype else ''
+    return _FORCE.format(at=at, prototype=prototype, call=function_of(source, controller))
 
 
 def _axis_prototype(name: str) -> str:

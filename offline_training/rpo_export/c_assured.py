@@ -21,7 +21,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import cw_step
 from rpo_core.wire import interfaces
-from rpo_export import c, parts
+from rpo_export import c, formats
 from rpo_export.c_expressions import number
 from rpo_export.c_function import wrapped
 from rpo_export.c_source import Source
@@ -275,7 +275,9 @@ def _self_test(a: Assured) -> str:
     ticks, rows = cases(a)
     tables = [c.table('cases', 'double', rows)]
     if a.counts:
-        tables.append(f'static const int ticks[{len(ticks)}] = {{\n{parts.listed(ticks, 4, 96)}}};')
+        tables.append(
+            f'static const int ticks[{len(ticks)}] = {{\n{formats.listed(ticks, 4, 96)}}};'
+        )
     return _SELF_TEST.format(
         cases='\n\n'.join(tables),
         prototype=f'int {a.name}_self_test(void)',
@@ -288,7 +290,7 @@ def _self_test(a: Assured) -> str:
 
 
 def _facts(a: Assured) -> str:
-    more = parts.one_line(f'runtime assurance of {a.scenario.name}: {a.scenario.description}')
+    more = formats.one_line(f'runtime assurance of {a.scenario.name}: {a.scenario.description}')
     return '\n'.join([c.facts_of(a.controller), wrapped(f'/* {more} */')])
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rpo_core.files.validation import InputError
-from rpo_export import parts
+from rpo_export import formats
 from rpo_export.c_expressions import Written, number, own_name
 from rpo_export.c_function import Writer, wrapped
 from rpo_export.kernel_source import Type, plain, read, type_of_value
@@ -119,5 +119,5 @@ class Source:
 
 def _array(name: str, kind: Type, array: Any) -> str:
     element = 'signed char' if kind == 'ints' else 'double'
-    numbers = parts.listed(array.ravel(), 4, 96)
+    numbers = formats.listed(array.ravel(), 4, 96)
     return f'static const {element} {name}[{array.size}] = {{\n{numbers}}};'

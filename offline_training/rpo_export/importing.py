@@ -28,7 +28,7 @@ from rpo_core.control.fuzzy import (
     odd_samples,
 )
 from rpo_core.files.validation import InputError, choice, quoted, shown, within
-from rpo_export.parts import SCALES
+from rpo_export.formats import SCALES
 
 _SYMMETRY = 1e-9  # of a range: how far apart mirrored feet may be, for files with rounded numbers
 _FACT = re.compile(r'[%#]\s*rpo:\s*(\w+)\s*=\s*(\S+)')

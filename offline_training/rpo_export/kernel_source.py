@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The source of a kernel, without what its constants exclude.
+"""The kernel that answers for a controller, and its source without what its constants exclude.
 
 A kernel (`rpo_core.kernels.jit`) is a function of floats, tuples of floats and tables, with
 annotations.
@@ -17,13 +17,65 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from rpo_core.files.validation import InputError
+from rpo_core import kernels
+from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files.validation import InputError, shown
+from rpo_core.kernels import State, Vector, saturate
+from rpo_ctrl.baseline_kernels import baseline_force
+from rpo_ctrl.baselines import Baseline
 
 Type = Any
 """'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats; a tuple of types; or a
 class of constants (NamedTuple)."""
 
 _SCALARS = {float: 'double', int: 'int', bool: 'int'}
+
+
+class AlikeGains(NamedTuple):
+    """Rows (k, d) of gains that are the same on each axis, a row a tick; and the limit."""
+
+    gains: Any
+    limit: float
+
+
+def alike_force(state: State, tick: int, law: AlikeGains) -> Vector:
+    """Force [N] of a law that treats all axes alike, with the bits of that for any gains."""
+    x, y, z, vx, vy, vz = state
+    last = len(law.gains) - 1
+    row = law.gains[tick if tick < last else last]
+    k, d = row[0], row[1]
+    fx = -(k * x + 0.0 * y + 0.0 * z + d * vx + 0.0 * vy + 0.0 * vz)
+    fy = -(0.0 * x + k * y + 0.0 * z + 0.0 * vx + d * vy + 0.0 * vz)
+    fz = -(0.0 * x + 0.0 * y + k * z + 0.0 * vx + 0.0 * vy + d * vz)
+    return saturate(fx, law.limit), saturate(fy, law.limit), saturate(fz, law.limit)
+
+
+class Law(NamedTuple):
+    """What answers a state: a kernel of state, scales or tick, and tables.
+
+    scales : of the paper's fuzzy system; empty: the kernel takes the tick
+    """
+
+    kernel: Callable[..., Vector]
+    tables: Any
+    scales: tuple[float, ...] = ()
+    counts_ticks: bool = False
+
+
+def law_of(controller: AnyController) -> Law:
+    """Return what answers for a controller; raises InputError if that is no kernel."""
+    if isinstance(controller, FuzzyController):
+        return Law(kernels.fuzzy_force, controller.system.tables, controller.scales)
+    if not isinstance(controller, Baseline):
+        raise InputError(
+            f'source code needs a fuzzy controller or one that answers by `kernel`, like those of '
+            f'`rpo_ctrl.baselines`; got kind {shown(controller.kind)}'
+        )
+    kernel, tables = controller.kernel()
+    gains = getattr(tables, 'gains', ())
+    if kernel is baseline_force and controller.alike and len(gains):
+        kernel, tables = alike_force, AlikeGains(np.asarray(gains)[:, [0, 3]], tables.limit)
+    return Law(kernel, tables, counts_ticks=controller.clock_s is not None)
 
 
 def type_of(annotation: Any) -> Type:

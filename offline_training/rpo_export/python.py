@@ -5,83 +5,91 @@
 from __future__ import annotations
 
 import ast
-import inspect
+import math
 from collections.abc import Callable
 from typing import Any
 
-from rpo_core import kernels
-from rpo_core.control.controller import FuzzyController
-from rpo_export import parts
+import numpy as np
 
-_KERNELS: tuple[Callable[..., Any], ...] = (
-    kernels.saturate,
-    kernels.triangle,
-    kernels.memberships,
-    kernels.fire_rules,
-    kernels.centroid,
-    kernels.infer,
-    kernels.axis_force,
-)
+from rpo_core.control.controller import AnyController
+from rpo_core.files.validation import InputError
+from rpo_export import formats
+from rpo_export.kernel_source import is_kernel, law_of, plain, read
 
 _MODULE = '''{facts}
-"""Commanded force of the fuzzy controller `{name}`; exported by `rpo export`.
+"""Commanded force of the controller `{name}`; exported by `rpo export`.
 
 The bits are those of the flown kernel. Positions in m, velocities in m/s, forces in N, target LVLH.
 """
 from collections import namedtuple
+from math import sqrt
+{constants}
+Law = namedtuple('Law', {fields!r})
 
-LN, SN, Z, SP, LP = range(5)
-LANES = {lanes}
-
-FisTables = namedtuple('FisTables', {fields!r})
-
-POSITION_SCALE_M, VELOCITY_SCALE_M_S, FORCE_SCALE_N = {scales!r}
-
-FIS = FisTables(
+LAW = Law(
 {tables}
 )
 
 
-def force_n(position_m, velocity_m_s):
-    """Commanded force (fx, fy, fz) of a finite relative state."""
-    return tuple(force(r, v) for r, v in zip(position_m, velocity_m_s))
-
-
-def force(position_m, velocity_m_s):
-    """Commanded force of one axis."""
-    return axis_force(
-        position_m, velocity_m_s, POSITION_SCALE_M, VELOCITY_SCALE_M_S, FORCE_SCALE_N, FIS
-    )
+def force_n(position_m, velocity_m_s, tick=0):
+    """Commanded force (fx, fy, fz) of a finite relative state, at a tick of the run."""
+    return {kernel}((*position_m, *velocity_m_s), {second}, LAW)
 
 
 {functions}
 '''
 
 
-def text(controller: FuzzyController) -> str:
-    """Return the Python source of a controller."""
-    tables = controller.system.tables
+def text(controller: AnyController) -> str:
+    """Return the Python source of a controller; raises InputError if it answers by no kernel."""
+    law = law_of(controller)
+    trees, numbers = _collected(law.kernel, law.tables)
+    fields = {part.attr for tree in trees.values() for part in ast.walk(tree)
+              if isinstance(part, ast.Attribute)}  # fmt: skip
+    tables = {name: value for name, value in law.tables._asdict().items() if name in fields}
     return _MODULE.format(
-        facts='\n'.join(f'# {line}' for line in parts.facts(controller)),
-        name=parts.one_line(controller.name),
-        lanes=kernels.LANES,
-        fields=' '.join(kernels.FisTables._fields),
-        scales=controller.scales,
-        tables='\n'.join(
-            f'    {name}=(\n{parts.listed(values, 8, 88)},\n    ),'
-            for name, values in tables._asdict().items()
-        ),
-        functions='\n\n\n'.join(map(source, _KERNELS)),
+        facts='\n'.join(f'# {line}' for line in formats.facts(controller)),
+        name=formats.one_line(controller.name),
+        constants=''.join(f'\n{name} = {value!r}' for name, value in numbers.items()),
+        fields=' '.join(tables),
+        tables='\n'.join(f'    {name}={_table(value)},' for name, value in tables.items()),
+        kernel=plain(law.kernel).__name__,
+        second=repr(law.scales) if law.scales else 'tick',
+        functions='\n\n\n'.join(map(ast.unparse, trees.values())),
     )
 
 
-def source(kernel: Callable[..., Any]) -> str:
-    """Return the source of a kernel without its decorator and its annotations."""
-    function: Any = getattr(kernel, 'py_func', kernel)  # numba keeps it there
-    node = ast.parse(inspect.getsource(function)).body[0]
-    if not isinstance(node, ast.FunctionDef):
-        raise TypeError(f'{kernel} must be a plain function')
-    node.decorator_list, node.returns = [], None
-    for argument in node.args.args:
-        argument.annotation = None
-    return ast.unparse(node)
+def _collected(
+    kernel: Callable[..., Any], tables: Any
+) -> tuple[dict[str, ast.FunctionDef], dict[str, float]]:
+    """Return the functions that a kernel needs, itself first, and the constants, by name."""
+    trees: dict[str, ast.FunctionDef] = {}
+    numbers: dict[str, float] = {}
+    waiting = [kernel]
+    while waiting:
+        tree, _, names = read(waiting.pop(), {type(tables): tables})
+        trees[tree.name] = tree
+        used = [part for part in ast.walk(tree) if isinstance(part, ast.Name)]
+        own = {argument.arg for argument in tree.args.args}
+        own |= {part.id for part in used if isinstance(part.ctx, ast.Store)}
+        for name in sorted({part.id for part in used} - own):
+            value: Any = names.get(name)
+            if isinstance(value, (int, float)):
+                numbers[name] = value
+            elif is_kernel(value):
+                waiting += [value] if name not in trees else []
+            elif value not in (None, math.sqrt):
+                raise InputError(f'`--to python` does not know `{name}` of `{tree.name}`')
+    return trees, numbers
+
+
+def _table(value: Any) -> str:
+    """Return a number or a table as Python that reads back bit for bit."""
+    array = np.asarray(value)
+    if array.ndim == 0:
+        return repr(value)
+    rows = array.tolist() if array.ndim == 2 else [array]
+    lines = [formats.listed(row, 8, 98) for row in rows]
+    if array.ndim == 2:
+        lines = [f'        [{line.strip()}],' for line in lines]
+    return '\n'.join(['[', *lines, '    ]'])

@@ -3,7 +3,7 @@
 """Search of controllers: genes, searches by ask and tell, runs in folders, tuning of baselines.
 
 Add a search to `algorithms` (ask, tell, stopped) and `config`. A new baseline needs its law in
-`rpo_core` and its space in `tuning_spaces`. `gym` is the environment for learning controllers.
+`rpo_ctrl` and its space in `tuning`. `gym` is the environment for learning controllers.
 """
 
 __version__ = '0.1.0'

@@ -8,8 +8,7 @@ same objectives it asks for the same chromosomes again. That is how a run is res
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -74,43 +73,6 @@ class Best:
         if better:
             self.value, self.genes = values[index, 0], np.array(genes[index])
         return better
-
-
-Script = Generator[Floats, Floats, None]
-"""Yields chromosomes (n, size); each yield returns their fitness (n, 1)."""
-
-
-class ScriptedSearch:
-    """A search by ask and tell whose course is a generator.
-
-    stopped : why it has ended; empty until then
-    best : so far; stage : what is drawn; phase : what runs now
-    """
-
-    def _begin(self, start: Floats, reason: str) -> None:
-        """Begin the course with a chromosome; `reason` is that of its regular end."""
-        self.stopped, self.phase, self.evaluations = '', '', 0
-        self._reason = reason
-        self.best, self.stage = Best(start), Stage(0, start)
-        self._course = self._run()
-        self._asked = next(self._course)
-
-    @abstractmethod
-    def _run(self) -> Script:
-        """Return the course."""
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        return np.array(self._asked)
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self.evaluations += len(values)
-        self.best.take(self._asked, values)
-        try:
-            self._asked = self._course.send(values)
-        except StopIteration:
-            self.stopped = self._reason
 
 
 class _OnPymoo:

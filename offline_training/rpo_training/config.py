@@ -1,18 +1,25 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The configuration of a training run: presets, YAML with every default visible, overrides."""
+"""The configuration of a search: presets, YAML with every default visible, overrides.
+
+A configuration for a scenario of one's own is fitted to it (`fitted`, `rpo_training.fitting`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from math import floor, log10
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
+import numpy as np
 import yaml
 
 from rpo_core import files
 from rpo_core.files.codec import to_mapping
+from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import (
     MOST_PATH,
     InputError,
@@ -23,13 +30,15 @@ from rpo_core.files.validation import (
     text,
     whole,
 )
+from rpo_core.judge.metrics import PENALTY
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings
+from rpo_training.fitting import penalty_n2s, range_m, time_s, training_set
 from rpo_training.genes import GeneSpace
 from rpo_training.genetic import GaSettings
-from rpo_training.race import RaceSettings
+from rpo_training.staged import RaceSettings
 
 SCHEMA = 'rpo/training/1'
 
@@ -38,17 +47,77 @@ ALGORITHMS = ('ga', 'cmaes', 'ga-cmaes', 'race', 'nsga2')
 NSGA-II, energy against arrival time."""
 
 
-Config = TypeVar('Config')
+Config = TypeVar('Config', bound='Configuration')
+
+
+class Configuration:
+    """All that determines the outcome of a search; a kind of it is a dataclass of its file.
+
+    schema : of the file; '' where it names none
+    required : fields that a file must have
+    """
+
+    schema: ClassVar[str] = ''
+    required: ClassVar[tuple[str, ...]] = ()
+
+    seed: int
+    scenario: str
+
+    def check(self) -> None:
+        """Check the fields that all kinds have; raises InputError."""
+        whole('seed', self.seed, least=0, most=2**63 - 1)
+        text('scenario', self.scenario, most=MOST_PATH)
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """Controllers from which the search begins."""
+        return ()
+
+    @property
+    @abstractmethod
+    def command(self) -> str:
+        """The command that repeats the search; `-o` alone changes the name."""
+
+    @classmethod
+    @abstractmethod
+    def base(cls: type[Config], data: Mapping[str, Any]) -> Config:
+        """Return the configuration whose fields a file may leave out; raises InputError."""
+
+    @classmethod
+    def parse(cls: type[Config], document: Any) -> Config:
+        """Return the configuration of a parsed YAML document; raises InputError."""
+        schema = ('schema',) if cls.schema else ()
+        names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        data = dict(mapping('', document, [*schema, *cls.required], names))
+        if cls.schema and data.pop('schema') != cls.schema:
+            raise InputError(f'`schema` must be {cls.schema}; got {shown(document["schema"])}')
+        found: Config = updated(cls.base(data), data, '')
+        return found
+
+    @classmethod
+    def load(cls: type[Config], path: str | Path) -> Config:
+        """Return the configuration of a YAML file; raises InputError."""
+        return files.load(Path(path), cls.parse)
+
+    def dumps(self) -> str:
+        """Return the YAML text of the configuration, every default visible."""
+        document = to_mapping(self)
+        if not self.schema:
+            return yaml.safe_dump(document, sort_keys=False)
+        document = {'schema': self.schema, **document}
+        return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
-    """All that determines the outcome of a run; the defaults are the preset `paper`.
+class TrainingConfig(Configuration):
+    """The search of a fuzzy controller; the defaults are the preset `paper`.
 
     start : controllers of the first generation; CMA-ES starts from the first of them
     start_scales : position [m] and velocity [m/s] scale of these; empty: those of their files
     ga : its population and generations are also those of NSGA-II
     """
+
+    schema: ClassVar[str] = SCHEMA
 
     name: str = 'paper_ga'
     seed: int = 1
@@ -64,8 +133,7 @@ class TrainingConfig:
 
     def __post_init__(self) -> None:
         check_name(self.name, 'a file')
-        whole('seed', self.seed, least=0, most=2**63 - 1)
-        text('scenario', self.scenario, most=MOST_PATH)
+        self.check()
         choice('algorithm', self.algorithm, ALGORITHMS)
         for i, name in enumerate(self.start):
             text(f'start[{i}]', name, most=MOST_PATH)
@@ -79,6 +147,27 @@ class TrainingConfig:
             raise InputError(
                 f'`start` must name a controller for {self.algorithm} to start from; got none'
             )
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """Controllers from which the search begins."""
+        return self.start
+
+    @property
+    def command(self) -> str:
+        """The command that trains this configuration; `-o` alone changes the name."""
+        for preset, known in PRESETS.items():
+            fit, scenario = known, ''
+            if self.scenario != known.scenario:
+                fit, scenario = fitted(known, self.scenario), f' --scenario {self.scenario}'
+            if replace(fit, seed=self.seed, name=self.name) == self:
+                return f'rpo train --preset {preset}{scenario} --seed {self.seed}'
+        return f'rpo train --config {self.name}.yaml, the config.yaml of its run folder'
+
+    @classmethod
+    def base(cls, data: Mapping[str, Any]) -> TrainingConfig:
+        """Return the preset `paper`."""
+        return cls()
 
 
 _READABLE = GeneSpace('odd-monotone', position_scale_m=(20.0, 200.0), velocity_scale_m_s=(0.3, 3.0))
@@ -165,27 +254,7 @@ PRESETS = {
 with the limits of the paper under dispersions. `allround`: from `robust`, judged by drawn flights,
 with a margin to every condition. `world`: from `allround`, judged by flights with sensors, a filter
 and pulses, where valve openings and propellant cost. `mission`: in minutes, for a scenario of one's
-own (`search.fitting`). `front`: a Pareto front."""
-
-
-def dumps(config: TrainingConfig) -> str:
-    """Return the YAML text of a configuration, every default visible."""
-    document = {'schema': SCHEMA, **to_mapping(config)}
-    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
-
-
-def parse(document: Any) -> TrainingConfig:
-    """Return the configuration of a parsed YAML document; defaults are those of `paper`."""
-    names = [f.name for f in fields(TrainingConfig)]
-    data = dict(mapping('', document, ['schema'], names))
-    if data.pop('schema') != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
-    return updated(PRESETS['paper'], data, '')
-
-
-def load(path: str | Path) -> TrainingConfig:
-    """Return the configuration of a YAML file; raises InputError."""
-    return files.load(Path(path), parse)
+own (`fitted`). `front`: a Pareto front."""
 
 
 def override(config: Config, settings: Sequence[str]) -> Config:
@@ -219,3 +288,78 @@ def updated(base: Any, data: Any, name: str) -> Any:
         else:
             changes[key] = value
     return replace(base, **changes)
+
+
+AUTHORITY = 20.0
+"""Of the paper's training: F T^2 / (m R)."""
+
+_POSITION, _VELOCITY = (0.2, 2.0), (0.6, 6.0)
+_START = (0.588465, 2.3266)
+"""Bounds of the searched scales, and the scales of `trained`, in R and R / T."""
+
+_FIXED = (1.0, 2.0)
+"""Fixed scales, the paper's 100 m and 1 m/s, in R and R / T."""
+
+_OVER_GRAVITY = 4.0  # force scale, over the relative gravity at the farthest start
+
+
+def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
+    """Return a configuration for another scenario; its scales are fitted, its name is the set's.
+
+    The terms of the paper's own test are left out. Raises InputError.
+    """
+    if scenario == base.scenario:
+        return base
+    starts = training_set(scenario)
+    length, time, one = range_m(starts), time_s(starts.base), starts.base
+    if length == 0.0:
+        raise InputError(f'scenario {one.name} starts at its goal; a search needs another start')
+    energy = penalty_n2s(starts) / PENALTY
+    space, fitness = base.genes, base.fitness
+    free = space.free_scales == 2
+    position, velocity = (_POSITION, _VELOCITY) if free else ((_FIXED[0],) * 2, (_FIXED[1],) * 2)
+    return replace(
+        base,
+        name=_file_name(starts.name),
+        scenario=scenario,
+        start_scales=_scaled(_START, (length, length / time)) if free else (),
+        genes=replace(
+            space,
+            position_scale_m=_scaled(position, (length, length)),
+            velocity_scale_m_s=_scaled(velocity, (length / time,) * 2),
+            force_scale_n=_force_n(one, length, time),
+        ),
+        fitness=replace(
+            fitness,
+            penalty_n2s=_short(fitness.penalty_n2s * energy),
+            limit_cycle=0.0,
+            disturbance=0.0,
+            robustness=0.0,
+            drawn=replace(fitness.drawn, weight=0.0),
+        ),
+        cmaes=replace(base.cmaes, tolerance=_short(base.cmaes.tolerance * energy)),
+        race=replace(base.race, gain=_short(base.race.gain * energy)),
+    )
+
+
+def _force_n(base: Scenario, length: float, time: float) -> float:
+    """Return the force at full output: the paper's authority, enough against what pushes."""
+    n, m = base.mean_motion_rad_s, base.mass_kg
+    pushed = float(np.abs(base.disturbance.over(base.times_s)).max()) + 3.0 * m * n * n * length
+    wanted = max(AUTHORITY * m * length / time**2, _OVER_GRAVITY * pushed)
+    return min(base.max_force_n, _short(wanted))
+
+
+def _scaled(shares: Sequence[float], units: Sequence[float]) -> tuple[float, float]:
+    first, second = (_short(a * b) for a, b in zip(shares, units, strict=True))
+    return first, second
+
+
+def _short(value: float) -> float:
+    """Return a number rounded to four digits: a person reads the file."""
+    return round(value, 3 - floor(log10(value)))
+
+
+def _file_name(name: str) -> str:
+    """Return the name of a scenario as that of a file."""
+    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)

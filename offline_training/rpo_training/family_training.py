@@ -8,29 +8,26 @@ controller `<name>.yaml`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
-from rpo_core.files.codec import to_mapping
-from rpo_core.files.validation import MOST_PATH, InputError, mapping, shown, text, whole
+from rpo_core.files.validation import InputError, shown, text
 from rpo_core.judge.metrics import PENALTY
 from rpo_ctrl.family import Family, Gene, Mission, family_of
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, Scores
-from rpo_montecarlo import processor
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings, Search
-from rpo_training.checkpoint import versions
-from rpo_training.config import updated
+from rpo_training.config import Configuration
 from rpo_training.fitting import penalty_n2s, training_set, units_of
 from rpo_training.run import SearchRun
 from rpo_training.staged import StagedSearch, StagedSettings
@@ -57,11 +54,14 @@ _DESCENT = CmaSettings(population=20, sigma=0.03, evaluations=6000, descents=1, 
 
 
 @dataclass(frozen=True)
-class FamilyConfig:
-    """All that determines the outcome of the training of a family.
+class FamilyConfig(Configuration):
+    """The training of a family.
 
     start : controller of the family from which the search begins; empty: the family's own
     """
+
+    schema: ClassVar[str] = SCHEMA
+    required = ('family',)
 
     family: str
     name: str
@@ -75,10 +75,28 @@ class FamilyConfig:
     def __post_init__(self) -> None:
         family_of(self.family)
         check_name(self.name, 'a file')
-        whole('seed', self.seed, least=0, most=2**63 - 1)
-        text('scenario', self.scenario, most=MOST_PATH)
+        self.check()
         if not isinstance(self.start, str):
             raise InputError(f'`start` must be a name or a path; got {shown(self.start)}')
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """Controllers from which the search begins."""
+        return (self.start,) if self.start else ()
+
+    @property
+    def command(self) -> str:
+        """The command that trains this configuration; `-o` alone changes the name."""
+        known = config_of(self.family, self.scenario)
+        if replace(known, seed=self.seed, name=self.name) != self:
+            return f'rpo train --config {CONFIG}, of its run folder'
+        scenario = '' if self.scenario == PAPER else f' --scenario {self.scenario}'
+        return f'rpo train --family {self.family}{scenario} --seed {self.seed}'
+
+    @classmethod
+    def base(cls, data: Mapping[str, Any]) -> FamilyConfig:
+        """Return the configuration of the family."""
+        return config_of(text('family', data['family']))
 
 
 def config_of(family: str, scenario: str = '') -> FamilyConfig:
@@ -96,54 +114,17 @@ def config_of(family: str, scenario: str = '') -> FamilyConfig:
     return replace(config, scenario=scenario, fitness=fitness, cmaes=cmaes)
 
 
-def parse(document: Any) -> FamilyConfig:
-    """Return the configuration of a parsed YAML document."""
-    names = [f.name for f in fields(FamilyConfig)]
-    data = dict(mapping('', document, ['schema', 'family'], names))
-    if data.pop('schema') != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
-    found: FamilyConfig = updated(config_of(text('family', data.pop('family'))), data, '')
-    return found
-
-
 def is_family(path: Path) -> bool:
     """Return whether a configuration is one of a family; raises InputError if it is unreadable."""
     document = files.load(path, lambda document: document)
     return isinstance(document, dict) and document.get('schema') == SCHEMA
 
 
-def dumps(config: FamilyConfig) -> str:
-    """Return the YAML text of a configuration, every default visible."""
-    document = {'schema': SCHEMA, **to_mapping(config)}
-    return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
-
-
 class FamilyTraining(SearchRun[FamilyConfig, Family]):
     """The training of a family."""
 
-    config_file, kind, command = CONFIG, 'run', 'rpo train'
-
-    @classmethod
-    def load(cls, path: Path) -> FamilyConfig:
-        """Return the configuration of a file; raises InputError."""
-        return files.load(path, parse)
-
-    @property
-    def scenario(self) -> str:
-        """The scenario or set that is trained for."""
-        return self.config.scenario
-
-    def dumps(self) -> str:
-        """Return the configuration as the text of its file."""
-        return dumps(self.config)
-
-    def inputs(self) -> list[str]:
-        """Return the texts of the scenario, of the start, and of the campaigns."""
-        paths = [files.find('scenario', self.config.scenario)]
-        if self.config.start:
-            paths.append(files.find('controller', self.config.start))
-        flown = (text for flights in self.fitness.drawn for text in flights.texts)
-        return [*map(files.read_text, paths), *flown]
+    config_type, config_file = FamilyConfig, CONFIG
+    kind, command = 'run', 'rpo train'
 
     @cached_property
     def family(self) -> type[Family]:
@@ -190,27 +171,10 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
 
     def found(self) -> Family:
         """Return the best so far, its provenance filled in."""
-        found, config = self.make(self.best_genes), self.config
+        found = self.make(self.best_genes)
         scores = self.fitness.score([found])
-        provenance: dict[str, object] = {
-            'method': 'rpo train',
-            'command': command(config),
-            'algorithm': 'cmaes in stages',
-            'seed': config.seed,
-            'scenario': config.scenario,
-            'evaluations': self.checkpoint.evaluations,
-            'stopped': self.search.stopped,
-            'fitness_n2s': float(scores.fitness[0]),
-            'mean_energy_n2s': float(scores.energy[0]),
-            'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(scores),
-            'held_out_that_miss': self.missed_draws(scores),
-            'versions': versions(),
-            'arithmetic': processor.in_use(),
-        }
-        if self.fitness.drawn:
-            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
-        return replace(found, provenance=provenance)
+        missed = self.missed_draws(scores)
+        return self.credited(found, 'cmaes in stages', scores, held_out_that_miss=missed)
 
     def missed_draws(self, scores: Scores) -> dict[str, str]:
         """Return campaign -> how many of the held-out draws the controller misses."""
@@ -219,12 +183,3 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         missed = scores.failures[0, count:]
         of = self.config.fitness.drawn.held_out
         return {d.label: f'{int(n)} of {of}' for d, n in zip(drawn, missed, strict=True)}
-
-
-def command(config: FamilyConfig) -> str:
-    """Return the command that trains this configuration; `-o` alone changes the name."""
-    known = config_of(config.family, config.scenario)
-    if replace(known, seed=config.seed, name=config.name) != config:
-        return f'rpo train --config {CONFIG}, of its run folder'
-    scenario = '' if config.scenario == PAPER else f' --scenario {config.scenario}'
-    return f'rpo train --family {config.family}{scenario} --seed {config.seed}'

@@ -11,9 +11,7 @@ authority, the controller uses the part of the force that the paper would.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from math import floor, log10, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -22,23 +20,12 @@ from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.requirements import Requirements
-from rpo_training.config import PRESETS, TrainingConfig
 
 AROUND = 0.1
 """A single flight is trained from its start and around it, by this share of the distance."""
 
-AUTHORITY = 20.0
 ENERGY_N2S = 0.125
-"""Of the paper's training: F T^2 / (m R), and the unit of energy, (m R)^2 / T^3."""
-
-_POSITION, _VELOCITY = (0.2, 2.0), (0.6, 6.0)
-_START = (0.588465, 2.3266)
-"""Bounds of the searched scales, and the scales of `trained`, in R and R / T."""
-
-_FIXED = (1.0, 2.0)
-"""Fixed scales, the paper's 100 m and 1 m/s, in R and R / T."""
-
-_OVER_GRAVITY = 4.0  # force scale, over the relative gravity at the farthest start
+"""Of the paper's training: the unit of energy, (m R)^2 / T^3."""
 
 
 def training_set(name: str) -> ScenarioSet:
@@ -114,45 +101,6 @@ def _error_m(required: Requirements | None) -> float | None:
     return max((limit for limit in limits if limit is not None), default=None)
 
 
-def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
-    """Return a configuration for another scenario; its scales are fitted, its name is the set's.
-
-    The terms of the paper's own test are left out. Raises InputError.
-    """
-    if scenario == base.scenario:
-        return base
-    starts = training_set(scenario)
-    length, time, one = range_m(starts), time_s(starts.base), starts.base
-    if length == 0.0:
-        raise InputError(f'scenario {one.name} starts at its goal; a search needs another start')
-    energy = penalty_n2s(starts) / PENALTY
-    space, fitness = base.genes, base.fitness
-    free = space.free_scales == 2
-    position, velocity = (_POSITION, _VELOCITY) if free else ((_FIXED[0],) * 2, (_FIXED[1],) * 2)
-    return replace(
-        base,
-        name=_file_name(starts.name),
-        scenario=scenario,
-        start_scales=_scaled(_START, (length, length / time)) if free else (),
-        genes=replace(
-            space,
-            position_scale_m=_scaled(position, (length, length)),
-            velocity_scale_m_s=_scaled(velocity, (length / time,) * 2),
-            force_scale_n=_force_n(one, length, time),
-        ),
-        fitness=replace(
-            fitness,
-            penalty_n2s=_short(fitness.penalty_n2s * energy),
-            limit_cycle=0.0,
-            disturbance=0.0,
-            robustness=0.0,
-            drawn=replace(fitness.drawn, weight=0.0),
-        ),
-        cmaes=replace(base.cmaes, tolerance=_short(base.cmaes.tolerance * energy)),
-        race=replace(base.race, gain=_short(base.race.gain * energy)),
-    )
-
-
 def penalty_n2s(starts: ScenarioSet) -> float:
     """Return the paper's penalty in the unit of energy of a set."""
     energy = (starts.base.mass_kg * range_m(starts)) ** 2 / time_s(starts.base) ** 3
@@ -164,37 +112,3 @@ def units_of(starts: ScenarioSet) -> tuple[float, float, float]:
     length, time = range_m(starts), time_s(starts.base)
     force = starts.base.mass_kg * length / time**2 / (10.0 * 100.0 / 200.0**2)
     return length / 100.0, time / 200.0, force
-
-
-def _force_n(base: Scenario, length: float, time: float) -> float:
-    """Return the force at full output: the paper's authority, enough against what pushes."""
-    n, m = base.mean_motion_rad_s, base.mass_kg
-    pushed = float(np.abs(base.disturbance.over(base.times_s)).max()) + 3.0 * m * n * n * length
-    wanted = max(AUTHORITY * m * length / time**2, _OVER_GRAVITY * pushed)
-    return min(base.max_force_n, _short(wanted))
-
-
-def _scaled(shares: Sequence[float], units: Sequence[float]) -> tuple[float, float]:
-    first, second = (_short(a * b) for a, b in zip(shares, units, strict=True))
-    return first, second
-
-
-def _short(value: float) -> float:
-    """Return a number rounded to four digits: a person reads the file."""
-    return round(value, 3 - floor(log10(value)))
-
-
-def _file_name(name: str) -> str:
-    """Return the name of a scenario as that of a file."""
-    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in name)
-
-
-def command(config: TrainingConfig) -> str:
-    """Return the command that trains this configuration; `-o` alone changes the name."""
-    for preset, known in PRESETS.items():
-        fit, scenario = known, ''
-        if config.scenario != known.scenario:
-            fit, scenario = fitted(known, config.scenario), f' --scenario {config.scenario}'
-        if replace(fit, seed=config.seed, name=config.name) == config:
-            return f'rpo train --preset {preset}{scenario} --seed {config.seed}'
-    return f'rpo train --config {config.name}.yaml, the config.yaml of its run folder'

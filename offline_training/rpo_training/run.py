@@ -3,7 +3,7 @@
 """A search in its folder: created, run, saved after each generation, resumed.
 
 The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
-controller `<name>.yaml`. The subclasses, `search.training` and `baselines.tuning`, define what is
+controller `<name>.yaml`. The subclasses, `training`, `family_training` and `tuning`, define what is
 searched, and how a chromosome becomes a controller.
 """
 
@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rpo_core import files
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import FuzzyController
 from rpo_core.files.validation import InputError
@@ -27,14 +28,15 @@ from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo import processor
 from rpo_montecarlo.outputs import alone, make_folder, write_text
 from rpo_training.algorithms import Search, Stage
-from rpo_training.checkpoint import Checkpoint, digest
+from rpo_training.checkpoint import Checkpoint, digest, versions
+from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
 
 Floats = NDArray[np.float64]
 
 CHECKPOINT = 'checkpoint.npz'
 
-Config = TypeVar('Config')
+Config = TypeVar('Config', bound=Configuration)
 Found = TypeVar('Found', FuzzyController, Baseline, Family)
 Self = TypeVar('Self', bound='SearchRun[Any, Any]')
 
@@ -66,45 +68,40 @@ class Progress:
 class SearchRun(Generic[Config, Found]):
     """A search in its folder; `run` runs it to its end, from its checkpoint if there is one.
 
-    config_file : name of the configuration in the folder
+    config_type, config_file : class and file name of the configuration
     kind, command : the name of the run in messages, and the command that resumes it
     workers : threads, or processes of a local cluster; 0, one per core
     address : of a cluster: '', on threads; 'local'; that of a scheduler, tcp://host:port
     """
 
+    config_type: ClassVar[type[Configuration]]
     config_file: ClassVar[str]
     kind: ClassVar[str]
     command: ClassVar[str]
 
     def __init__(self, config: Config, folder: Path, workers: int = 0, address: str = '') -> None:
-        self.config, self.folder = config, folder
+        self.config: Config = config
+        self.folder = folder
         self.starts = training_set(self.scenario)
         self.search = self.make_search()
         self.fitness = self.make_fitness(workers, address)
-        self.checkpoint = Checkpoint(self.dumps(), self.inputs())
+        self.checkpoint = Checkpoint(self.config.dumps(), self.inputs())
         self.best = np.full(3, np.inf)
         self.best_genes: Floats = np.empty(0)
         self.stages: list[int] = []
         self._evaluated = 0
         self._began: float | None = None
 
-    @classmethod
-    def load(cls, path: Path) -> Config:
-        """Return the configuration of a file; raises InputError."""
-        raise NotImplementedError
-
     @property
     def scenario(self) -> str:
         """The scenario or set that is searched for."""
-        raise NotImplementedError
-
-    def dumps(self) -> str:
-        """Return the configuration as the text of its file."""
-        raise NotImplementedError
+        return self.config.scenario
 
     def inputs(self) -> list[str]:
-        """Return the texts of the files that the configuration names."""
-        raise NotImplementedError
+        """Return the texts of the scenario, of the starts, and of the campaigns."""
+        named = [('scenario', self.scenario), *(('controller', n) for n in self.config.starts)]
+        found = [files.read_text(files.find(kind, name)) for kind, name in named]
+        return found + [text for flights in self.fitness.drawn for text in flights.texts]
 
     def make_search(self) -> Search:
         """Return the search at its beginning."""
@@ -146,6 +143,28 @@ class SearchRun(Generic[Config, Found]):
         """Return the best so far, its provenance filled in."""
         raise NotImplementedError
 
+    def credited(self, found: Found, algorithm: str, scores: Scores, **more: object) -> Found:
+        """Return a controller with its provenance filled in: how it was found, its scores, more."""
+        provenance = {
+            'method': self.command,
+            'command': self.config.command,
+            'algorithm': algorithm,
+            'seed': self.config.seed,
+            'scenario': self.config.scenario,
+            'generations': len(self.checkpoint.scores) - 1,
+            'evaluations': self.checkpoint.evaluations,
+            'stopped': self.search.stopped,
+            'fitness_n2s': float(scores.fitness[0]),
+            'mean_energy_n2s': float(scores.energy[0]),
+            'mean_arrival_s': float(scores.arrival[0]),
+            'starts_that_miss': self.misses(scores),
+            'versions': versions(),
+            'arithmetic': processor.in_use(),
+        }
+        if self.fitness.drawn:
+            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
+        return replace(found, provenance=provenance | more)
+
     def save_more(self) -> None:
         """Write what the folder holds at the end beside the best controller."""
 
@@ -173,7 +192,8 @@ class SearchRun(Generic[Config, Found]):
         InputError
             If folder or checkpoint are unusable, or the search asks for other chromosomes.
         """
-        again = cls(cls.load(folder / cls.config_file), folder, workers, address)
+        config: Any = cls.config_type.load(folder / cls.config_file)
+        again = cls(config, folder, workers, address)
         own = again.checkpoint
         saved = Checkpoint.load(folder / CHECKPOINT, own.config, own.inputs)
         for number, (rows, before) in enumerate(zip(saved.scores, saved.digests, strict=True)):

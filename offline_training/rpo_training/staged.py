@@ -1,24 +1,86 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""CMA-ES in stages: each descends from the best so far, with drawn flights of its own.
+"""Searches in stages: CMA-ES after CMA-ES, and the race of rule tables.
 
-At the beginning of a stage its flights are drawn, hard ones for the best so far, which is judged by
-them anew. At the end, draws that are held out decide among the best of all stages
-(`rpo_judge.scoring.drawn`).
+At the beginning of a stage its flights are drawn anew, and the best so far is judged by them. At
+the end, draws that are held out decide (`rpo_judge.scoring.drawn`).
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.files.validation import real, whole
+from rpo_core.files.validation import InputError, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT
-from rpo_training.algorithms import Best, CmaSearch, CmaSettings, Script, ScriptedSearch, Stage
+from rpo_training.algorithms import Best, CmaSearch, CmaSettings, Stage
+from rpo_training.genes import GeneSpace
 
 Floats = NDArray[np.float64]
+
+Script = Generator[Floats, Floats, None]
+"""Yields chromosomes (n, size); each yield returns their fitness (n, 1)."""
+
+
+class ScriptedSearch:
+    """A search by ask and tell whose course is a generator.
+
+    stopped : why it has ended; empty until then
+    best : so far, of the present stage; stage : what is drawn; phase : what runs now
+    """
+
+    def _begin(self, start: Floats, seed: int, reason: str) -> None:
+        """Begin the course with a chromosome; `reason` is that of its regular end."""
+        self.stopped, self.phase, self.evaluations = '', '', 0
+        self.seed, self._reason = seed, reason
+        self.best, self.stage = Best(start), Stage(0, start)
+        self._course = self._run()
+        self._asked = next(self._course)
+
+    @abstractmethod
+    def _run(self) -> Script:
+        """Return the course."""
+
+    def ask(self) -> Floats:
+        """Return chromosomes (n, size) to be evaluated."""
+        return np.array(self._asked)
+
+    def tell(self, values: Floats) -> None:
+        """Take the fitness (n, 1) of those."""
+        self.evaluations += len(values)
+        self.best.take(self._asked, values)
+        try:
+            self._asked = self._course.send(values)
+        except StopIteration:
+            self.stopped = self._reason
+
+    def _enter(self, number: int, phase: str, entries: Floats) -> Script:
+        """Begin a stage, which judges chromosomes (n, size) anew."""
+        self.stage, self.phase = Stage(number, self.best.genes), phase
+        self.best = Best(self.best.genes)
+        yield entries
+
+    def _descend(
+        self,
+        settings: CmaSettings,
+        start: Floats,
+        stream: int,
+        complete: Callable[[Floats], Floats] = np.array,
+    ) -> Generator[Floats, Floats, Best]:
+        """Run CMA-ES from a chromosome; return its best.
+
+        complete : from the genes that it varies to chromosomes
+        """
+        search = CmaSearch(settings, self.seed, start, stream)
+        while not search.stopped:
+            values = yield complete(search.ask())
+            search.tell(values)
+        return search.best
 
 
 @dataclass(frozen=True)
@@ -40,17 +102,16 @@ class StagedSettings:
 
 
 class StagedSearch(ScriptedSearch):
-    """CMA-ES in stages.
+    """CMA-ES in stages, each from the best so far; draws that are held out decide among the bests.
 
-    best : of the present stage; stage : what is drawn
+    A stage draws hard flights for the best so far.
     """
 
     def __init__(
         self, settings: StagedSettings, descent: CmaSettings, seed: int, start: Floats
     ) -> None:
-        self.settings, self.descent, self.seed = settings, descent, seed
-        self._finalists: list[Floats] = []
-        self._begin(start, f'{settings.stages} stages')
+        self.settings, self.descent = settings, descent
+        self._begin(start, seed, f'{settings.stages} stages')
 
     @property
     def left(self) -> int:
@@ -61,18 +122,166 @@ class StagedSearch(ScriptedSearch):
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""
-        own = self.settings
-        later = replace(self.descent, sigma=own.sigma, evaluations=own.evaluations)
+        own, descent, finalists = self.settings, self.descent, []
         for number in range(1, own.stages + 1):
-            self.stage, self.phase = Stage(number, self.best.genes), f'stage {number}'
-            self.best = Best(self.best.genes)
-            yield self.best.genes[None]
-            descent = self.descent if number == 1 else later
-            search = CmaSearch(descent, self.seed, self.best.genes, number)
-            while not search.stopped:
-                values = yield search.ask()
-                search.tell(values)
-            self._finalists.append(np.array(self.best.genes))
-        self.stage, self.phase = Stage(HELD_OUT, self.best.genes), 'held-out flights'
-        self.best = Best(self.best.genes)
-        yield np.unique(self._finalists, axis=0)
+            yield from self._enter(number, f'stage {number}', self.best.genes[None])
+            yield from self._descend(descent, self.best.genes, number)
+            finalists.append(np.array(self.best.genes))
+            descent = replace(self.descent, sigma=own.sigma, evaluations=own.evaluations)
+        yield from self._enter(HELD_OUT, 'held-out flights', np.unique(finalists, axis=0))
+
+
+@dataclass(frozen=True)
+class RaceSettings:
+    """Options of the race; the descents over all genes have `CmaSettings`.
+
+    rounds : at most
+    entrants : tables in a round that get a descent over feet and scales
+    population, sigma, evaluations : of each such descent
+    last : evaluations of the descent over all genes after the last round; 0: as those before
+    gain : the race ends after a round that gains less [N^2 s]
+    scan : scales between the bounds that are tried first with the start, each with each; 0: none
+    stages : whether each round draws its flights anew, and held-out flights decide at the end
+    """
+
+    rounds: int = 3
+    entrants: int = 8
+    population: int = 14
+    sigma: float = 0.05
+    evaluations: int = 2000
+    last: int = 0
+    gain: float = 0.01
+    scan: int = 0
+    stages: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.stages, bool):
+            raise InputError(f'`race.stages` must be true or false; got {self.stages!r}')
+        whole('race.rounds', self.rounds, least=1)
+        whole('race.entrants', self.entrants, least=1)
+        whole('race.population', self.population, least=4)
+        real('race.sigma', self.sigma, above=0.0, most=1.0)
+        whole('race.evaluations', self.evaluations, least=self.population)
+        whole('race.last', self.last, least=0)
+        real('race.gain', self.gain, 'N^2 s', least=0.0)
+        whole('race.scan', self.scan, least=0, most=100)
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """The best of a descent: its chromosome, and its fitness by the draws of its stage."""
+
+    stage: int
+    fitness: float
+    genes: Floats
+
+
+class TableRace(ScriptedSearch):
+    """A race of rule tables: the discrete genes by enumeration, the continuous ones by CMA-ES.
+
+    There are only fifty odd, monotone tables. A search that moves between them by rounding a gene
+    rarely finds the feet that suit the new table. A round therefore runs CMA-ES over all genes from
+    the best controller so far; then, for each of the tables that do best with its feet, a short
+    CMA-ES over feet and scales. The race ends after a round that gains too little. Where the
+    fitness draws flights anew (`stages`), each round is a stage; at the end the best of every
+    descent of the last two stages are judged by the draws that are held out.
+
+    finalists : of the last two stages; the last generation asks for these
+    """
+
+    def __init__(
+        self,
+        settings: RaceSettings,
+        descent: CmaSettings,
+        seed: int,
+        space: GeneSpace,
+        start: Floats,
+    ) -> None:
+        self.settings, self.descent, self.space = settings, descent, space
+        self._tables, self._streams = space.rule_tables(), 0
+        self.finalists: list[Finalist] = []
+        self._begin(start, seed, f'{settings.rounds} rounds')
+
+    @property
+    def left(self) -> int:
+        """Generations left, at most, of the size of the present one."""
+        own = self.settings
+        each = len(self._tables) + own.entrants * own.evaluations + self.descent.evaluations
+        most = (own.last or self.descent.evaluations) + own.rounds * each + own.scan**2
+        return -(-max(most - self.evaluations, 0) // len(self._asked))
+
+    def _run(self) -> Script:
+        """Yield chromosomes; each yield returns their fitness."""
+        if self.settings.scan and self.space.free_scales:
+            self.phase = 'scales'
+            yield self._scales()
+        for number in range(1, self.settings.rounds + 1):
+            yield from self._draw(number)
+            before = self.best.value
+            self.phase = f'round {number}, descent'
+            yield from self._run_descent(self.descent, self.best.genes)
+            yield from self._enter_tables(number)
+            if before - self.best.value < self.settings.gain:
+                self._reason = f'round {number} gained less than {self.settings.gain:g} N^2 s'
+                break
+        else:
+            yield from self._draw(self.settings.rounds + 1)
+            self.phase = 'last descent'
+            last = replace(self.descent, evaluations=self.settings.last or self.descent.evaluations)
+            yield from self._run_descent(last, self.best.genes)
+        if self.settings.stages:
+            yield from self._decide()
+
+    def _draw(self, number: int) -> Script:
+        """Begin a stage, where there are stages."""
+        if self.settings.stages:
+            yield from self._enter(number, f'stage {number}', self.best.genes[None])
+
+    def _decide(self) -> Script:
+        """Let the draws that are held out decide."""
+        recent = [f for f in self.finalists if f.stage >= self.stage.number - 1]
+        self.finalists = list({f.genes.tobytes(): f for f in recent}.values())
+        entries = np.array([finalist.genes for finalist in self.finalists])
+        yield from self._enter(HELD_OUT, 'held-out flights', entries)
+
+    def _scales(self) -> Floats:
+        """Return the start, and the start with other scales."""
+        shares = (np.arange(self.settings.scan) + 0.5) / self.settings.scan
+        scales = np.array(list(product(shares, repeat=self.space.free_scales)))
+        entries = np.repeat(self.best.genes[None], len(scales) + 1, axis=0)
+        entries[1:, : self.space.free_scales] = scales**2  # closer where the scales are small
+        return entries
+
+    def _enter_tables(self, number: int) -> Script:
+        own, rules, best = self.settings, self.space.rule_genes, self.best.genes
+        self.phase = f'round {number}, tables'
+        entries = np.repeat(best[None], len(self._tables), axis=0)
+        entries[:, rules] = self._tables
+        values = yield entries
+        settings = replace(
+            self.descent,
+            population=own.population,
+            sigma=own.sigma,
+            evaluations=own.evaluations,
+            descents=1,
+        )
+        for place, index in enumerate(np.argsort(values[:, 0], kind='stable')[: own.entrants], 1):
+            self.phase = f'round {number}, table {place} of {own.entrants}'
+            table = self._tables[index]
+
+            def with_table(genes: Floats, table: Floats = table) -> Floats:
+                return np.hstack([genes, np.repeat(table[None], len(genes), axis=0)])
+
+            yield from self._run_descent(settings, best[: rules.start], with_table)
+
+    def _run_descent(
+        self,
+        settings: CmaSettings,
+        start: Floats,
+        complete: Callable[[Floats], Floats] = np.array,
+    ) -> Script:
+        self._streams += 1
+        best = yield from self._descend(settings, start, self._streams, complete)
+        if self.settings.stages:
+            genes = complete(best.genes[None])[0]
+            self.finalists.append(Finalist(self.stage.number, float(best.value), genes))

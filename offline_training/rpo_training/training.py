@@ -19,23 +19,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import files
 from rpo_core.control.controller import FuzzyController, load_fuzzy
 from rpo_judge.evaluation.assessment import PAPER, assess
 from rpo_judge.scoring.drawn import HELD_OUT
 from rpo_judge.scoring.fitness import Fitness, Scores
-from rpo_montecarlo import processor
 from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_montecarlo.outputs import write_text
-from rpo_training import config as configs
-from rpo_training import fitting
 from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
-from rpo_training.checkpoint import versions
 from rpo_training.config import TrainingConfig
-from rpo_training.race import Finalist, TableRace
 from rpo_training.run import SearchRun
+from rpo_training.staged import Finalist, TableRace
 
 Floats = NDArray[np.float64]
 
@@ -58,34 +53,14 @@ def _start(name: str, config: TrainingConfig) -> FuzzyController:
 class Training(SearchRun[TrainingConfig, FuzzyController]):
     """The training of a fuzzy controller."""
 
-    config_file, kind, command = CONFIG, 'run', 'rpo train'
+    config_type, config_file = TrainingConfig, CONFIG
+    kind, command = 'run', 'rpo train'
 
     def __init__(
         self, config: TrainingConfig, folder: Path, workers: int = 0, address: str = ''
     ) -> None:
         super().__init__(config, folder, workers, address)
         self._genes: list[Floats] = []
-
-    @classmethod
-    def load(cls, path: Path) -> TrainingConfig:
-        """Return the configuration of a file; raises InputError."""
-        return configs.load(path)
-
-    @property
-    def scenario(self) -> str:
-        """The scenario or set that is trained for."""
-        return self.config.scenario
-
-    def dumps(self) -> str:
-        """Return the configuration as the text of its file."""
-        return configs.dumps(self.config)
-
-    def inputs(self) -> list[str]:
-        """Return the texts of the scenario, of the starts, and of the campaigns."""
-        starts = (files.find('controller', name) for name in self.config.start)
-        paths = files.find('scenario', self.config.scenario), *starts
-        flown = (text for flights in self.fitness.drawn for text in flights.texts)
-        return [*(files.read_text(path) for path in paths), *flown]
 
     def make_search(self) -> Search:
         """Return the search of the configuration, at its beginning."""
@@ -186,28 +161,10 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         population = config.genes.decode(genes[None])
         scores = self.fitness.score(population)
         found = population.controller(0, name)
-        provenance: dict[str, object] = {
-            'method': 'rpo train',
-            'command': fitting.command(config),
-            'algorithm': config.algorithm,
-            'seed': config.seed,
-            'scenario': config.scenario,
-            'generations': len(self.checkpoint.scores) - 1,
-            'evaluations': self.checkpoint.evaluations,
-            'stopped': self.search.stopped,
-            'fitness_n2s': float(scores.fitness[0]),
-            'mean_energy_n2s': float(scores.energy[0]),
-            'mean_arrival_s': float(scores.arrival[0]),
-            'starts_that_miss': self.misses(scores),
-            'versions': versions(),
-            'arithmetic': processor.in_use(),
-        }
-        if self.fitness.drawn:
-            provenance['drawn_flights_judged_by'] = self.fitness.judged_in_drawn
+        more: dict[str, object] = {}
         if config.scenario == PAPER:
-            targets = assess(found).targets()
-            provenance['targets'] = {target.what: target.reached for target in targets}
-        return replace(found, provenance=provenance)
+            more['targets'] = {target.what: target.reached for target in assess(found).targets()}
+        return self.credited(found, config.algorithm, scores, **more)
 
     def _save_front(self) -> None:
         """Write the controllers without penalty that no other beats in both objectives."""

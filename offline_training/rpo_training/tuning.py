@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning a baseline: the fitness and the starts of the training, at most the paper's evaluations.
 
+A few numbers of each kind are tuned, within a range (`TUNING_SPACES`).
+
 The search is CMA-ES on the graded fitness of the preset `best`: where no parameters meet all
 conditions, the flat penalty does not show which way is better. The folder holds `tuning.yaml`,
 `checkpoint.npz` after each generation, and at the end `<kind>.yaml`.
@@ -9,27 +11,24 @@ conditions, the flat penalty does not show which way is better. The folder holds
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
 
-from rpo_core import files
-from rpo_core.files.validation import MOST_PATH, choice, mapping, real, text, whole
-from rpo_ctrl.baselines import Baseline, Model
+from rpo_core.files.validation import choice, real, whole
+from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
-from rpo_montecarlo import processor
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
-from rpo_training.checkpoint import versions
+from rpo_training.config import Configuration
 from rpo_training.fitting import penalty_n2s, units_of
 from rpo_training.genetic import GaSettings
 from rpo_training.run import SearchRun
-from rpo_training.tuning_spaces import TUNING_SPACES, TuningSpace
 
 Floats = NDArray[np.float64]
 
@@ -42,13 +41,127 @@ SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
 """The fitness that is minimised; the file has the paper's flat fitness too."""
 
 
+_DIGITS = 4  # a person reads the file
+
+PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
+"""States of the two decoupled parts of the relative motion."""
+
+
+class Parameter(NamedTuple):
+    """A tuned number and its range, searched on a logarithmic scale.
+
+    metres, seconds, newtons : powers of its unit; a weight is in the units of the cost, N^2
+    """
+
+    name: str
+    least: float
+    most: float
+    metres: int = 0
+    seconds: int = 0
+    newtons: int = 0
+
+
+class TuningSpace(NamedTuple):
+    """What is tuned of a kind, and how a baseline is made of it."""
+
+    parameters: tuple[Parameter, ...]
+    make: Callable[[Mapping[str, float], Model], Baseline]
+    description: str
+
+    def scaled(self, units: tuple[float, float, float]) -> TuningSpace:
+        """Return the space with its ranges in other units of length, time and force."""
+        metre, second, newton = units
+        scaled = []
+        for p in self.parameters:
+            unit = metre**p.metres * second**p.seconds * newton**p.newtons
+            scaled.append(p._replace(least=p.least * unit, most=p.most * unit))
+        return self._replace(parameters=tuple(scaled))
+
+    def values(self, genes: Floats) -> dict[str, float]:
+        """Return the numbers of a chromosome (parameters,) in [0, 1]."""
+        return {
+            p.name: float(f'{p.least * (p.most / p.least) ** gene:.{_DIGITS}g}')
+            for p, gene in zip(self.parameters, genes.tolist(), strict=True)
+        }
+
+
+def lqr_gains(model: Model, position_weight: float, velocity_weight: float) -> Floats:
+    """Return K (3, 6) of the discrete linear quadratic regulator, f = -K x, R = 1 N^2.
+
+    K = (R + B' P B)^-1 B' P A with P from the discrete algebraic Riccati equation (SciPy), solved
+    for the planar and the vertical motion by themselves, so that they stay decoupled exactly.
+    """
+    a, b = model.matrices()
+    gains = np.zeros((3, 6))
+    for states, axes in ((PLANAR, [0, 1]), (VERTICAL, [2])):
+        part_a, part_b = a[np.ix_(states, states)], b[np.ix_(states, axes)]
+        half = len(states) // 2
+        weights = np.diag([position_weight] * half + [velocity_weight] * half)
+        r = np.eye(len(axes))
+        p = solve_discrete_are(part_a, part_b, weights, r)
+        gains[np.ix_(axes, states)] = np.linalg.solve(
+            r + part_b.T @ p @ part_b, part_b.T @ p @ part_a
+        )
+    return gains
+
+
+def _lqr(values: Mapping[str, float], model: Model) -> Lqr:
+    gains = lqr_gains(model, values['position_weight'], values['velocity_weight'])
+    return Lqr(name='lqr', model=model, gains=gains, **values)  # type: ignore[arg-type]
+
+
+TUNING_SPACES: Mapping[str, TuningSpace] = {
+    Pd.kind: TuningSpace(
+        (
+            Parameter('position_gain_n_m', 1e-4, 1.0, -1, 0, 1),
+            Parameter('velocity_gain_n_s_m', 1e-2, 20.0, -1, 1, 1),
+        ),
+        lambda values, _model: Pd(name='pd', **values),  # type: ignore[arg-type]
+        'Saturated proportional-derivative law, axis by axis.',
+    ),
+    Lqr.kind: TuningSpace(
+        (
+            Parameter('position_weight', 1e-9, 1e-2, -2, 0, 2),
+            Parameter('velocity_weight', 1e-7, 10.0, -2, 2, 2),
+        ),
+        _lqr,
+        'Infinite-horizon linear quadratic regulator of the discrete relative dynamics.',
+    ),
+    Mpc.kind: TuningSpace(
+        (
+            Parameter('horizon_s', 100.0, 200.0, 0, 1),
+            Parameter('least_time_to_go_s', 2.0, 60.0, 0, 1),
+        ),
+        lambda values, model: Mpc(name='mpc', model=model, **values),  # type: ignore[arg-type]
+        'Shrinking-horizon least-energy transfer to rest, planned anew at every tick.',
+    ),
+    PotentialField.kind: TuningSpace(
+        (
+            Parameter('approach_speed_m_s', 0.1, 10.0, 1, -1),
+            Parameter('rounding_radius_m', 0.1, 500.0, 1),
+            Parameter('switching_gain_n', 1e-3, 1.0, 0, 0, 1),
+            Parameter('boundary_layer_m_s', 1e-3, 10.0, 1, -1),
+        ),
+        lambda values, model: PotentialField(
+            name='apf_smc',
+            model=model,
+            **values,  # type: ignore[arg-type]
+        ),
+        'Artificial potential field tracked by sliding mode with a boundary layer.',
+    ),
+}
+"""Kind -> tuning space; drift has nothing to tune."""
+
+
 @dataclass(frozen=True)
-class TuningConfig:
-    """All that determines the outcome of a tuning.
+class TuningConfig(Configuration):
+    """The tuning of a baseline.
 
     disturbance : weight [N^2 s] of how far the paper's test is missed, see `search.fitness`; 0, as
         in the training of the fuzzy controllers: without the test
     """
+
+    required = ('kind',)
 
     kind: str
     seed: int = 1
@@ -59,10 +172,9 @@ class TuningConfig:
 
     def __post_init__(self) -> None:
         choice('kind', self.kind, TUNING_SPACES)
-        whole('seed', self.seed, least=0, most=2**63 - 1)
+        self.check()
         whole('evaluations', self.evaluations, least=20, most=BUDGET)
         real('disturbance', self.disturbance, 'N^2 s', least=0.0, most=1e6)
-        text('scenario', self.scenario, most=MOST_PATH)
 
     @property
     def command(self) -> str:
@@ -77,34 +189,17 @@ class TuningConfig:
         """Name of the baseline."""
         return f'{self.kind}_disturbed' if self.disturbance else self.kind
 
-
-def parse(document: Any) -> TuningConfig:
-    """Return the configuration of a parsed YAML document; raises InputError."""
-    return TuningConfig(**mapping('', document, [f.name for f in fields(TuningConfig)]))
+    @classmethod
+    def base(cls, data: Mapping[str, Any]) -> TuningConfig:
+        """Return the tuning of a kind."""
+        return cls(data['kind'])
 
 
 class Tuning(SearchRun[TuningConfig, Baseline]):
     """The tuning of a baseline."""
 
-    config_file, kind, command = CONFIG, 'tuning', 'rpo tune'
-
-    @classmethod
-    def load(cls, path: Path) -> TuningConfig:
-        """Return the configuration of a file; raises InputError."""
-        return files.load(path, parse)
-
-    @property
-    def scenario(self) -> str:
-        """The scenario or set that is tuned for."""
-        return self.config.scenario
-
-    def dumps(self) -> str:
-        """Return the configuration as the text of its file."""
-        return yaml.safe_dump(asdict(self.config), sort_keys=False)
-
-    def inputs(self) -> list[str]:
-        """Return the text of the scenario."""
-        return [files.read_text(files.find('scenario', self.config.scenario))]
+    config_type, config_file = TuningConfig, CONFIG
+    kind, command = 'tuning', 'rpo tune'
 
     def make_search(self) -> Search:
         """Return the search over the space, from the middle of each."""
@@ -159,19 +254,5 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         judge = Fitness(self.starts, self.flat, 1)
         with judge.simulator:
             scores = judge.score([found])
-        provenance = {
-            'method': 'rpo tune',
-            'command': self.config.command,
-            'algorithm': 'cmaes',
-            'seed': self.config.seed,
-            'scenario': self.config.scenario,
-            'evaluations': self.checkpoint.evaluations,
-            'stopped': self.search.stopped,
-            'searched_fitness_n2s': float(self.best[0]),
-            'fitness_n2s': float(scores.fitness[0]),
-            'mean_energy_n2s': float(scores.energy[0]),
-            'starts_that_miss': self.misses(scores),
-            'versions': versions(),
-            'arithmetic': processor.in_use(),
-        }
-        return replace(found, description=self.space.description, provenance=provenance)
+        made = replace(found, description=self.space.description)
+        return self.credited(made, 'cmaes', scores, searched_fitness_n2s=float(self.best[0]))

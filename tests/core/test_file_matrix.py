@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 
 from rpo_core import files
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.verdicts import THRUST
+from rpo_core.judge.requirements import THRUST, Requirements
 from rpo_safety import limit_checker
 
 PARSE = {**PARSERS, 'monitor': limit_checker.parse}

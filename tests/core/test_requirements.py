@@ -16,8 +16,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import dumps, load, load_scenario, parse
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import LIMITS, Requirements
-from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
+from rpo_core.judge.verdicts import verdicts
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Propellant, Thrusters
 

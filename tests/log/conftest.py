@@ -13,12 +13,19 @@ from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 
 from rpo_log import signature
+from rpo_log.read import stream
 
 
 @pytest.fixture(scope='session')
 def short_run() -> Run:
     """Five seconds: 51 ticks."""
     return make_run(5.0)
+
+
+@pytest.fixture(params=[4096, 7], ids=['one block', 'blocks of 7'])
+def blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read a log in blocks of so many ticks."""
+    monkeypatch.setattr(stream, 'BLOCK_TICKS', request.param)
 
 
 @pytest.fixture(scope='session')

@@ -205,6 +205,18 @@ Change = Callable[[str, int, bytes], bytes | None]
 """Topic, tick, data to new data; None to leave a message out."""
 
 
+def flipped(topic: str, tick: int, place: int = 0) -> Change:
+    """Return a change that flips one bit of a number of a message."""
+
+    def flip(name: str, at: int, data: bytes) -> bytes:
+        if (name, at) != (topic, tick):
+            return data
+        byte = interfaces.row_of(name[1:]).layout.places[place]
+        return data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :]
+
+    return flip
+
+
 def rewrite(source: Path, target: Path, change: Change) -> None:
     """Copy a log with other messages in it, all checksums right: a forgery, not damage."""
     file = McapFile(target)

@@ -16,7 +16,6 @@ from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExitCode
-from rpo_log.read import stream
 from rpo_log.verify import verify
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
@@ -50,11 +49,6 @@ def held(flown):
     ((tick, state),) = stage.told()
     assert state == 'holding' and 5 < tick < 150
     return tick
-
-
-@pytest.fixture(params=[4096, 7], ids=['one block', 'blocks of 7'])
-def blocks(request, monkeypatch):
-    monkeypatch.setattr(stream, 'BLOCK_TICKS', request.param)
 
 
 def written(flown, folder, *events):

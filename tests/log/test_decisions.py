@@ -15,7 +15,7 @@ from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE as TYPE
 from rpo_log.errors import LogError
 from rpo_log.format.run import DECISIONS_FILE, TimeBase
-from rpo_log.read.decisions import decision_at, read_decisions
+from rpo_log.read.run_log import decision_at, read_decisions
 from rpo_log.write.side_file import DecisionLogWriter
 
 BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)

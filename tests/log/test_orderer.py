@@ -551,10 +551,12 @@ def test_events_are_taken_ahead_as_far_as_there_is_room(monkeypatch):
     assert heard.orderer.counts[EVENT].ignored == 1
     heard.say(EVENT, WINDOW)
     assert heard.orderer.counts[EVENT].duplicates == 1
+    heard.say(EVENT, 0)
+    assert heard.orderer.counts[EVENT].duplicates == 2
     heard.say(EVENT, 0, 'another')  # it is now the newest of two, and the first one is forgotten
     heard.say(EVENT, 0, 'a third')
     heard.say(EVENT, WINDOW)
-    assert heard.orderer.counts[EVENT].duplicates == 1
+    assert heard.orderer.counts[EVENT].duplicates == 2
 
 
 def test_an_event_of_the_tick_written_last_is_passed_on_and_one_of_the_next_waits():
@@ -576,6 +578,13 @@ def test_what_is_stamped_after_the_end_is_no_part_of_the_flight():
     counts = heard.orderer.counts
     assert (counts[1].ignored, counts[EVENT].ignored, counts[EVENT].written) == (2, 1, 2)
     assert not counts[0].missing
+
+
+def test_a_state_ahead_of_the_first_one_is_no_part_of_the_flight():
+    heard = begun()
+    heard.say(0, 50)
+    heard.orderer.close(last_tick=100)
+    assert heard.ticks == [0] and heard.orderer.counts[0].ignored == 1
 
 
 def test_states_ahead_count_up_to_the_end_that_the_run_has():

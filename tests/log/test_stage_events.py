@@ -15,7 +15,6 @@ from rpo_core.control.controller_file import ControllerStage
 from rpo_core.wire import cdr
 from rpo_core.world.disturbance import NONE
 from rpo_log.errors import ExitCode
-from rpo_log.read import stream
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 
@@ -50,11 +49,6 @@ def said(state, tick, stage='controller'):
 
 
 SWITCHED = (said('inactive', OFF.start), said('active', OFF.stop))
-
-
-@pytest.fixture(params=[4096, 7], ids=['one block', 'blocks of 7'])
-def blocks(request, monkeypatch):
-    monkeypatch.setattr(stream, 'BLOCK_TICKS', request.param)
 
 
 @pytest.fixture(scope='module')

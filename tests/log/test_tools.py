@@ -25,12 +25,12 @@ from rpo_cli.cli import app
 from rpo_core.wire import cdr
 from rpo_log import commands
 from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.provenance import machine_facts, write_run_info
 from rpo_log.read import stream
 from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
-from rpo_log.write.run_info import machine_facts, write_run_info
 from rpo_log.write.side_file import HealthLogWriter
 
 

@@ -24,11 +24,12 @@ from rpo_core.control.controller import load_controller
 from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
+from rpo_log import provenance
 from rpo_log.errors import Fault, LogError
 from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_log.write import mcap_file, run_info
+from rpo_log.write import mcap_file
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, names, qos
 from rpo_ros.signals import Outlet
@@ -211,7 +212,7 @@ def test_a_run_info_that_cannot_be_written_is_no_success(ros_env, tmp_path, monk
     def fails(folder, facts):
         raise LogError(Fault.CANNOT_WRITE, folder, 'cannot hold a log: No space left on device')
 
-    monkeypatch.setattr(run_info, 'write_run_info', fails)
+    monkeypatch.setattr(provenance, 'write_run_info', fails)
     with inside() as inner:
         assert Flight(inner, tmp_path).ends() == 1
     assert 'cannot hold a log: No space left on device' in capfd.readouterr().err

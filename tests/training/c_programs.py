@@ -40,3 +40,13 @@ def driven(program: Path, rows: Sequence[Sequence[float]]) -> Any:
 def bits(numbers: Any) -> Any:
     """Return the bits of numbers, so that -0 is not 0."""
     return np.ascontiguousarray(numbers, dtype=np.float64).view(np.uint64).tolist()
+
+
+def states(count=3000):
+    """Return (ticks, states (count, 6)): near, far, and awkward."""
+    draw = np.random.default_rng(5)
+    found = draw.normal(size=(count, 6)) * [30, 30, 30, 0.4, 0.4, 0.4]
+    found[::7] *= 10.0 ** draw.uniform(-12, 2, (len(found[::7]), 1))
+    found[::11, 0], found[::13, 4], found[::17, 2] = -0.0, 0.0, 14.0
+    found[:2] = [-1e5, 1e3, 1e-300, -1e-300, 0.0, -0.0], [0.0] * 6
+    return draw.integers(0, 2500, count).tolist(), found.tolist()

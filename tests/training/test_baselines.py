@@ -23,7 +23,7 @@ from rpo_judge.evaluation import comparison, comparison_table, optimal
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_training import tuning_spaces
+from rpo_training import tuning
 from rpo_training.tuning import BUDGET, Tuning, TuningConfig
 
 TRAINING = load_set('paper_training')
@@ -159,7 +159,7 @@ def test_shipped_baselines_are_as_good_as_they_say():
 
 def test_shipped_lqr_gains_are_those_of_its_weights():
     lqr = load_controller('lqr')
-    gains = tuning_spaces.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
+    gains = tuning.lqr_gains(lqr.model, lqr.position_weight, lqr.velocity_weight)
     np.testing.assert_allclose(lqr.gains, gains, rtol=1e-9, atol=1e-12)
 
 

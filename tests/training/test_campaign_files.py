@@ -25,8 +25,8 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_cli.display import COMPILING, CampaignDisplay, duration
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import LIMITS
-from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_core.judge.requirements import LIMITS, THRUST
+from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign import config, execution, run_batch, sampling
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run

@@ -13,7 +13,7 @@ from dataclasses import replace
 import fuzzylite
 import numpy as np
 import pytest
-from core_oracles import mamdani
+from c_programs import bits, states
 from core_strategies import functions, systems
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -49,40 +49,30 @@ def test_pyfuzzylite_reads_fll_and_agrees_on_the_grid(controller):
     assert np.abs(theirs - surface_of(controller.system)).max() < 1e-13
 
 
-def states(seed=5, count=3000):
-    """Return (position [m], velocity [m/s]) pairs: near, far, and awkward."""
-    rng = np.random.default_rng(seed)
-    near = rng.normal(size=(count, 2)) * [30.0, 0.4]
-    tiny = rng.normal(size=(200, 2)) * 10.0 ** rng.uniform(-12, -2, (200, 1))
-    odd = [(0.0, 0.0), (-0.0, 0.0), (70.0, -0.9), (-1e5, 1e3), (14.0, 0.0), (1e-300, -1e-300)]
-    return [*map(tuple, near.tolist()), *map(tuple, tiny.tolist()), *odd]
-
-
-def bits(forces):
-    return np.array(forces, dtype=np.float64).view(np.uint64).tolist()
-
-
-def commanded(controller):
-    return bits([controller.force_n((r, 0, 0), (v, 0, 0))[0] for r, v in states()])
-
-
-def test_python_gives_the_bits_without_us(controller, tmp_path):
+@pytest.mark.parametrize(
+    'name',
+    ['trained', 'paper_ga', 'pace', 'more_words', 'time_to_go', 'pd', 'lqr', 'mpc', 'apf_smc'],
+)
+def test_python_gives_the_bits_without_us(name, tmp_path):
+    controller = load_controller(name)
     (tmp_path / 'exported.py').write_text(text_of(controller, 'python'))
     program = (
         'import json, sys\n'
-        'import exported\n'
-        'known = set(sys.stdlib_module_names)\n'
-        'assert not [m for m in sys.modules if m.partition(".")[0] not in known | {"exported", '
-        '"__main__"}], sys.modules\n'
-        'print(json.dumps([exported.force(r, v) for r, v in json.load(sys.stdin)]))\n'
+        f'sys.path.insert(0, {str(tmp_path)!r})\n'
+        'from exported import force_n\n'
+        'known = {*sys.stdlib_module_names, "exported", "__main__"}\n'
+        'assert not [m for m in sys.modules if m.partition(".")[0] not in known], sys.modules\n'
+        'print(json.dumps([force_n(s[:3], s[3:], t) for t, s in json.load(sys.stdin)]))\n'
     )
+    ticks, rows = states(count=900)
     done = subprocess.run(
-        [sys.executable, '-I', '-S', '-B', '-c', f'sys_path = {str(tmp_path)!r}\nimport sys\n'
-         f'sys.path.insert(0, sys_path)\n{program}'],
-        input=json.dumps(states()), capture_output=True, text=True, timeout=50,
+        [sys.executable, '-I', '-S', '-B', '-c', program],
+        input=json.dumps(list(zip(ticks, rows, strict=True))),
+        capture_output=True, text=True, timeout=50,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert bits(json.loads(done.stdout)) == commanded(controller)
+    expected = [controller.force_n(s[:3], s[3:], t) for t, s in zip(ticks, rows, strict=True)]
+    assert bits(json.loads(done.stdout)) == bits(expected)
 
 
 @settings(max_examples=60)
@@ -104,43 +94,6 @@ def test_json_holds_the_controller_file(controller):
     assert parse(document['controller']) == controller
     assert document['triangles']['force']['Z'][1] == 0.0
     assert len(document['rules']) == 25
-
-
-def read_fcl(text):
-    """Return terms and rules of an FCL text, by the grammar of IEC 61131-7."""
-    text = re.sub(r'\(\*.*?\*\)', '', text)
-    blocks = re.findall(r'(?:DE)?FUZZIFY (\w+)(.*?)END_(?:DE)?FUZZIFY', text, re.DOTALL)
-    terms = {
-        name: {
-            word: [tuple(map(float, p)) for p in re.findall(r'\(([^,]+), ([^)]+)\)', points)]
-            for word, points in re.findall(r'TERM (\w+) :=(.*?);', body)
-        }
-        for name, body in blocks
-    }
-    rule = r'RULE \d+ : IF position_error IS (\w+) AND velocity_error IS (\w+) THEN force IS (\w+);'
-    return terms, re.findall(rule, text)
-
-
-def test_fcl_says_the_same(controller):
-    text = text_of(controller, 'fcl')
-    terms, rules = read_fcl(text)
-    assert text.count('END_FUZZIFY') == 2 and 'METHOD : COG;' in text and len(rules) == 25
-    y = np.linspace(-1, 1, 101)
-
-    def grade(x, points):
-        return np.interp(x, *zip(*points, strict=True))
-
-    for e, v in np.random.default_rng(6).uniform(-1, 1, (40, 2)):
-        total = np.zeros(101)
-        for position, velocity, force in rules:
-            strength = min(
-                grade(e, terms['position_error'][position]),
-                grade(v, terms['velocity_error'][velocity]),
-            )
-            total = np.fmax(total, np.fmin(strength, grade(y, terms['force'][force])))
-        assert (y * total).sum() / total.sum() == pytest.approx(
-            mamdani(controller.system, e, v), abs=1e-12
-        )
 
 
 def run(*arguments):
@@ -283,7 +236,7 @@ def test_spoilt_texts_are_read_or_refused(data, case):
     [
         (
             ['export', 'handmade', '--to', 'xml'],
-            '`--to` must be one of fis, fll, fcl, json, python',
+            '`--to` must be one of fis, fll, json, python, c',
         ),
         (['export', 'nobody', '--to', 'fis'], '`controller` must be one of'),
         (['export', 'handmade', '--to', 'c', '-o', '/dev/null/place.c'], 'cannot be made'),

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import Any, ClassVar, NamedTuple
 
-import numpy as np
 import pytest
-from c_programs import bits, compiled, driven
+from c_programs import bits, compiled, driven, states
 
 from rpo_core.control import controller_file
 from rpo_core.control.controller import load_controller
@@ -44,16 +43,6 @@ int main(void)
 
 def family_names():
     return sorted(n for n, kind in controller_file.kinds().items() if issubclass(kind, Family))
-
-
-def states(count=3000):
-    """Return (ticks, states (count, 6)): near, far, and awkward."""
-    draw = np.random.default_rng(5)
-    found = draw.normal(size=(count, 6)) * [30, 30, 30, 0.4, 0.4, 0.4]
-    found[::7] *= 10.0 ** draw.uniform(-12, 2, (len(found[::7]), 1))
-    found[::11, 0], found[::13, 4], found[::17, 2] = -0.0, 0.0, 14.0
-    found[:2] = [-1e5, 1e3, 1e-300, -1e-300, 0.0, -0.0], [0.0] * 6
-    return draw.integers(0, 2500, count).tolist(), found.tolist()
 
 
 def program(controller, folder, optimise, change=('', '')):

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.judge.requirements import LIMITS
-from rpo_core.judge.verdicts import THRUST, verdicts
+from rpo_core.judge.requirements import LIMITS, THRUST
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation.comparison import CONTROLLERS
 from rpo_montecarlo.campaign import config, execution, judging
 from rpo_montecarlo.campaign.run_batch import fly_runs

@@ -28,7 +28,6 @@ from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.population import population_of
 from rpo_training import config as configs
-from rpo_training import fitting
 from rpo_training.tuning import Tuning, TuningConfig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -131,12 +130,12 @@ def test_the_papers_training_fits_itself_and_scales_follow_from_range_time_and_f
     copy = written(tmp_path / 'copy.yaml')
     for name in ('paper', 'best'):
         known = configs.PRESETS[name]
-        found = fitting.fitted(known, copy)
+        found = configs.fitted(known, copy)
         assert (found.genes, found.fitness.penalty_n2s) == (known.genes, 100.0), name
-    assert fitting.fitted(configs.PRESETS['mission'], GEO).genes.force_scale_n < 20.0
+    assert configs.fitted(configs.PRESETS['mission'], GEO).genes.force_scale_n < 20.0
     # twice as far in the same time with the same authority: the same flight, in other units
     far = written(tmp_path / 'far.yaml', initial_position_axis_m=[-200.0, 200.0], max_force_n=1.0)
-    found = fitting.fitted(configs.PRESETS['best'], far)
+    found = configs.fitted(configs.PRESETS['best'], far)
     assert found.genes.position_scale_m == (40.0, 400.0)
     assert found.genes.velocity_scale_m_s == (0.6, 6.0)
     assert found.genes.force_scale_n == 1.0 and found.fitness.penalty_n2s == 400.0

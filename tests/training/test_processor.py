@@ -12,7 +12,6 @@ from processes import ANOTHER, python, repeated, rpo
 
 from rpo_montecarlo import processor
 from rpo_training import config as configs
-from rpo_training import fitting
 from rpo_training.training import Training
 
 OLD = {'OPENBLAS_CORETYPE': 'Nehalem', 'OPENBLAS_NUM_THREADS': '2'}
@@ -44,8 +43,8 @@ SEARCH = ['train', '--scenario', 'quick', '--algorithm', 'cmaes', '--no-plots']
 UNPINNED = """
 import sys
 from pathlib import Path
-from rpo_training import config, fitting, training
-chosen = config.override(fitting.fitted(config.PRESETS['mission'], 'quick'), sys.argv[2:])
+from rpo_training import config, training
+chosen = config.override(config.fitted(config.PRESETS['mission'], 'quick'), sys.argv[2:])
 training.Training.create(chosen, Path(sys.argv[1]), 1).run()
 """
 
@@ -113,7 +112,7 @@ def test_a_search_in_a_process_that_is_not_pinned_says_so(tmp_path, monkeypatch)
     told = {'openblas': 'Zen, 4 threads', 'numpy': 'X', 'libm': 'L', 'pinned': False}
     monkeypatch.setattr(processor, 'in_use', lambda: told)
     settings = ['cmaes.population=4', 'cmaes.evaluations=8', 'algorithm=cmaes']
-    chosen = configs.override(fitting.fitted(configs.PRESETS['mission'], 'quick'), settings)
+    chosen = configs.override(configs.fitted(configs.PRESETS['mission'], 'quick'), settings)
     with pytest.warns(UserWarning, match='forms that its processor chose, OpenBLAS Zen, 4 threads'):
         found = Training.create(chosen, tmp_path / 'run', 1).run()
     assert found.provenance['arithmetic'] == told

@@ -133,8 +133,8 @@ def test_the_preset_is_the_papers():
 @pytest.mark.parametrize('preset', configs.PRESETS)
 def test_a_configuration_is_read_back_whole(preset, tmp_path):
     config = configs.PRESETS[preset]
-    (tmp_path / 'c.yaml').write_text(configs.dumps(config))
-    assert configs.load(tmp_path / 'c.yaml') == config
+    (tmp_path / 'c.yaml').write_text(config.dumps())
+    assert configs.TrainingConfig.load(tmp_path / 'c.yaml') == config
 
 
 @pytest.mark.parametrize(
@@ -191,10 +191,10 @@ def test_a_checkpoint_of_another_version_is_refused(halfway, monkeypatch):
 
 
 def test_a_search_that_no_longer_repeats_is_noticed(halfway, monkeypatch):
-    monkeypatch.setattr(
-        configs, 'load', lambda path: replace(small(), ga=replace(small().ga, mutation_scale=0.2))
-    )
-    monkeypatch.setattr(configs, 'dumps', lambda config: (halfway / 'config.yaml').read_text())
+    other = replace(small(), ga=replace(small().ga, mutation_scale=0.2))
+    text = (halfway / 'config.yaml').read_text()
+    monkeypatch.setattr(configs.TrainingConfig, 'load', lambda path: other)
+    monkeypatch.setattr(configs.TrainingConfig, 'dumps', lambda config: text)
     with pytest.raises(InputError, match='generation 1 does not repeat'):
         Training.resume(halfway)
 

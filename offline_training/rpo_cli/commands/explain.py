@@ -188,7 +188,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
     """Compare with the decision that the controller published; return whether none differs."""
-    from rpo_log.read.decisions import decision_at
+    from rpo_log.read.run_log import decision_at
 
     logged = decision_at(path, stamp_ns)
     if logged is None:
@@ -293,7 +293,7 @@ def _print_rules(controller: FuzzyController) -> None:
 
 def _print_functions(controller: FuzzyController) -> None:
     from rpo_cli.display import print_table
-    from rpo_export.parts import variables
+    from rpo_export.formats import variables
 
     parts, rows = variables(controller), []
     for terms in zip(*(part.terms for part in parts), strict=True):

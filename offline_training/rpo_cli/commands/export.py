@@ -22,7 +22,7 @@ def export(
     controller: Annotated[str, typer.Argument(help='shipped name or file')],
     to: Annotated[
         str,
-        typer.Option(help='fis (MATLAB), fll (FuzzyLite), fcl (IEC 61131-7), json, python or c'),
+        typer.Option(help='fis (MATLAB), fll (FuzzyLite), json, python or c'),
     ],
     output: Annotated[
         Path | None,
@@ -38,7 +38,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a controller for MATLAB, FuzzyLite or IEC 61131-7 tools, as JSON, Python or C99.
+    """Write a controller for MATLAB or FuzzyLite, as JSON, Python or C99.
 
     The Python and the C function need nothing else, and give the bits of the flown controller. The
     header beside the C file shows how to call and compile it.

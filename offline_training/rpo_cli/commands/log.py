@@ -89,7 +89,7 @@ def sign(
     key: Annotated[Path, typer.Option(help='private key in PEM')],
 ) -> None:
     """Sign a run folder: its files, each with its digest. Nothing that was recorded may differ."""
-    from rpo_log.tools.sign import sign_run
+    from rpo_log.signature import sign_run
 
     echo(sign_run(run, key))
 

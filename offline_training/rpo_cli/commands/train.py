@@ -99,7 +99,7 @@ def train(
     if not any(setting.startswith('name=') for setting in settings or []):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
-        typer.echo(configs.dumps(chosen), nl=False)
+        typer.echo(chosen.dumps(), nl=False)
         return
     _fly(Training.create(chosen, folder, workers, cluster), plots, no_fail)
 
@@ -123,26 +123,25 @@ def _family(
     elif family or scenario:
         raise InputError('`--config` says family and scenario: give neither')
     else:
-        chosen = family_training.FamilyTraining.load(path)
+        chosen = family_training.FamilyConfig.load(path)
     named = [] if seed is None else [f'seed={seed}']
     chosen = configs.override(chosen, [*named, *settings])
     folder = output or Path('runs') / f'{chosen.name}_{chosen.seed}'
     if not any(setting.startswith('name=') for setting in settings):
         chosen = configs.override(chosen, [f'name={folder.resolve().name}'])
     if show:
-        typer.echo(family_training.dumps(chosen), nl=False)
+        typer.echo(chosen.dumps(), nl=False)
         return None
     return family_training.FamilyTraining.create(chosen, folder, workers)
 
 
 def _base(preset: str | None, scenario: str, path: Path | None) -> TrainingConfig:
     from rpo_training import config as configs
-    from rpo_training.fitting import fitted
 
     name = preset or ('mission' if scenario else 'paper')
     known = configs.PRESETS[choice('--preset', name, configs.PRESETS)]
-    base = known if path is None else configs.load(path)
-    return fitted(base, scenario) if scenario else base
+    base = known if path is None else configs.TrainingConfig.load(path)
+    return configs.fitted(base, scenario) if scenario else base
 
 
 def _fly(training: Training, plots: bool, no_fail: bool) -> None:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.verdicts import THRUST
+from rpo_core.judge.requirements import THRUST, Requirements
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.judged import VALUES, judged_by
 
@@ -38,17 +37,17 @@ LABELS = {
 """Short names of these three, in the order in which their penalties add up."""
 
 _COLUMNS = {
-    'mean_speed_norm_m_s': metrics.ARRIVAL_SPEED,
-    'slew_per_axis_n_s': metrics.SLEW,
-    'mean_error_norm_m': metrics.ARRIVAL_DISTANCE,
-    'arrival_time_s': metrics.ARRIVAL_TIME,
-    'energy_n2s': metrics.ENERGY,
-    'delta_v_axis_sum_m_s': metrics.DELTA_V,
-    'hold_error_per_axis_m': metrics.LATE_POSITION,
-    'hold_speed_per_axis_m_s': metrics.LATE_VELOCITY,
-    'hold_force_per_axis_n': metrics.LATE_FORCE,
-    'hold_force_per_disturbance': metrics.LATE_FORCE,
-}
+    name: list(metrics.UNITS).index(name)
+    for name in (
+        *LABELS,
+        'arrival_time_s',
+        'energy_n2s',
+        'delta_v_axis_sum_m_s',
+        'hold_error_per_axis_m',
+        'hold_speed_per_axis_m_s',
+        'hold_force_per_axis_n',
+    )
+} | {'hold_force_per_disturbance': metrics.LATE_FORCE}
 """Requirement -> column of a row of metrics; the paper's three come first."""
 
 

@@ -31,9 +31,8 @@ from rpo_core.files.validation import (
     whole,
     within,
 )
-from rpo_core.judge import metrics, verdicts
-from rpo_core.judge.requirements import LIMITS, Requirements
-from rpo_core.judge.verdicts import unit_of
+from rpo_core.judge import metrics
+from rpo_core.judge.requirements import LIMITS, ROWS, THRUST, Requirements
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE
 from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_montecarlo.campaign import faults
@@ -53,7 +52,7 @@ MAX_RUNS = 100_000_000
 METRICS = {name: unit for name, unit in metrics.UNITS.items() if '_bound_' not in name}
 """Metrics of every run, over the forces applied."""
 
-THRUSTER_METRICS = verdicts.THRUST
+THRUSTER_METRICS = THRUST
 """More metrics of a run whose thrusters fire in pulses, or spend propellant."""
 
 SHARE = 'hold_force_per_disturbance'
@@ -106,7 +105,7 @@ class CampaignConfig:
     def more(self) -> dict[str, str]:
         """What runs are judged by beside `METRICS`: name -> unit."""
         names = [name for name in self.success if name not in METRICS]
-        return dict((LEVEL, 'N') if name == SHARE else (name, unit_of(name)) for name in names)
+        return dict((LEVEL, 'N') if name == SHARE else (name, ROWS[name].unit) for name in names)
 
     @property
     def metrics(self) -> dict[str, str]:
@@ -153,7 +152,7 @@ def _success(value: Any) -> dict[str, float]:
     if not success:
         raise InputError(f'`success` must limit at least one of {", ".join(LIMITS)}; got none')
     return {
-        name: real(f'success.{name}', limit, unit_of(name), least=0.0)
+        name: real(f'success.{name}', limit, ROWS[name].unit, least=0.0)
         for name, limit in success.items()
     }
 

@@ -13,16 +13,10 @@ from typing import Any
 import numpy as np
 
 from rpo_core.judge import verdicts
+from rpo_core.judge.requirements import ROWS
 from rpo_montecarlo.campaign.config import METRICS, SHARE, Campaign
 
-EFFORT = (
-    'hold_force_per_axis_n',
-    'hold_force_per_disturbance',
-    'slew_per_axis_n_s',
-    'energy_n2s',
-    'delta_v_axis_sum_m_s',
-    *verdicts.THRUST,
-)
+EFFORT = tuple(name for name, row in ROWS.items() if row.effort)
 """Requirements on what the thrusters do; the others are about where the chaser is, and how fast."""
 
 MOTION = 'position and speed'
@@ -64,7 +58,7 @@ def motion(names: Iterable[str]) -> list[str]:
 
 def unit_of(name: str) -> str:
     """Return the unit of a limit, as tables show it."""
-    return OF_ITS_OWN if name == SHARE else METRICS.get(name, verdicts.unit_of(name))
+    return OF_ITS_OWN if name == SHARE else METRICS.get(name, ROWS[name].unit)
 
 
 def label(name: str, limit: float) -> str:
@@ -111,7 +105,7 @@ def of_run(campaign: Campaign, columns: Mapping[str, Any]) -> list[tuple[str, st
         (value,), own = campaign.config.limit(name, columns)
         (size,) = np.broadcast_to(own, 1)
         word = verdicts.HOLDS if value <= size else verdicts.MISSED
-        unit = verdicts.unit_of(name)
+        unit = ROWS[name].unit
         row = label(name, limit), f'{value:.6g} {unit}'.rstrip(), f'{size:.6g} {unit}'.rstrip()
         rows.append((*row, word))
     return rows + [

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
-from rpo_core.judge import verdicts
+from rpo_core.judge import requirements
 from rpo_core.kernels.pulse_kernels import MEMORY
 from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, steps_per_tick, target_start, world_of
 from rpo_core.world.thrusters import tank_of, valves_of
@@ -49,7 +49,7 @@ def firing_of(scenarios: Sequence[Scenario]) -> Firing | None:
 
 def spent_of(firing: Firing | None) -> dict[str, Floats]:
     """Return what runs that have flown have spent: a requirement of `THRUST` -> (40,)."""
-    places = {} if firing is None else dict(zip(verdicts.THRUST, THRUST, strict=True))
+    places = {} if firing is None else dict(zip(requirements.THRUST, THRUST, strict=True))
     return {name: firing.memory[:, place] for name, place in places.items()} if firing else {}
 
 

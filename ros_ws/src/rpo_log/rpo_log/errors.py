@@ -7,6 +7,7 @@ from __future__ import annotations
 from enum import Enum, IntEnum
 from pathlib import Path
 
+from rpo_core.files import open_regular
 from rpo_core.files.validation import InputError, printable
 
 
@@ -62,3 +63,27 @@ class LogError(InputError):
         self.sentence = printable(sentence)
         self.tick = tick
         self.path = Path(path)
+
+
+def cannot_read(path: Path, error: OSError) -> LogError:
+    """Return the LogError of a file that cannot be read."""
+    return LogError(Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}')
+
+
+def cannot_write(path: Path, error: OSError) -> LogError:
+    """Return the LogError of a place that takes no log."""
+    return LogError(Fault.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')
+
+
+def exists(path: Path, what: str = 'a log is never overwritten') -> LogError:
+    """Return the LogError of an output that is there already."""
+    return LogError(Fault.EXISTS, path, f'exists already; {what}')
+
+
+def read_at_most(path: Path, most: int) -> bytes:
+    """Return the first bytes of a regular file; raises LogError."""
+    try:
+        with open_regular(path) as stream:
+            return stream.read(most)
+    except OSError as error:
+        raise cannot_read(path, error) from None

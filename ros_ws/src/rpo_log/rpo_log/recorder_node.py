@@ -20,13 +20,12 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
-from rpo_log import signature
+from rpo_log import provenance, signature
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run as run_log
 from rpo_log.format import sums
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
-from rpo_log.write import run_info
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
 from rpo_log.write.statuses import PHASES, Claims
 from rpo_log.write.writer import RunLogWriter
@@ -327,8 +326,8 @@ class RecorderNode(FlightNode):
             beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
-            'recorded_from': run_info.utc(self._begun),
-            'recorded_to': run_info.utc(time.time()),
+            'recorded_from': provenance.utc(self._begun),
+            'recorded_to': provenance.utc(time.time()),
             'run': {'end': phase, 'last_tick': None if tick == NEVER else tick},
             'messages': dict(summary.messages),
             'decisions': self._decisions.messages if self._decisions is not None else None,
@@ -337,7 +336,7 @@ class RecorderNode(FlightNode):
             'faults': None if summary.whole else summary.sentence(),
         }
         try:
-            run_info.write_run_info(self.folder, facts)
+            provenance.write_run_info(self.folder, facts)
         except LogError as error:
             return str(error)
         return ''

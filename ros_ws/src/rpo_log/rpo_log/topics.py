@@ -1,13 +1,13 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of one run: rows of `rpo_core.wire.interfaces` under the names they have there."""
+"""The topics of one run: rows of `rpo_core.wire.interfaces`; and what its events say."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rpo_core.wire import interfaces
+from rpo_core.wire import cdr, interfaces, statuses
 from rpo_core.wire.interfaces import Interface
 from rpo_log.errors import Fault, LogError
 
@@ -77,3 +77,22 @@ def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
             )
         found[topic.signal] = topic
     return tuple(found[signal] for signal in order if signal in found)
+
+
+ACTIVE, INACTIVE = 'active', 'inactive'
+"""Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
+
+
+def dropped(status: cdr.Status) -> dict[str, int]:
+    """Return the signals that the plant goes on without, by a run_status, and from which tick."""
+    values = dict(status.values)
+    tick = tick_of(status)
+    if tick is None:
+        return {}
+    rows = [interfaces.find(name) for name in values.get('dropped', '').split()]
+    return {row.name: tick for row in rows if row is not None}
+
+
+def tick_of(status: cdr.Status) -> int | None:
+    """Return the first tick that an event holds for; None if it has none."""
+    return statuses.tick_of(dict(status.values))

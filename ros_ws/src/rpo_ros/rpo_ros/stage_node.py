@@ -14,11 +14,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 
 from rpo_core.chain.chain import Chain, Signals
-from rpo_core.chain.stage import WITHOUT_COMMAND, Signal
+from rpo_core.chain.stage import WITHOUT_COMMAND, ZERO, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
 from rpo_core.wire.statuses import REFUSED, RUNNING, WAITING, RunStatus
-from rpo_core.world.thrusters import ZERO
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from rpo_core.chain.stage import Place, Signal, Stage, section_of
+from rpo_core.chain.stage import ZERO, Place, Signal, Stage, section_of, sections
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import FollowStage
 from rpo_core.files.scenario import Scenario
@@ -23,8 +23,6 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import COMMAND, DISTURBANCE, RELATIVE_STATE, STATE
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.dynamics import DynamicsStage
-from rpo_core.world.thrusters import ZERO, stage_of
 
 Signals = dict[str, Signal]
 
@@ -82,20 +80,19 @@ class Chain:
         Raises InputError if the controller counts ticks of another length, or a stage reads a
         signal that nothing before it makes.
         """
-        placed = [*more]
+        named = {section_of(settings).name: settings for settings in scenario.sections}
+        unnamed = [s for s in sections().values() if s.always and s.name not in named]
+        placed = [(section.place, section.make(None, scenario)) for section in unnamed]
+        placed += more
         for settings in scenario.sections:
             section = section_of(settings)
             placed.append((section.place, section.make(settings, scenario)))
-        if scenario.thrusters is None:
-            placed.insert(0, (Place.THRUSTERS, stage_of(None, scenario)))
         if controller is not None:
             guided = any(place is Place.GUIDANCE for place, _ in placed)
             placed.append((Place.CONTROLLER, _controlling(scenario, controller, guided)))
         if not scenario.disturbance.is_zero:
             stage = DisturbanceStage(scenario.disturbance, scenario)
             placed.append((Place.DISTURBANCE, stage))
-        if scenario.dynamics is None:
-            placed.append((Place.DYNAMICS, DynamicsStage(scenario)))
         placed.sort(key=lambda pair: pair[0])
         links = _wired(placed, open_loop=controller is None)
         reads = {name for link in links for name in link.reads}

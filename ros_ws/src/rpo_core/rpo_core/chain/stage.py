@@ -25,6 +25,8 @@ from rpo_core.files.validation import InputError
 Signal = tuple[float, ...]
 """The numbers of a signal at one tick; `rpo_core.wire.interfaces` says which."""
 
+ZERO = (0.0, 0.0, 0.0)
+"""No force."""
 
 WITHOUT_COMMAND = 'without_command'
 """What a stage is told (`take_event`), and `stage_status` says, of a tick at which an input did not
@@ -117,6 +119,7 @@ class Section:
     rehearse : the same by a trial, which takes a moment; of scenario files only, as they are read
     zones : what views draw about the target (`rpo_core.judge.zones`), of settings and scenario
     of_zones : fields that a mapping of the section takes from section `zones`, of both
+    always : whether a scenario without the section has the stage too; then it is made of None
     """
 
     name: str
@@ -127,6 +130,7 @@ class Section:
     rehearse: Callable[[Any, Any], None] | None = None
     zones: Callable[[Any, Any], Any] | None = None
     of_zones: Callable[[Any, Any], Mapping[str, Any]] | None = None
+    always: bool = False
 
 
 _SECTIONS: dict[str, Section] = {}

@@ -14,8 +14,8 @@ import os
 
 from rpo_core.files.validation import InputError
 
-ROOMS = ('rpo_ctrl', 'rpo_nav', 'rpo_guidance', 'rpo_safety')
-"""Packages of this stack with a module `stages`, which registers their sections or kinds."""
+ROOMS = ('rpo_core.world', 'rpo_ctrl', 'rpo_nav', 'rpo_guidance', 'rpo_safety')
+"""Rooms of this stack with a module `stages`, which registers their sections or kinds."""
 
 VARIABLE = 'RPO_PLUGINS'
 """Environment variable: names of modules, separated by commas."""

@@ -39,9 +39,6 @@ from rpo_core.judge.zones import Zones, filled, without
 from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.world import cw
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
-from rpo_core.world.dynamics import Dynamics
-from rpo_core.world.navigation import Navigation
-from rpo_core.world.thrusters import Thrusters
 
 Settings = TypeVar('Settings')
 
@@ -164,20 +161,25 @@ class Scenario:
         """Return the settings of a stage, None where it is the identity."""
         return next((found for found in self.sections if type(found) is kind), None)
 
+    def named(self, section: str) -> Any:
+        """Return the settings of the section of a name, None where the scenario has none."""
+        found = {section_of(settings).name: settings for settings in self.sections}
+        return found.get(section)
+
     @property
-    def dynamics(self) -> Dynamics | None:
+    def dynamics(self) -> Any:
         """How chaser and target move; None: as Clohessy and Wiltshire say."""
-        return self.section(Dynamics)
+        return self.named('dynamics')
 
     @property
-    def thrusters(self) -> Thrusters | None:
+    def thrusters(self) -> Any:
         """Thrusters with a delay or a matrix; None: saturation alone."""
-        return self.section(Thrusters)
+        return self.named('thrusters')
 
     @property
-    def navigation(self) -> Navigation | None:
+    def navigation(self) -> Any:
         """Errors of navigation; None: the controller sees the truth."""
-        return self.section(Navigation)
+        return self.named('navigation')
 
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""

@@ -24,8 +24,102 @@ MEAN_WINDOW_S = 30.0
 """The means are over the last 30 s, as in the paper, if the file does not say."""
 
 
-def _limit(name: str, value: Any, unit: str, above: float | None = None) -> float | None:
-    """Return a limit >= 0, or > `above`; None where there is none."""
+@dataclass(frozen=True)
+class Row:
+    """One requirement: what the loader, verdicts, campaigns, searches and reports know of it.
+
+    unit : of its value, as tables show it; statement : what it is about, with times and places
+    needs : the setting without which it means nothing
+    together : whether it is of the three axes together: the engine then keeps the states
+    effort : whether it is about what thrusters do; the others are about position and speed
+    share : whether the limit is a share of the largest |disturbance| of an axis in the flight
+    thrusters : what of these a scenario's thrusters must have, one of them
+    """
+
+    unit: str
+    statement: str
+    needs: str = ''
+    together: bool = False
+    effort: bool = False
+    share: bool = False
+    thrusters: tuple[str, ...] = ()
+
+
+ROWS = {
+    'final_error_per_axis_m': Row('m', 'position error per axis, at the end', together=True),
+    'final_error_norm_m': Row('m', 'position error (norm), at the end', together=True),
+    'final_speed_per_axis_m_s': Row('m/s', 'speed per axis, at the end', together=True),
+    'final_speed_norm_m_s': Row('m/s', 'speed (norm), at the end', together=True),
+    'mean_error_norm_m': Row('m', 'mean error (norm), last {mean:g} s'),
+    'mean_speed_norm_m_s': Row('m/s', 'mean speed (norm), last {mean:g} s'),
+    'hold_error_per_axis_m': Row(
+        'm', 'position error per axis, after {hold:g} s', needs='hold_from_s'
+    ),
+    'hold_error_norm_m': Row(
+        'm', 'position error (norm), after {hold:g} s', needs='hold_from_s', together=True
+    ),
+    'hold_speed_per_axis_m_s': Row('m/s', 'speed per axis, after {hold:g} s', needs='hold_from_s'),
+    'hold_speed_norm_m_s': Row(
+        'm/s', 'speed (norm), after {hold:g} s', needs='hold_from_s', together=True
+    ),
+    'hold_force_per_axis_n': Row(
+        'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True
+    ),
+    'hold_force_per_disturbance': Row(
+        'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True, share=True
+    ),
+    'arrival_time_s': Row('s', 'time to goal, {arrival}', together=True),
+    'contact_closing_speed_m_s': Row(
+        'm/s', 'closing speed at {contact:g} m{least}', needs='contact_range_m', together=True
+    ),
+    'contact_lateral_speed_m_s': Row(
+        'm/s', 'lateral speed at {contact:g} m', needs='contact_range_m', together=True
+    ),
+    'keep_out_depth_m': Row(
+        'm', 'depth inside the sphere of {zone:g} m{cone}', needs='keep_out_m', together=True
+    ),
+    'slew_per_axis_n_s': Row('N/s', 'slew per axis', effort=True),
+    'energy_n2s': Row('N²s', 'energy J', effort=True),
+    'delta_v_axis_sum_m_s': Row('m/s', 'Δv (sum of the axes)', effort=True),
+    'thruster_delta_v_m_s': Row(
+        'm/s',
+        'Δv of the thrusters, waste included',
+        effort=True,
+        thrusters=('pulses', 'propellant'),
+    ),
+    'propellant_kg': Row('kg', 'propellant', effort=True, thrusters=('propellant',)),
+    'valve_openings': Row('', 'openings of the valves', effort=True, thrusters=('pulses',)),
+}
+"""Requirement -> what is known of it, in the order in which they are shown."""
+
+LIMITS = tuple(ROWS)
+"""Fields of `Requirements` that are limits; the others say when or where the limits hold."""
+
+THRUST = {name: row.unit for name, row in ROWS.items() if row.thrusters}
+"""Requirement -> unit of what thrusters spend, in the order of `rpo_core.chain.flight.Thrust`."""
+
+_NEEDS = {
+    key: tuple(name for name, row in ROWS.items() if row.needs == key)
+    for key in dict.fromkeys(row.needs for row in ROWS.values() if row.needs)
+} | {'arrival_time_s': ('arrival_error_per_axis_m', 'arrival_error_norm_m')}
+"""Field -> fields that mean nothing without it."""
+
+_BESIDE = {
+    'contact_axis': 'contact_range_m',
+    'contact_least_closing_speed_m_s': 'contact_range_m',
+    'corridor_half_angle_deg': 'contact_axis',
+}
+"""Setting -> setting that it needs."""
+
+
+def _limit(name: str, value: Any) -> float | None:
+    """Return a limit >= 0, None where there is none."""
+    unit = '' if ROWS[name].share else ROWS[name].unit
+    return None if value is None else real(name, value, unit, least=0.0, most=1e9)
+
+
+def _some(name: str, value: Any, unit: str, above: float | None = None) -> float | None:
+    """Return a setting >= 0, or > `above`; None where there is none."""
     if value is None:
         return None
     least = 0.0 if above is None else None
@@ -40,10 +134,11 @@ def _direction(name: str, value: Any) -> str | None:
     return None if value is None else choice(name, value, DIRECTIONS)
 
 
-Metres = Annotated[float | None, partial(_limit, unit='m')]
-MetresPerSecond = Annotated[float | None, partial(_limit, unit='m/s')]
-Newtons = Annotated[float | None, partial(_limit, unit='N')]
-Seconds = Annotated[float | None, partial(_limit, unit='s')]
+Limit = Annotated[float | None, _limit]
+Metres = Annotated[float | None, partial(_some, unit='m')]
+SomeMetres = Annotated[float | None, partial(_some, unit='m', above=0.0)]
+MetresPerSecond = Annotated[float | None, partial(_some, unit='m/s')]
+Seconds = Annotated[float | None, partial(_some, unit='s')]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,37 +163,37 @@ class Requirements:
         spent in the flight, waste included
     """
 
-    final_error_per_axis_m: Metres = None
-    final_error_norm_m: Metres = None
-    final_speed_per_axis_m_s: MetresPerSecond = None
-    final_speed_norm_m_s: MetresPerSecond = None
+    final_error_per_axis_m: Limit = None
+    final_error_norm_m: Limit = None
+    final_speed_per_axis_m_s: Limit = None
+    final_speed_norm_m_s: Limit = None
     mean_window_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e9)] = MEAN_WINDOW_S
-    mean_error_norm_m: Metres = None
-    mean_speed_norm_m_s: MetresPerSecond = None
+    mean_error_norm_m: Limit = None
+    mean_speed_norm_m_s: Limit = None
     hold_from_s: Seconds = None
-    hold_error_per_axis_m: Metres = None
-    hold_error_norm_m: Metres = None
-    hold_speed_per_axis_m_s: MetresPerSecond = None
-    hold_speed_norm_m_s: MetresPerSecond = None
-    hold_force_per_axis_n: Newtons = None
-    hold_force_per_disturbance: Annotated[float | None, partial(_limit, unit='')] = None
-    arrival_time_s: Seconds = None
+    hold_error_per_axis_m: Limit = None
+    hold_error_norm_m: Limit = None
+    hold_speed_per_axis_m_s: Limit = None
+    hold_speed_norm_m_s: Limit = None
+    hold_force_per_axis_n: Limit = None
+    hold_force_per_disturbance: Limit = None
+    arrival_time_s: Limit = None
     arrival_error_per_axis_m: Metres = None
     arrival_error_norm_m: Metres = None
-    contact_range_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    contact_range_m: SomeMetres = None
     contact_axis: Annotated[str | None, _direction] = None
     contact_least_closing_speed_m_s: MetresPerSecond = None
-    contact_closing_speed_m_s: MetresPerSecond = None
-    contact_lateral_speed_m_s: MetresPerSecond = None
-    keep_out_m: Annotated[float | None, partial(_limit, unit='m', above=0.0)] = None
+    contact_closing_speed_m_s: Limit = None
+    contact_lateral_speed_m_s: Limit = None
+    keep_out_m: SomeMetres = None
     corridor_half_angle_deg: Annotated[float | None, _angle] = None
-    keep_out_depth_m: Metres = None
-    slew_per_axis_n_s: Annotated[float | None, partial(_limit, unit='N/s')] = None
-    energy_n2s: Annotated[float | None, partial(_limit, unit='N^2 s')] = None
-    delta_v_axis_sum_m_s: MetresPerSecond = None
-    thruster_delta_v_m_s: MetresPerSecond = None
-    propellant_kg: Annotated[float | None, partial(_limit, unit='kg')] = None
-    valve_openings: Annotated[float | None, partial(_limit, unit='')] = None
+    keep_out_depth_m: Limit = None
+    slew_per_axis_n_s: Limit = None
+    energy_n2s: Limit = None
+    delta_v_axis_sum_m_s: Limit = None
+    thruster_delta_v_m_s: Limit = None
+    propellant_kg: Limit = None
+    valve_openings: Limit = None
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -121,14 +216,10 @@ class Requirements:
 
     def check_thrusters(self, thrusters: Any) -> None:
         """Raise InputError where they limit what thrusters do not spend, or do not count."""
-        pulses = thrusters is not None and thrusters.pulses is not None
-        tank = thrusters is not None and thrusters.propellant is not None
-        for name, has, what in (
-            ('thruster_delta_v_m_s', pulses or tank, '`pulses` or `propellant`'),
-            ('propellant_kg', tank, '`propellant`'),
-            ('valve_openings', pulses, '`pulses`'),
-        ):
-            if getattr(self, name) is not None and not has:
+        for name, row in ROWS.items():
+            has = any(getattr(thrusters, part, None) is not None for part in row.thrusters)
+            if getattr(self, name) is not None and row.thrusters and not has:
+                what = ' or '.join(f'`{part}`' for part in row.thrusters)
                 raise InputError(f'`requirements.{name}` needs thrusters with {what}; got none')
 
     @property
@@ -141,40 +232,6 @@ class Requirements:
         """Return the section as `parse` reads it."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
         return {name: value for name, value in found.items() if value is not None}
-
-
-_NEEDS = {
-    'hold_from_s': tuple(
-        f.name
-        for f in fields(Requirements)
-        if f.name.startswith('hold_') and f.name != 'hold_from_s'
-    ),
-    'arrival_time_s': ('arrival_error_per_axis_m', 'arrival_error_norm_m'),
-    'contact_range_m': ('contact_closing_speed_m_s', 'contact_lateral_speed_m_s'),
-    'keep_out_m': ('keep_out_depth_m',),
-}
-"""Field -> limits that mean nothing without it."""
-
-_BESIDE = {
-    'contact_axis': 'contact_range_m',
-    'contact_least_closing_speed_m_s': 'contact_range_m',
-    'corridor_half_angle_deg': 'contact_axis',
-}
-"""Setting -> setting that it needs."""
-
-_SETTINGS = (
-    'mean_window_s',
-    'hold_from_s',
-    'contact_range_m',
-    'contact_axis',
-    'contact_least_closing_speed_m_s',
-    'keep_out_m',
-    'corridor_half_angle_deg',
-    'arrival_error_per_axis_m',
-    'arrival_error_norm_m',
-)
-LIMITS = tuple(f.name for f in fields(Requirements) if f.name not in _SETTINGS)
-"""Fields that are limits; the others say when or where the limits hold."""
 
 
 PORT = 'port'

@@ -18,44 +18,15 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.judge import contact, metrics
-from rpo_core.judge.requirements import Requirements
+from rpo_core.judge.requirements import ROWS, THRUST, Requirements
 from rpo_core.judge.zones import zones_of
 
 Floats = NDArray[np.float64]
 
 HOLDS, MISSED, NOT_JUDGED = 'holds', 'MISSED', 'not flown'
 
-_SHOWN = {
-    'final_error_per_axis_m': ('m', 'position error per axis, at the end'),
-    'final_error_norm_m': ('m', 'position error (norm), at the end'),
-    'final_speed_per_axis_m_s': ('m/s', 'speed per axis, at the end'),
-    'final_speed_norm_m_s': ('m/s', 'speed (norm), at the end'),
-    'mean_error_norm_m': ('m', 'mean error (norm), last {mean:g} s'),
-    'mean_speed_norm_m_s': ('m/s', 'mean speed (norm), last {mean:g} s'),
-    'hold_error_per_axis_m': ('m', 'position error per axis, after {hold:g} s'),
-    'hold_error_norm_m': ('m', 'position error (norm), after {hold:g} s'),
-    'hold_speed_per_axis_m_s': ('m/s', 'speed per axis, after {hold:g} s'),
-    'hold_speed_norm_m_s': ('m/s', 'speed (norm), after {hold:g} s'),
-    'hold_force_per_axis_n': ('N', 'force per axis, after {hold:g} s'),
-    'hold_force_per_disturbance': ('N', 'force per axis, after {hold:g} s'),
-    'arrival_time_s': ('s', 'time to goal, {arrival}'),
-    'contact_closing_speed_m_s': ('m/s', 'closing speed at {contact:g} m{least}'),
-    'contact_lateral_speed_m_s': ('m/s', 'lateral speed at {contact:g} m'),
-    'keep_out_depth_m': ('m', 'depth inside the sphere of {zone:g} m{cone}'),
-    'slew_per_axis_n_s': ('N/s', 'slew per axis'),
-    'energy_n2s': ('N²s', 'energy J'),
-    'delta_v_axis_sum_m_s': ('m/s', 'Δv (sum of the axes)'),
-    'thruster_delta_v_m_s': ('m/s', 'Δv of the thrusters, waste included'),
-    'propellant_kg': ('kg', 'propellant'),
-    'valve_openings': ('', 'openings of the valves'),
-}
-"""Requirement -> unit, statement."""
-
 ZONE_DEPTH = 'zone_depth_m'
 """Key of the verdicts about keep-out zones, one for each zone."""
-
-THRUST = {'thruster_delta_v_m_s': 'm/s', 'propellant_kg': 'kg', 'valve_openings': ''}
-"""Requirement -> unit of what thrusters spend, in the order of `rpo_core.chain.flight.Thrust`."""
 
 
 class Verdict(NamedTuple):
@@ -91,11 +62,11 @@ def verdicts(flight: Flight) -> list[Verdict]:
 def _of_requirements(flight: Flight, required: Requirements) -> list[Verdict]:
     values, found = _values(flight, required), []
     for key, limit in required.limits.items():
-        unit, _ = _SHOWN[key]
-        if key == 'hold_force_per_disturbance':
+        row = ROWS[key]
+        if row.share:
             limit *= metrics.disturbance_level_n(flight)
         shown = statement(key, required, flight.scenario.duration_s)
-        found.append(Verdict(key, shown, unit, limit, values[key]))
+        found.append(Verdict(key, shown, row.unit, limit, values[key]))
     return found
 
 
@@ -121,17 +92,12 @@ def _of_zones(flight: Flight) -> list[Verdict]:
     ]
 
 
-def unit_of(key: str) -> str:
-    """Return the unit of a requirement."""
-    return _SHOWN[key][0]
-
-
 def statement(key: str, required: Requirements, duration_s: float) -> str:
     """Return what a requirement is about, with its times and places."""
     axis, norm = required.arrival_error_per_axis_m, required.arrival_error_norm_m
     arrival = f'within {axis:g} m per axis' if axis is not None else f'within {norm or 0.0:g} m'
     least, angle = required.contact_least_closing_speed_m_s, required.corridor_half_angle_deg
-    return _SHOWN[key][1].format(
+    return ROWS[key].statement.format(
         mean=min(required.mean_window_s, duration_s),
         hold=required.hold_from_s or 0.0,
         arrival=arrival,
@@ -145,7 +111,7 @@ def statement(key: str, required: Requirements, duration_s: float) -> str:
 def _values(flight: Flight, required: Requirements) -> dict[str, float]:
     row = metrics.row_of(flight).tolist()
     if not math.isfinite(row[metrics.ENERGY]):
-        return dict.fromkeys(_SHOWN, math.inf)  # not a number in flight: nothing is kept
+        return dict.fromkeys(ROWS, math.inf)  # not a number in flight: nothing is kept
     late = _late(flight)
     errors, speeds = flight.errors[late, :3], flight.velocities_m_s[late]
     flown = len(errors) > 0

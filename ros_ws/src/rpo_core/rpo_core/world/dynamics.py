@@ -306,10 +306,10 @@ class OrbitStage(Stage):
         return (following,)
 
 
-def _make(settings: Dynamics, scenario: Any) -> Stage:
-    if settings.kind == CLOHESSY_WILTSHIRE:
+def _make(settings: Dynamics | None, scenario: Any) -> Stage:
+    if settings is None or settings.kind == CLOHESSY_WILTSHIRE:
         return DynamicsStage(scenario)
     return OrbitStage(settings, scenario)
 
 
-register(Section('dynamics', Dynamics, Place.DYNAMICS, _make, _check))
+register(Section('dynamics', Dynamics, Place.DYNAMICS, _make, _check, always=True))

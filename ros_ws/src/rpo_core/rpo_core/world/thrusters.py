@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core import kernels
-from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import UNLESS_DEFAULT
 from rpo_core.files.validation import (
     InputError,
@@ -44,7 +44,6 @@ MAX_GAIN = 10.0
 """Largest entry of a thrust matrix; beyond it a number is a typing error."""
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-ZERO: Vector = (0.0, 0.0, 0.0)
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 
@@ -377,4 +376,4 @@ def stage_of(settings: Thrusters | None, scenario: Any) -> ThrustersStage:
     return ThrustersStage(settings, scenario.max_force_n)
 
 
-register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check))
+register(Section('thrusters', Thrusters, Place.THRUSTERS, stage_of, _check, always=True))

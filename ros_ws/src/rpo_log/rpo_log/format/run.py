@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rpo_log.errors import Fault, LogError
+from rpo_log.errors import Fault, LogError, cannot_write
 
 LOG_FORMAT = 1
 """Version of the layout of a run's log: its records, its attachments, its order."""
@@ -206,8 +206,3 @@ def write_whole(path: Path, data: bytes) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     draft.replace(path)
-
-
-def cannot_write(path: Path, error: OSError) -> LogError:
-    """Return the LogError of a place that takes no log."""
-    return LogError(Fault.CANNOT_WRITE, path, f'cannot hold a log: {error.strerror or error}')

@@ -7,14 +7,16 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, cannot_write, write_whole
+from rpo_log.errors import Fault, LogError, cannot_read, cannot_write, read_at_most
+from rpo_log.format import sums
+from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
+from rpo_log.read.records import FileRecords
 
 MAX_SUMS_BYTES = 1 << 20
 
@@ -89,9 +91,7 @@ def digest_of(path: Path, most: int | None = None) -> str:
             while block := stream.read(_BLOCK):
                 found.update(block)
     except OSError as error:
-        raise LogError(
-            Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}'
-        ) from None
+        raise cannot_read(path, error) from None
     return found.hexdigest()
 
 
@@ -146,13 +146,7 @@ def _content(path: Path) -> bytes | None:
     """Return the bytes of SHA256SUMS; None if there is none. Raises LogError."""
     if not os.path.lexists(path):
         return None
-    try:
-        with open_regular(path) as stream:
-            content = stream.read(MAX_SUMS_BYTES + 1)
-    except OSError as error:
-        raise LogError(
-            Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}'
-        ) from None
+    content = read_at_most(path, MAX_SUMS_BYTES + 1)
     if len(content) > MAX_SUMS_BYTES or not content.endswith(b'\n'):
         raise LogError(
             Fault.BAD_SUMS, path, f'must hold whole lines, at most {MAX_SUMS_BYTES} bytes'
@@ -164,3 +158,72 @@ def _is_inside(name: str) -> bool:
     """Return whether a name is that of a file in the folder or below, which sums can list."""
     apart = name in (SUMS_FILE, SIGNATURE_FILE)
     return not apart and not any(part in ('', '.', '..') for part in name.split('/'))
+
+
+MAX_BESIDE_BYTES = 1 << 28
+"""A longer file beside a log is not hashed: ours have at most some megabytes."""
+
+_LOG = re.compile(r'run(_[0-9]+)?\.mcap')
+
+
+@dataclass(frozen=True)
+class Digests:
+    """What SHA256SUMS says of a run folder.
+
+    sums : SHA256SUMS
+    matched : files that it lists and that have the digest
+    faults : what is not as listed, for people
+    unlisted : files that it does not list
+    others : what it cannot list, by name, and what that is
+    """
+
+    sums: Sums
+    matched: Mapping[str, str]
+    faults: tuple[str, ...]
+    unlisted: tuple[str, ...]
+    others: Mapping[str, str]
+
+    @classmethod
+    def of(cls, folder: Path, read: Mapping[str, str] | None = None) -> Digests:
+        """Compare the files of a folder with SHA256SUMS, if there is one; raises LogError.
+
+        read : per file that was read before, SHA-256 of the bytes that came; empty if the file was
+            too long to be hashed. The others are read here.
+        """
+        listed, there = sums.read_sums(folder), Contents.of(folder)
+        found = {name: _digest(folder, name, read or {}) for name in there.files
+                 if name in listed.digests}  # fmt: skip
+        matched = {name: digest for name, digest in found.items() if digest == listed.digests[name]}
+        unlisted = tuple(name for name in there.files if name not in listed.digests)
+        faults = _faults(listed.digests, found, there.others)
+        return cls(listed, matched, tuple(faults), unlisted, there.others)
+
+
+def _digest(folder: Path, name: str, read: Mapping[str, str]) -> str:
+    """Return the SHA-256 of a file; empty if it is too long: beside a log, or behind its end."""
+    if name in read:
+        return read[name]
+    if _LOG.fullmatch(name):
+        records = FileRecords(folder / name, tolerant=True)
+        try:
+            for _ in records:
+                pass
+            return '' if records.unread else records.sha256.hexdigest()
+        except LogError:  # no MCAP file: it is as any other
+            pass
+    return sums.digest_of(folder / name, MAX_BESIDE_BYTES)
+
+
+def _faults(
+    listed: Mapping[str, str], found: Mapping[str, str], others: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield what is not as listed."""
+    for name, digest in listed.items():
+        if name in others:
+            yield f'{name}, which {SUMS_FILE} lists, {others[name]}'
+        elif name not in found:
+            yield f'{name} is missing, which {SUMS_FILE} lists'
+        elif not found[name]:
+            yield f'{name} is too long to be compared with {SUMS_FILE}'
+        elif found[name] != digest:
+            yield f'{name} is not the file that {SUMS_FILE} lists'

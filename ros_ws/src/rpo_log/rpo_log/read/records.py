@@ -34,7 +34,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_log.errors import Fault, LogError
+from rpo_log.errors import Fault, LogError, cannot_read
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25
@@ -158,9 +158,7 @@ class FileRecords:
             with open_regular(self.path) as stream:
                 yield from self._walk(stream)
         except OSError as error:
-            raise LogError(
-                Fault.NOT_FOUND, self.path, f'cannot be read: {error.strerror or error}'
-            ) from None
+            raise cannot_read(self.path, error) from None
 
     def _walk(self, stream: BinaryIO) -> Iterator[McapRecord]:
         magic = stream.read(len(MAGIC))

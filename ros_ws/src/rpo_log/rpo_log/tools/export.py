@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import cannot_write
+from rpo_log.errors import Fault, LogError, cannot_write, exists
 from rpo_log.read.stream import RunReader
 from rpo_log.topics import Topic
 
@@ -142,6 +141,6 @@ def export(path: str | Path, output: str | Path) -> int:
     try:
         return write(reader, target)
     except FileExistsError:
-        raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None
+        raise exists(target, 'name another output') from None
     except OSError as error:
         raise cannot_write(target, error) from None

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from rpo_log.errors import ExitCode
 from rpo_log.format.run import TimeBase
-from rpo_log.read.completeness import Completeness
-from rpo_log.read.stream import RunReader
+from rpo_log.read.stream import Completeness, RunReader
 from rpo_log.topics import Topic
 
 

@@ -19,7 +19,7 @@ import yaml
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 
-from rpo_log.errors import ExitCode, Fault, LogError
+from rpo_log.errors import ExitCode, Fault, LogError, cannot_write, exists
 from rpo_log.format import rosbag2, sums
 from rpo_log.format.run import (
     DECISIONS_FILE,
@@ -27,7 +27,6 @@ from rpo_log.format.run import (
     METADATA_FILE,
     SIGNATURE_FILE,
     SUMS_FILE,
-    cannot_write,
     log_files,
 )
 from rpo_log.read.records import FileRecords, RawMessage, message_at
@@ -182,7 +181,7 @@ def rebuild(path: Path, target: Path) -> FileRepair:
         why = f' ({found.damage})' if found.damage else ''
         raise LogError(Fault.EMPTY, path, f'cannot be repaired: no whole chunk is in it{why}')
     if target.exists():
-        raise LogError(Fault.EXISTS, target, 'exists already; a log is never overwritten')
+        raise exists(target)
     draft = target.with_name(target.name + '.part')
     try:
         draft.unlink(missing_ok=True)
@@ -265,7 +264,7 @@ def _set_aside(path: Path) -> Path:
     """Rename a damaged file; return its old name."""
     aside = path.with_name(path.name + DAMAGED)
     if aside.exists():
-        raise LogError(Fault.EXISTS, aside, 'exists already; a damaged log is never overwritten')
+        raise exists(aside, 'a damaged log is never overwritten')
     try:
         os.rename(path, aside)
     except OSError as error:
@@ -311,6 +310,6 @@ def _copy_rest(folder: Path, target: Path, examined: dict[Path, FileRepair]) -> 
             if path.is_file() and path.name not in {*damaged, METADATA_FILE, *_SUMS}:
                 shutil.copy2(path, target / path.name)
     except FileExistsError:
-        raise LogError(Fault.EXISTS, target, 'exists already; name another output') from None
+        raise exists(target, 'name another output') from None
     except OSError as error:
         raise cannot_write(target, error) from None

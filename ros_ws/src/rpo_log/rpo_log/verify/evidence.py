@@ -10,30 +10,46 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
+from typing import NamedTuple
 
-from rpo_core import files
+import numpy as np
+from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
+from numpy.typing import NDArray
+
+from rpo_core.chain.decimation import Decimation
+from rpo_core.control import explain
+from rpo_core.control.controller import AnyController
+from rpo_core.files.validation import shown
+from rpo_core.wire import cdr, interfaces
 from rpo_log import signature
-from rpo_log.errors import Fault, LogError
-from rpo_log.format import rosbag2
-from rpo_log.format.rosbag2 import BagFile
+from rpo_log.errors import Fault, LogError, read_at_most
+from rpo_log.format import rosbag2, schemas
+from rpo_log.format.rosbag2 import BagFile, BagTopic
 from rpo_log.format.run import (
+    CONTROLLER,
     DECISIONS_FILE,
     METADATA_FILE,
     MOST_CONTROLLERS,
     PARAMETERS,
+    RUN_RECORD,
+    SCENARIO,
     SIGNATURE_FILE,
     SUMS_FILE,
+    TimeBase,
+    is_controller,
 )
-from rpo_log.read.run_log import parameters_of
+from rpo_log.format.sums import Digests
+from rpo_log.read.records import FileRecords
+from rpo_log.read.run_log import messages_of, parameters_of
 from rpo_log.read.stream import RunReader
-from rpo_log.verify.decisions import Decisions
-from rpo_log.verify.digests import Digests
-from rpo_log.verify.form import Form, records_of_run
 from rpo_log.verify.statuses import Statuses
-from rpo_log.verify.verification import Verification
-from rpo_log.write.bag_file import bag_topics
+from rpo_log.verify.verification import Difference, Verification
+from rpo_log.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
 
 MAX_METADATA_BYTES = 1 << 22
 
@@ -50,13 +66,7 @@ def metadata_fault(reader: RunReader) -> tuple[str, str]:
         counts = [sum(pair) for pair in zip(counts, found, strict=True)]
         bag.append(BagFile(file.name, first_ns, last_ns, sum(found)))
     expected = rosbag2.metadata_text(bag_topics(reader.topics, counts), bag)
-    try:
-        with files.open_regular(path) as stream:
-            content = stream.read(MAX_METADATA_BYTES + 1)
-    except OSError as error:
-        raise LogError(
-            Fault.NOT_FOUND, path, f'cannot be read: {error.strerror or error}'
-        ) from None
+    content = read_at_most(path, MAX_METADATA_BYTES + 1)
     digest = _sha256(content) if len(content) <= MAX_METADATA_BYTES else ''
     if content == expected.encode():
         return '', digest
@@ -189,3 +199,268 @@ def decision_rate_hz(reader: RunReader) -> float | None:
 
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
+
+
+_CARRIED = (SCENARIO, CONTROLLER, PARAMETERS)
+_COMMENT = re.compile(rb'[ \t]*(#[^\n]*)?\n')
+_COMPARED = (Header, Metadata, Attachment, Schema, Channel)
+
+
+@dataclass
+class Form:
+    """Keeps the records of one file as they come; says the first that is not as written.
+
+    path : the file
+    excess : whether there were more records than any file of the recorder has
+    """
+
+    path: Path
+    most: int
+    excess: bool = False
+    _found: list[McapRecord] = field(default_factory=list)
+    _ended: bool = False
+
+    def take(self, record: McapRecord) -> None:
+        """Take the next record that is not a message; the summary repeats what was before it."""
+        self._ended = self._ended or isinstance(record, DataEnd)
+        if self._ended or not isinstance(record, _COMPARED):
+            return
+        if len(self._found) < self.most:
+            self._found.append(record)
+        else:
+            self.excess = True
+
+    def deviation(self, expected: Sequence[McapRecord]) -> str:
+        """Return the first record that is not as expected, for people; empty if there is none.
+
+        Where the chunk with the schemas and channels stands among the others does not count.
+        """
+        expected = sorted(expected, key=_is_declaration)
+        for number, record in enumerate(sorted(self._found, key=_is_declaration)):
+            wanted = expected[number] if number < len(expected) else None
+            if wanted is None or not _same(record, wanted):
+                return f'{self.path.name}: {_name(record)} is not as the recorder writes it'
+        if len(self._found) < len(expected):
+            return f'{self.path.name}: {_name(expected[len(self._found)])} is missing'
+        return f'{self.path.name}: it has too many records' if self.excess else ''
+
+
+def records_of_run(reader: RunReader, path: Path) -> list[McapRecord]:
+    """Return the records that the recorder writes beside the messages of a file; LogError."""
+    counts, first_ns, last_ns = reader.extent_of(path)
+    base = reader.base
+    open_topics = bag_topics(reader.topics, [0] * len(reader.topics))
+    attached = [
+        Attachment(base.epoch_ns, base.epoch_ns, name, MEDIA_TYPE, data)
+        for name, data in sorted(reader.attachments.items(), key=_order)
+        if (name in _CARRIED or is_controller(name)) and reader.carries(path, name)
+    ]
+    file = BagFile(path.name, first_ns, last_ns, sum(counts))
+    return [
+        Header(PROFILE, LIBRARY),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(open_topics, BagFile(path.name))),
+        Metadata(RUN_RECORD, base.to_record()),
+        *attached,
+        *declarations(open_topics),
+        Metadata(rosbag2.RECORD, rosbag2.record_values(bag_topics(reader.topics, counts), file)),
+    ]
+
+
+def _order(attachment: tuple[str, bytes]) -> tuple[int, int, str]:
+    """Return the place of an attachment: later controllers come after all others, by number."""
+    name = attachment[0]
+    later = name not in _CARRIED
+    return later, len(name) if later else 0, name
+
+
+def declarations(topics: Sequence[BagTopic]) -> Iterator[McapRecord]:
+    """Yield the schema and channel records of some topics, as the recorder numbers them."""
+    numbers: dict[str, int] = {}
+    for channel, topic in enumerate(topics, 1):
+        if topic.type not in numbers:
+            numbers[topic.type] = len(numbers) + 1
+            text = schemas.definition(topic.type).text
+            yield Schema(numbers[topic.type], text.encode(), 'ros2msg', topic.type)
+        yield Channel(channel, topic.name, 'cdr', topic.channel_metadata, numbers[topic.type])
+
+
+def _is_declaration(record: McapRecord) -> bool:
+    return isinstance(record, Schema | Channel)
+
+
+def _same(found: McapRecord, wanted: McapRecord) -> bool:
+    """Return whether two records are equal; of a definition, comments do not count."""
+    if isinstance(found, Schema) and isinstance(wanted, Schema):
+        bare = _COMMENT.sub(b'\n', found.data) == _COMMENT.sub(b'\n', wanted.data)
+        found = Schema(found.id, wanted.data, found.encoding, found.name) if bare else found
+    return found == wanted
+
+
+def _name(record: McapRecord) -> str:
+    kind = type(record).__name__.lower()
+    name = getattr(record, 'topic', None) or getattr(record, 'name', None) or ''
+    return f'the {kind} {shown(name)}' if name else f'the {kind}'
+
+
+CHECK = 'decisions'
+
+_OK, _WARN = 0, 1
+_MOST_RECORDS = 16
+
+Floats = NDArray[np.float64]
+
+
+class _Logged(NamedTuple):
+    tick: int
+    data: bytes
+
+
+class Decisions:
+    """Compares decisions.mcap with the flight, block by block; raises LogError.
+
+    folder : of the run
+    topic : full name of the topic
+    controller, content : that the log carries, and the bytes of its file
+    """
+
+    def __init__(
+        self, folder: Path, base: TimeBase, topic: str, controller: AnyController, content: bytes
+    ) -> None:
+        self._base, self._topic = base, topic
+        self._controllers: list[tuple[AnyController, str]] = []
+        self.add(controller, content)
+        self._records = FileRecords(folder / DECISIONS_FILE)
+        self._form = Form(self._records.path, _MOST_RECORDS)
+        self._ticks: list[int] = []
+        self._unknown = 0
+        self._messages = self._read()
+        self._waiting = next(self._messages, None)
+
+    def add(self, controller: AnyController, content: bytes) -> None:
+        """Take a controller of the run, and the bytes of its file."""
+        label = explain.label(controller, hashlib.sha256(content).hexdigest())
+        self._controllers.append((controller, label))
+
+    def difference(
+        self, ticks: NDArray[np.int64], states: Floats, forces_n: Floats, active: NDArray[np.bool_]
+    ) -> Difference | None:
+        """Compare the decisions of some ticks of the log.
+
+        states : (n, 6) m, m/s that the controller saw: from the goal, or from the reference
+        forces_n : (n, 3) N that it commanded; active : (n,) where it was switched on
+        """
+        while self._waiting is not None and self._waiting.tick <= ticks[-1]:
+            tick, data = self._waiting
+            row = int(np.searchsorted(ticks, tick))
+            inputs = np.concatenate([states[row], forces_n[row]])
+            if ticks[row] != tick or not np.isfinite(inputs).all():
+                self._unknown += 1
+            elif found := self._compared(tick, data, inputs.tolist(), bool(active[row])):
+                return found
+            self._waiting = next(self._messages, None)
+        return None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of decisions.mcap as it was read; empty if it was too long to be hashed."""
+        return '' if self._records.unread else self._records.sha256.hexdigest()
+
+    def gaps(self, rate_hz: float | None, last_tick: int) -> list[str]:
+        """Return what is missing of the decisions of a flight; call it after the last block.
+
+        rate_hz : decisions per simulated second; None: not known
+        """
+        found = [self._form.deviation(self._expected_records()), self._records.damage]
+        if self._waiting is not None:
+            found.append(f'it has a decision of tick {self._waiting.tick}, after the end')
+            for _ in self._messages:  # so that all of the file is hashed
+                pass
+        if self._unknown:
+            found.append(f'{self._unknown} decisions are of ticks without state or force')
+        due = Decimation(rate_hz) if rate_hz is not None else None
+        missing = {
+            tick for tick in range(last_tick + 1) if due is not None and self._is_due(due, tick)
+        } - set(self._ticks)
+        if missing:
+            found.append(f'{len(missing)} decisions are missing, the first at tick {min(missing)}')
+        return [
+            gap if DECISIONS_FILE in gap else f'{DECISIONS_FILE}: {gap}' for gap in found if gap
+        ]
+
+    def _is_due(self, due: Decimation, tick: int) -> bool:
+        before = self._base.stamp_ns(tick - 1) if tick else None
+        return due.due(self._base.stamp_ns(tick), before)
+
+    def _read(self) -> Iterator[_Logged]:
+        for number, message in enumerate(messages_of(self._records, self._form.take)):
+            try:
+                stamp_ns = cdr.stamp_ns(message.data)
+            except cdr.CdrError as error:
+                raise self._bad(number, f'a message {error}') from None
+            tick = self._base.tick_of(stamp_ns)
+            if tick is None or (self._ticks and tick <= self._ticks[-1]):
+                raise self._bad(number, f'a stamp must be that of a later tick; got {stamp_ns} ns')
+            if message[:4] != (1, number, stamp_ns, stamp_ns):
+                raise self._bad(number, 'a message has another channel, number or time')
+            self._ticks.append(tick)
+            yield _Logged(tick, message.data)
+
+    def _bad(self, number: int, why: str) -> LogError:
+        return LogError(Fault.BAD_MESSAGE, self._records.path, f'decision {number}: {why}')
+
+    def _expected_records(self) -> list[McapRecord]:
+        topics = [
+            BagTopic.of(self._topic, interfaces.ARRAY_TYPE, interfaces.LOCKSTEP, count)
+            for count in (0, len(self._ticks))
+        ]
+        ends = (0, 0)
+        if self._ticks:
+            ends = (self._base.stamp_ns(self._ticks[0]), self._base.stamp_ns(self._ticks[-1]))
+        files = BagFile(DECISIONS_FILE), BagFile(DECISIONS_FILE, *ends, len(self._ticks))
+        first, last = (
+            Metadata(rosbag2.RECORD, rosbag2.record_values([topic], file))
+            for topic, file in zip(topics, files, strict=True)
+        )
+        return [Header(PROFILE, LIBRARY), first, *declarations(topics[:1]), last]
+
+    def _compared(
+        self, tick: int, data: bytes, inputs: list[float], active: bool
+    ) -> Difference | None:
+        """Return where a decision is not the one of a state and a force."""
+        level = _OK if active else _WARN
+        # Without a file when unconfigured; of several controllers the last is the one named.
+        labels = [*([] if active else [(None, 'none')]), *reversed(self._controllers)]
+        for controller, said in labels:
+            reasons = explain.INACTIVE
+            if active and controller is not None:
+                reasons = explain.reasons(controller, inputs[:6], inputs[6:])
+            statuses = [
+                cdr.Status(level, f'decision: {axis}', sentence, said,
+                           tuple((name, repr(number)) for name, number in pairs))
+                for axis, (sentence, pairs) in zip(explain.AXES, reasons, strict=True)
+            ]  # fmt: skip
+            expected = cdr.encode_array(self._base.stamp_ns(tick), interfaces.LVLH_FRAME, statuses)
+            if data == expected:
+                return None
+        return self._named(tick, data, expected)
+
+    def _named(self, tick: int, data: bytes, expected: bytes) -> Difference:
+        """Return the first field in which a decision differs."""
+        try:
+            found = [_fields(part) for part in (data, expected)]
+        except cdr.CdrError as error:
+            raise self._bad(self._ticks.index(tick), f'a message {error}') from None
+        for logged, computed in zip_longest(*found, fillvalue=('end', '')):
+            if logged != computed:
+                return Difference(tick, self._topic, logged[0], logged[1], computed[1], CHECK)
+        return Difference(tick, self._topic, 'bytes between its fields', '', '', CHECK)
+
+
+def _fields(data: bytes) -> list[tuple[str, str]]:
+    """Return the fields of the statuses of a decision, by name."""
+    found = []
+    for status in cdr.decode_array(data)[1]:
+        named = zip(('level', 'name', 'message', 'hardware_id'), status, strict=False)
+        found += [(name, str(value)) for name, value in named]
+        found += [(f'{status.name} {name}', value) for name, value in status.values]
+    return found

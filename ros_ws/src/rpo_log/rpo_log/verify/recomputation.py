@@ -1,19 +1,32 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""One stage of the chain, recomputed on its logged inputs block by block; and how stages were."""
+"""Stages of the chain, recomputed on their logged inputs block by block.
+
+And what the log says of them: switched on and off, decisions, which controller made a command,
+which commands free running may have applied.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.stage import WITHOUT_COMMAND, Stage
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import WITHOUT_COMMAND, Place, Stage
+from rpo_core.control.controller import AnyController
+from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_log import events
+from rpo_log import topics
 from rpo_log.errors import LogError
+from rpo_log.format.run import CONTROLLER, is_controller
 from rpo_log.read.decode import Event, TickBlock
+from rpo_log.read.run_log import controller_of, parameters_of
+from rpo_log.read.stream import RunReader
+from rpo_log.verify.evidence import Decisions
+from rpo_log.verify.verification import Difference
 
 Floats = NDArray[np.float64]
 
@@ -30,17 +43,17 @@ class StageStates:
     def take(self, block_events: Sequence[Event]) -> None:
         """Take the events of a block."""
         for event in block_events:
-            tick = events.tick_of(event.status)
+            tick = topics.tick_of(event.status)
             if event.signal == interfaces.RUN_STATUS:
-                self.dropped.update(events.dropped(event.status))
+                self.dropped.update(topics.dropped(event.status))
             elif event.signal == interfaces.STAGE_STATUS and tick is not None:
                 state = event.values.get('state')
                 name = event.values.get('stage', '')
                 if state == WITHOUT_COMMAND:
                     self._missing.setdefault(name, set()).add(tick)
-                if state in (events.ACTIVE, events.INACTIVE):
+                if state in (topics.ACTIVE, topics.INACTIVE):
                     changes = self._changes.setdefault(name, [])
-                    changes.append((tick, state == events.ACTIVE))
+                    changes.append((tick, state == topics.ACTIVE))
                     changes.sort(key=lambda change: change[0])
                 elif state is not None:
                     self._commands.setdefault(name, []).append((tick, state))
@@ -252,3 +265,212 @@ def events_ahead(blocks: Iterable[TickBlock], states: StageStates) -> Iterator[T
         raise
     if before is not None:
         yield before
+
+
+class PreviousSignals:
+    """Remembers the last tick of each block."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[int, Floats]] = {}
+
+    def of(
+        self, name: str, ticks: NDArray[np.int64], values: Floats, missing: Collection[int]
+    ) -> Floats:
+        """Return the values (n, width) of a signal one tick before each of these ticks.
+
+        missing : ticks at which the reader went on without it: zero
+
+        Zero at tick 0; NaN where the tick before is not in the log.
+        """
+        found = np.full_like(values, np.nan)
+        follows = np.diff(ticks) == 1
+        found[1:][follows] = values[:-1][follows]
+        tick, last = self._last.get(name, (-1, np.zeros(values.shape[1])))
+        if ticks[0] == tick + 1:
+            found[0] = last
+        found[np.isin(ticks, list(missing))] = 0.0
+        self._last[name] = int(ticks[-1]), values[-1].copy()
+        return found
+
+
+MOST_HELD_TICKS = 1000
+"""A force held longer than that is not looked for."""
+
+
+def held_ticks(reader: RunReader) -> int:
+    """Return for how many ticks the plant of a log held a force; -1 if that is not known."""
+    plant = parameters_of(reader).get('plant')
+    ticks = plant.get('stale_after_ticks') if isinstance(plant, Mapping) else None
+    return ticks if type(ticks) is int and 0 <= ticks <= MOST_HELD_TICKS else -1
+
+
+class HeldForces:
+    """The answers of the last ticks, of which free running applies one.
+
+    ticks : for how many a force is held; -1: not known, and nothing is
+    limit_n : of the thrusters
+    """
+
+    def __init__(self, ticks: int, limit_n: float) -> None:
+        self._most, self._limit_n = ticks, limit_n
+        self._ticks = np.empty(0, dtype=np.int64)
+        self._forces = np.empty((0, 3))
+
+    def held(
+        self,
+        ticks: NDArray[np.int64],
+        answers_n: NDArray[np.float64],
+        applied_n: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the force (n, 3) [N] applied, as it was commanded, and where that is known.
+
+        answers_n : (n, 3) of these ticks, NaN where they are missing
+        """
+        new = ticks > self._ticks[-1] if len(self._ticks) else np.ones(len(ticks), dtype=bool)
+        known = np.concatenate([self._ticks, ticks[new]])
+        commanded = np.clip(answers_n[new], -self._limit_n, self._limit_n)
+        commanded = np.concatenate([self._forces, commanded])
+        computed, found = np.zeros_like(applied_n), (applied_n == 0.0).all(axis=1)
+        sure = np.full(len(ticks), self._most >= 0)
+        for age in range(self._most, -1, -1):
+            wanted = ticks - age
+            at = np.searchsorted(known, wanted).clip(max=len(known) - 1)
+            there = (known[at] == wanted) & np.isfinite(commanded[at]).all(axis=1)
+            sure &= there | (wanted < 0)
+            computed[there] = np.where(found[there, None], computed[there], commanded[at][there])
+            found |= there & (commanded[at] == applied_n).all(axis=1)
+        computed[found] = applied_n[found]
+        kept = known >= ticks[-1] - max(self._most, 0)
+        self._ticks, self._forces = known[kept], commanded[kept]
+        return computed, sure | found
+
+
+LATE_TICKS = 50
+
+
+class Told:
+    """Keeps the decisions that a log tells of, and compares them when all is recomputed."""
+
+    def __init__(self, stages: Sequence[Recomputation], topic: str) -> None:
+        self._stages = {found.stage.name: found for found in stages if found.stage.decides}
+        self._topic = topic
+        self._logged: dict[str, list[tuple[int, str]]] = {name: [] for name in self._stages}
+
+    def take(self, event: Event) -> None:
+        """Take an event; those that are no decision of a stage here are no matter."""
+        name, state = event.values.get('stage', ''), event.values.get('state', '')
+        tick = topics.tick_of(event.status)
+        if event.signal != interfaces.STAGE_STATUS or name not in self._stages or tick is None:
+            return
+        if state in self._stages[name].stage.decides:
+            self._logged[name].append((tick, state))
+
+    def difference(self) -> Difference | None:
+        """Return the first decision in the log that the stage does not make."""
+        for name, found in self._stages.items():
+            extra = Counter(self._logged[name]) - Counter(found.stage.told())
+            if extra and not found.gaps:
+                tick, state = min(extra)
+                return Difference(tick, self._topic, 'state', state, 'nothing', name)
+        return None
+
+    def gaps(self, last: int) -> list[str]:
+        """Return the decisions that the log does not tell of, for people.
+
+        last : newest tick of the log; what is said right before it may come after it
+        """
+        found = []
+        for name, stage in self._stages.items():
+            missing = Counter(stage.stage.told()) - Counter(self._logged[name])
+            tick, state = min(missing, default=(last, ''))
+            if tick < last - LATE_TICKS and not stage.gaps:
+                found.append(f'{self._topic} does not say that {name} is {state} from tick {tick}')
+        return found
+
+
+Made = tuple[list[Floats], NDArray[np.bool_]]
+"""Outputs of a stage at some ticks, and where they are known."""
+
+
+class Controllers:
+    """The controllers of a run, each recomputed; the first is that of controller.yaml.
+
+    first : None if the log carries none: no command is then recomputed
+    decisions : beside the log; they may be those of any controller
+    """
+
+    def __init__(
+        self,
+        reader: RunReader,
+        scenario: Scenario,
+        first: AnyController | None,
+        decisions: Decisions | None,
+    ) -> None:
+        self._decisions = decisions
+        self._reader, self._scenario = reader, scenario
+        self._files = [CONTROLLER]
+        self._names = [first.name if first else '']
+        self._ticks = [0]
+        self._more: list[tuple[Recomputation, Sequence[str]]] = []
+        self._owner = 0
+
+    @property
+    def shares(self) -> tuple[str, ...]:
+        """Per controller its name, file and number of commands; empty if there is only one."""
+        if not self._more:
+            return ()
+        return tuple(
+            f'{name} ({file}) at {ticks} ticks'
+            for name, file, ticks in zip(self._names, self._files, self._ticks, strict=True)
+        )
+
+    def _find(self) -> None:
+        """Take the files that were attached since."""
+        for file in sorted(self._reader.attachments):
+            if is_controller(file) and file not in self._files:
+                found = controller_of(self._reader, file)
+                (link,) = Chain.of(self._scenario, found).part(Place.CONTROLLER).links
+                if self._decisions is not None:
+                    self._decisions.add(found, self._reader.attachments[file])
+                self._files.append(file)
+                self._names.append(found.name)
+                self._ticks.append(0)
+                self._more.append((Recomputation(link.stage), link.reads))
+
+    def any_of(
+        self,
+        block: TickBlock,
+        output: str,
+        first: Made,
+        run: Callable[[Recomputation, Sequence[str]], Made],
+        active: NDArray[np.bool_],
+    ) -> Made:
+        """Return the commands as computed by the controller that made them.
+
+        output : name of the command
+        first : as the first controller computes them
+        run : recomputes another one, with the signals that it reads
+        active : where the controllers are switched on
+        """
+        self._find()
+        if not self._more:
+            return first
+        logged = block.values[output]
+        equal = [_equal(logged, first)]
+        equal += [_equal(logged, run(stage, reads)) for stage, reads in self._more]
+        for row in np.flatnonzero(active & block.present[output]).tolist():
+            owners = [number for number, found in enumerate(equal) if found[row]]
+            if owners:
+                self._owner = self._owner if self._owner in owners else owners[0]
+                self._ticks[self._owner] += 1
+        known = np.logical_or.reduce(equal)
+        (made,), first_known = first
+        return [np.where(known[:, None], logged, made)], known | first_known
+
+
+def _equal(logged: Floats, computed: Made) -> NDArray[np.bool_]:
+    """Return where a command has the bits that are computed."""
+    (made,), known = computed
+    bits = [np.ascontiguousarray(values).view(np.uint64) for values in (logged, made)]
+    same: NDArray[np.bool_] = known & (bits[0] == bits[1]).all(axis=1)
+    return same

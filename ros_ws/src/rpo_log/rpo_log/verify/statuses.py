@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import Scenario
 from rpo_core.kernels import norm
 from rpo_core.wire import cdr, interfaces
-from rpo_log import events
+from rpo_log import topics
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.topics import Topic
-from rpo_log.verify.difference import REST, Difference
+from rpo_log.verify.verification import REST, Difference
 
 _RUNNING, _FINISHED, _ABORTED = 'running', 'finished', 'aborted'
 _LEVELS = {_RUNNING: (0, 1), _FINISHED: (0,), _ABORTED: (1, 2)}
@@ -123,7 +123,7 @@ class Statuses:
         yield 'level', str(status.level), str(status.level if status.level in level else level[0])
         yield 'name', status.name, 'run'
         yield 'hardware_id', status.hardware_id, 'none'
-        tick, last = events.tick_of(status), self._scenario.ticks
+        tick, last = topics.tick_of(status), self._scenario.ticks
         known = tick is not None and tick <= event.tick and (phase != _FINISHED or tick == last)
         tick = tick if tick is not None and known else last if phase == _FINISHED else event.tick
         yield 'tick', values.get('tick', ''), str(tick)

@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from rpo_core.wire import cdr
+from rpo_log import provenance
 from rpo_log.errors import ExitCode
-from rpo_log.format import code
 from rpo_log.format.run import SUMS_FILE
-from rpo_log.verify.difference import Difference
+from rpo_log.read.decode import NonCanonical, values_of
+from rpo_log.topics import Topic
 
 
 @dataclass(frozen=True)
@@ -95,5 +98,57 @@ class Verification:
             yield f'  signed by {self.signed_by} (SHA-256):'
             yield from (f'    {digest}  {name}' for name, digest in self.signed.items())
         yield '  rests on (SHA-256):'
-        premises = {**self.premises, f'verified with rpo_core {code.version()}': code.digest()}
+        premises = {
+            **self.premises,
+            f'verified with rpo_core {provenance.version()}': provenance.digest(),
+        }
         yield from (f'    {digest}  {name}' for name, digest in premises.items())
+
+
+START, APPLIED, REST = 'start', 'force applied', 'rest'
+"""Checks beside the stages, as a difference names them."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first thing in a log that is not as computed.
+
+    check : name of the stage that computed it, or one of the checks beside the stages
+    """
+
+    tick: int
+    topic: str
+    field: str
+    logged: float | str
+    computed: float | str
+    check: str
+
+    def sentence(self) -> str:
+        """Return one line for people."""
+        return (
+            f'tick {self.tick}, {self.topic}, {self.field}: logged {self.logged!r}, computed '
+            f'{self.computed!r} ({self.check})'
+        )
+
+
+def non_canonical_difference(message: NonCanonical, stamp_ns: int) -> Difference:
+    """Name what a message of a tick holds beside its stamp and the numbers of its signal."""
+    tick, topic, data = message
+    expected = topic.row.layout.encode(stamp_ns, values_of(topic, data))
+    pairs = zip(_items(topic, data), _items(topic, expected), strict=True)
+    for (name, logged), (_, computed) in pairs:
+        if _bits(logged) != _bits(computed):
+            return Difference(tick, topic.name, name, logged, computed, REST)
+    where = 'bytes between its fields'
+    return Difference(tick, topic.name, where, data.hex(), expected.hex(), REST)
+
+
+def _items(topic: Topic, data: bytes) -> list[tuple[str, float | str]]:
+    """Return the fields of a message, by name, in their order."""
+    texts, floats = cdr.FIELDS[topic.type]
+    found = cdr.decode_stamped(topic.type, data)
+    return list(zip((*texts, *floats), (*found.texts, *found.floats), strict=True))
+
+
+def _bits(value: float | str) -> bytes:
+    return value.encode() if isinstance(value, str) else struct.pack('<d', value)

@@ -37,28 +37,33 @@ from rpo_log import topics
 from rpo_log.errors import Fault, LogError
 from rpo_log.format import run
 from rpo_log.format.run import CONTROLLER
-from rpo_log.read.completeness import Completeness
+from rpo_log.format.sums import Digests
 from rpo_log.read.decode import TickBlock
 from rpo_log.read.run_log import controller_of, scenario_of
-from rpo_log.read.stream import RunReader
+from rpo_log.read.stream import Completeness, RunReader
 from rpo_log.topics import Topic
-from rpo_log.verify.controllers import Controllers
-from rpo_log.verify.decisions import Decisions
-from rpo_log.verify.difference import (
+from rpo_log.verify.evidence import Decisions, Evidence
+from rpo_log.verify.recomputation import (
+    MOST_HELD_TICKS,
+    Controllers,
+    Floats,
+    HeldForces,
+    PreviousSignals,
+    Recomputation,
+    StageStates,
+    Told,
+    events_ahead,
+    held_ticks,
+)
+from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.verification import (
     APPLIED,
     REST,
     START,
     Difference,
+    Verification,
     non_canonical_difference,
 )
-from rpo_log.verify.digests import Digests
-from rpo_log.verify.evidence import Evidence
-from rpo_log.verify.held_forces import MOST_HELD_TICKS, HeldForces, held_ticks
-from rpo_log.verify.previous import PreviousSignals
-from rpo_log.verify.recomputation import Floats, Recomputation, StageStates, events_ahead
-from rpo_log.verify.statuses import Statuses
-from rpo_log.verify.told import Told
-from rpo_log.verify.verification import Verification
 
 _APPLIED = {
     interfaces.COMMAND: interfaces.APPLIED_FORCE,

@@ -75,10 +75,12 @@ class Counts:
 class _Tick:
     """The different messages of a tick, by topic, in the order in which they came.
 
+    missing : number of topics with a message each tick that have none yet
     early : whether a message came before the state
     """
 
     messages: list[list[bytes]]
+    missing: int
     events: list[tuple[int, bytes]] = field(default_factory=list)
     early: bool = False
 
@@ -167,7 +169,8 @@ class TickOrderer:
         released = self._released.get(tick)
         if released is not None:
             self._choose(tick, released)
-        self._follow()
+        if self._asks:
+            self._follow()
         self._advance()
 
     def add(self, index: int, tick: int, data: bytes) -> None:
@@ -180,7 +183,8 @@ class TickOrderer:
             if index == self.leader and not self._asks:
                 self._lead(tick)
             self._take(index, tick, data)
-        self._follow()
+        if self._asks:
+            self._follow()
         self._advance()
 
     @property
@@ -220,17 +224,10 @@ class TickOrderer:
 
         Or once a whole window of states came: then the plant reports nothing.
         """
-        while (
-            self._asks
-            and self.messages(self.leader, self._latest + 1)
-            and (
-                self._latest in self._reports
-                or self._latest < (self.asks_from or 0)
-                or all(
-                    self.messages(self.leader, self._latest + ahead)
-                    for ahead in range(2, WINDOW + 1)
-                )
-            )
+        while self.messages(self.leader, self._latest + 1) and (
+            self._latest in self._reports
+            or self._latest < (self.asks_from or 0)
+            or all(self.messages(self.leader, self._latest + n) for n in range(2, WINDOW + 1))
         ):
             self._lead(self._latest + 1)
             self._newest[self.leader] = self._latest
@@ -255,6 +252,7 @@ class TickOrderer:
     def _add_first(self, index: int, tick: int, data: bytes) -> None:
         entry = self._entry(tick)
         entry.messages[index].append(data)
+        entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
             entry.early = True
         elif self._newest[index] < tick <= self._latest:
@@ -275,7 +273,8 @@ class TickOrderer:
     def _entry(self, tick: int) -> _Tick:
         entry = self._pending.get(tick)
         if entry is None:
-            entry = self._pending[tick] = _Tick([[] for _ in range(self.width)])
+            empty: list[list[bytes]] = [[] for _ in range(self.width)]
+            entry = self._pending[tick] = _Tick(empty, len(self._regular))
         return entry
 
     def _add_event(self, index: int, tick: int, data: bytes) -> None:
@@ -306,15 +305,15 @@ class TickOrderer:
         elif self._asks and not self._reports:  # of a plant that reports nothing
             while self.messages(self.leader, self._latest + 1):
                 self._latest += 1
-        if self._last < NEVER:
-            for index, tick in [key for key in self._ahead if key[1] <= self._last]:
-                self._take(index, tick, self._ahead.pop((index, tick)))
+        for (index, tick), data in self._ahead.items():
+            self._take(index, tick, data)
         newest = self._last if self._last != NEVER else self._latest
         for tick in [tick for tick in self._pending if tick > newest]:
             entry = self._pending[tick]
             for index, found in enumerate(entry.messages):
                 self.counts[index].ignored += len(found)
                 found.clear()
+            entry.missing = len(self._regular)
             if not entry.events or tick > newest + 1:
                 for index, _ in entry.events:
                     self.counts[index].ignored += 1
@@ -376,9 +375,9 @@ class TickOrderer:
                 return False
         elif entry is not None and entry.early and self._latest < min(tick + HOLD, self._last):
             return False
-        missing = self._missing(entry)
+        missing = self._missing(entry) if entry is None or entry.missing else []
         if entry is not None and not missing:
-            missing = self._wrong(tick, entry)
+            missing = self._wrong(tick, entry) if tick in self._reports else []
             if not missing:
                 return True
         if ahead < 1:  # the newest tick of all may still be completed
@@ -402,7 +401,7 @@ class TickOrderer:
         """Return the topics of a tick whose message is not yet the one that the plant reports."""
         return [
             index
-            for index, numbers in self._reports.get(tick, {}).items()
+            for index, numbers in self._reports[tick].items()
             if numbers != NOTHING
             and all(self.read(index, data)[0] != numbers for data in entry.messages[index])
         ]
@@ -426,10 +425,10 @@ class TickOrderer:
         """Release the next tick; one of which nothing came is counted and passed over."""
         tick = self.next_tick
         entry = self._pending.pop(tick, None)
-        if due:
+        if due and (entry is None or entry.missing):
             for index in self._missing(entry):
                 self._miss(index, tick, tick + 1)
-        if entry is not None:
+        if entry is not None and self._asks:
             self._choose(tick, entry)
         self.next_tick = tick + 1
         self._forget(tick - WINDOW)
@@ -444,5 +443,5 @@ class TickOrderer:
     def _forget(self, tick: int) -> None:
         """Forget a tick that was let go; nobody reports what came of it later any more."""
         entry = self._released.pop(tick, None)
-        if entry is not None:
+        if entry is not None and self._asks:
             self._choose(tick, entry)

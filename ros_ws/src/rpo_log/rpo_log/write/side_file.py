@@ -14,11 +14,10 @@ from pathlib import Path
 from rpo_core.chain.decimation import Decimation
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP
-from rpo_log.errors import LogError
+from rpo_log.errors import LogError, cannot_write
 from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
-from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase, cannot_write
-from rpo_log.write.bag_file import CHUNK_SHARE
-from rpo_log.write.mcap_file import McapFile
+from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase
+from rpo_log.write.mcap_file import CHUNK_SHARE, McapFile
 from rpo_log.write.orderer import NEVER, REORDER
 
 CHUNK_S = 2.0

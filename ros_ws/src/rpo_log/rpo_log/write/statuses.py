@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, row_of
-from rpo_log import events
+from rpo_log import topics
 from rpo_log.write.writer import RunLogWriter
 
 PHASES = ('running', 'finished', 'aborted')
@@ -25,7 +25,7 @@ def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | No
 
     Its distance and speed must be those of the state of its tick; a run ends in its newest state.
     """
-    values, tick = dict(status.values), events.tick_of(status)
+    values, tick = dict(status.values), topics.tick_of(status)
     if tick is None or tick > log.base.last_tick:
         return False
     if values.get('phase') == 'finished' and tick < log.base.last_tick:

@@ -18,12 +18,12 @@ from pathlib import Path
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS
 from rpo_core.wire.statuses import numbers_text
-from rpo_log import events, topics
-from rpo_log.errors import LogError
+from rpo_log import topics
+from rpo_log.errors import LogError, cannot_write
 from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile
-from rpo_log.format.run import RunSummary, TimeBase, cannot_write, prepare_folder
-from rpo_log.write.bag_file import BagFileWriter, bag_topics
+from rpo_log.format.run import RunSummary, TimeBase, prepare_folder
+from rpo_log.write.mcap_file import BagFileWriter, bag_topics
 from rpo_log.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
@@ -175,7 +175,7 @@ class RunLogWriter:
 
     def _drop(self, data: bytes) -> None:
         """Expect no more of the topics that the plant goes on without."""
-        for signal, tick in events.dropped(cdr.decode_status(data)).items():
+        for signal, tick in topics.dropped(cdr.decode_status(data)).items():
             for index, topic in enumerate(self.topics):
                 if topic.signal == signal:
                     self._orderer.drop(index, tick)
@@ -286,7 +286,7 @@ class RunLogWriter:
 def _tick_of_event(data: bytes) -> int:
     """Return the tick that an event names; -1 if it names none, or is no event."""
     try:
-        tick = events.tick_of(cdr.decode_status(data))
+        tick = topics.tick_of(cdr.decode_status(data))
     except cdr.CdrError:
         return -1
     return -1 if tick is None else tick

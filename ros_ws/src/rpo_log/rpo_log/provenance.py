@@ -1,20 +1,49 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What depends on the wall clock and the machine, kept out of the run's log."""
+"""Who made a run: its code, its machine and the wall clock; all of it is kept out of its log."""
 
 from __future__ import annotations
 
 import datetime
+import hashlib
 import platform
 from collections.abc import Mapping
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from rpo_log.format import code
-from rpo_log.format.run import INFO_FILE, cannot_write
+import rpo_core
+import rpo_log
+from rpo_log.errors import cannot_write
+from rpo_log.format.run import INFO_FILE
+
+_PACKAGES = (rpo_core, rpo_log)
+
+
+@cache
+def version() -> str:
+    """Return the version of the flight software, as installed."""
+    try:
+        return metadata.version(rpo_core.__name__)
+    except metadata.PackageNotFoundError:
+        return 'not installed'
+
+
+@cache
+def digest() -> str:
+    """Return a SHA-256 over the sources of the core and of the logs, names and contents."""
+    found = hashlib.sha256()
+    for package in _PACKAGES:
+        folder = Path(str(package.__file__)).parent
+        for path in sorted(folder.rglob('*.py')):
+            name = f'{package.__name__}/{path.relative_to(folder).as_posix()}'
+            content = path.read_bytes()
+            found.update(f'{name} {len(content)}\n'.encode() + content)
+    return found.hexdigest()
+
 
 _LIBRARIES = ('numpy', 'PyYAML', 'mcap', 'zstandard', 'numba', 'rclpy')
 
@@ -53,7 +82,7 @@ def utc(moment_s: float) -> str:
 def write_run_info(folder: str | Path, facts: Mapping[str, Any]) -> None:
     """Write run_info.yaml: the facts of the caller, of the code, of the machine; LogError."""
     path = Path(folder) / INFO_FILE
-    made_by = {'version': code.version(), 'sha256': code.digest()}
+    made_by = {'version': version(), 'sha256': digest()}
     text = yaml.safe_dump({**facts, 'code': made_by, 'machine': machine_facts()}, sort_keys=False)
     try:
         path.write_text(text, encoding='utf-8')
