@@ -16,7 +16,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @unset PYTHONDONTWRITEBYTECODE; source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests tools
 
-.PHONY: help setup demo docs test test-slow bench compile imports lint format lock clean
+.PHONY: help setup demo docs test tests test-slow bench compile lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -31,8 +31,11 @@ demo:  ## fly the paper's test on ROS 2; log, table and picture go to runs/demo/
 # More workers than cores: tests of nodes wait, for time-outs and for real time.
 test:  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
 	$(SETUP) lint test
-	@$(MAKE) --no-print-directory -j 2 lint compile imports
-	$(ENV) pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
+	@$(MAKE) --no-print-directory -j 2 lint tests
+
+# Beside `lint`, and without what `make` tells the commands that it starts side by side.
+tests:
+	$(ENV) unset MAKEFLAGS MAKELEVEL && pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
 
 test-slow:  ## the slow tests
 	$(SETUP) test
@@ -50,11 +53,6 @@ docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
 	$(ENV) python -m rpo_cli.precompile
-
-# Once, on the core that the linters leave, what each test worker would else do for itself: bytecode
-# of all that the tests import. What is wrong with a test, the tests themselves say.
-imports:
-	$(ENV) pytest --collect-only --quiet > /dev/null 2>&1 || true
 
 lint:  ## ruff and mypy, which reads the libraries that the code uses
 	$(SETUP) lint test

@@ -1,16 +1,18 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests share: a ROS domain of their own, and no test skipped without a known reason."""
+"""What all tests share: a ROS domain, no skip without a known reason, a budget of CPU time."""
 
 from __future__ import annotations
 
 import fcntl
 import fnmatch
+import gc
 import os
 import random
 import resource
 import signal
 import tempfile
+import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -106,6 +108,33 @@ def ros_env(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[dict[st
         yield variables
 
 
+def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turn a skip that has no reason in ALLOWED_SKIPS into a failure that says so."""
+    if not report.skipped or hasattr(report, 'wasxfail'):
+        return
+    given = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+    reason = str(given).removeprefix('Skipped: ')
+    for pattern, allowed in ALLOWED_SKIPS.items():
+        if fnmatch.fnmatch(report.nodeid, pattern) and reason == allowed:
+            return
+    report.outcome = 'failed'
+    report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
+
+
+# --- what tests may cost ----------------------------------------------------------------------
+
+BUDGET_S = 10.0
+"""CPU time that a quick test may take on the usual machine, with the processes it waits for."""
+LOOP_S = 0.0065
+"""CPU time of `loop_s` on that machine."""
+gc.disable()  # imports make no garbage; looking for it would take a third of the collection
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption('--cpu', type=int, default=0, help='list the N dearest tests by CPU time')
 
@@ -125,23 +154,18 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f'{spent:8.2f} {name}')
 
 
-def explained(report: pytest.TestReport | pytest.CollectReport) -> None:
-    """Turn a skip that has no reason in ALLOWED_SKIPS into a failure that says so."""
-    if not report.skipped or hasattr(report, 'wasxfail'):
-        return
-    given = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
-    reason = str(given).removeprefix('Skipped: ')
-    for pattern, allowed in ALLOWED_SKIPS.items():
-        if fnmatch.fnmatch(report.nodeid, pattern) and reason == allowed:
-            return
-    report.outcome = 'failed'
-    report.longrepr = f'skipped, and tests/conftest.py does not say why it may be: {reason}'
-
-
 def cpu_s() -> float:
     """Return the CPU time of this process and of its children that it has waited for, in s."""
     usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+def loop_s() -> float:
+    """Return the CPU time that a loop takes now, in s: how slow the machine is at the moment."""
+    before, x = cpu_s(), 0.0
+    for i in range(200_000):
+        x = x * 0.5 + i
+    return cpu_s() - before
 
 
 class Cost:
@@ -149,11 +173,24 @@ class Cost:
 
     def __init__(self) -> None:
         self.start = cpu_s()
+        self.begun = time.time()
         self.fixtures: dict[str, float] = {}
 
     @property
     def own(self) -> float:
         return cpu_s() - self.start - sum(self.fixtures.values())
+
+    def too_much(self) -> str:
+        """Return what to say of a quick test that took more than its budget; '' where it did not.
+
+        A test during which a kernel was compiled, by this process or another, is not judged.
+        """
+        own = self.own
+        allowed = own <= BUDGET_S or own <= BUDGET_S * max(loop_s() for _ in range(5)) / LOOP_S
+        cache = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'kernels')
+        if allowed or any(path.stat().st_mtime > self.begun for path in cache.glob('*/*.nbc')):
+            return ''
+        return f'took {own:.1f} s of CPU time; a test that is not marked slow has {BUDGET_S:g} s'
 
 
 COST = [Cost()]
@@ -176,11 +213,16 @@ def pytest_fixture_setup(fixturedef: pytest.FixtureDef[object]) -> Generator[Non
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     explained(report)
     if report.when == 'teardown':
         report.costs = {report.nodeid: COST[0].own, **COST[0].fixtures}
+        said = '' if item.get_closest_marker('slow') else COST[0].too_much()
+        if said and report.passed:
+            report.outcome, report.longrepr = 'failed', said
     return report
 
 

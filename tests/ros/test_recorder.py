@@ -91,7 +91,7 @@ def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
 @pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize('trial', range(20))
+@pytest.mark.parametrize('trial', [pytest.param(0, marks=pytest.mark.every_landing), *range(1, 8)])
 def test_the_recorder_ended_at_any_moment(ros, number, trial):
     moment = random.Random(1000 * trial + number).uniform(0.05, 4.0)
     flown, log = end_in_flight(ros, number, after_s=moment, real_time_factor=80.0)

@@ -12,11 +12,13 @@ the name, so all checkouts of a user share the folders, and a second one compile
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -59,6 +61,31 @@ class Locator:
     def get_disambiguator(self) -> str:
         """Return what differs between functions of one name."""
         return str(self._line)
+
+
+_held: set[Path] = set()
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold the lock of a file, so that of several processes one compiles and the others load.
+
+    A process that holds it goes on. A file system without locks costs time only.
+    """
+    if path in _held:
+        yield
+        return
+    path.parent.mkdir(exist_ok=True)
+    with path.open('w') as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        _held.add(path)
+        try:
+            yield
+        finally:
+            _held.remove(path)
+            with suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_UN)  # a process forked meanwhile has the file too
 
 
 @cache

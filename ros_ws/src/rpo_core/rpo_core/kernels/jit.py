@@ -11,13 +11,14 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Callable
-from functools import cache
+from functools import cache, wraps
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from rpo_core.files.validation import InputError
-from rpo_core.kernels.compile_cache import Locator, folder_for
+from rpo_core.kernels.compile_cache import Locator, alone, folder_for
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
@@ -55,16 +56,31 @@ def compiled(function: Kernel, **options: Any) -> Kernel:
     if not COMPILED:
         return function
     numba = _numba()
+    folder = folder_for(function.__module__)
     # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
     options = {'error_model': 'numpy', 'fastmath': False, **options}
-    options['cache'] = folder_for(function.__module__) is not None
     before = numba.config.CACHE_LOCATOR_CLASSES
     # numba's own look at the sources stops at the file: see `compile_cache`.
     numba.config.CACHE_LOCATOR_CLASSES = f'{Locator.__module__}.{Locator.__name__}'
     try:
-        return cast(Kernel, numba.njit(**options)(function))
+        made = numba.njit(cache=folder is not None, **options)(function)
     finally:
         numba.config.CACHE_LOCATOR_CLASSES = before
+    if folder is not None:
+        made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
+    return cast(Kernel, made)
+
+
+def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]:
+    """Return a kernel's `compile` that only one process at a time enters."""
+    from numba.core.compiler_lock import global_compiler_lock
+
+    @wraps(compile_for)
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock, alone(lock):  # in this order: else two threads could wait
+            return compile_for(signature)
+
+    return compile_alone
 
 
 @cache

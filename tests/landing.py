@@ -1,0 +1,74 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The slow tests that continuous integration runs: `pytest -p landing -m slow`, as in `.ci/run`.
+
+Those marked `every_landing` go first, then those that were never run or not for the longest time,
+until about `TIME_S` is full. What each took, and when, is in a file of the user's cache. Without
+that file, as after a new checkout, the count of commits chooses another tenth of the tests each
+time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+import zlib
+from pathlib import Path
+
+import pytest
+
+TIME_S = 120.0
+GUESS_S = 10.0
+"""How long a test takes that was never run here."""
+RECORD = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'slow_tests.json')
+
+
+def record() -> dict[str, tuple[str, float]]:
+    """Return test -> (date of its last run that passed, how long it took in s)."""
+    return json.loads(RECORD.read_text()) if RECORD.exists() else {}
+
+
+def turn(name: str, commits: int) -> int:
+    """Return in how many landings it is this test's turn, 0 to 9."""
+    return (zlib.crc32(name.encode()) - commits) % 10
+
+
+def chosen(names: list[str], every: set[str], commits: int, workers: int) -> list[str]:
+    """Return the tests for this landing, in their order."""
+    known = record()
+
+    def order(name: str) -> tuple[bool, str, int]:
+        return name not in every, known.get(name, ('', 0.0))[0], turn(name, commits)
+
+    found, planned_s = [], 0.0
+    for name in sorted(names, key=order):
+        if planned_s < TIME_S * workers and (known or name in every or not turn(name, commits)):
+            found.append(name)
+            planned_s += known.get(name, ('', GUESS_S))[1]
+    return found
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    commits = subprocess.check_output(['git', 'rev-list', '--count', 'HEAD'], cwd=config.rootpath)
+    workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+    of = {item.nodeid: item for item in items if item.get_closest_marker('slow')}
+    every = {name for name, item in of.items() if item.get_closest_marker('every_landing')}
+    found = chosen(list(of), every, int(commits), workers)
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in found])
+    items[:] = [of[name] for name in found]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    before, now = record(), {}
+    terminalreporter.section('slow tests of this landing: last run, time now')
+    for report in terminalreporter.stats.get('passed', []):
+        last = before.get(report.nodeid, ('never here', 0.0))[0]
+        terminalreporter.line(f'{last:>10} {report.duration:6.1f} s {report.nodeid}')
+        now[report.nodeid] = (time.strftime('%Y-%m-%d'), round(report.duration, 1))
+    RECORD.parent.mkdir(parents=True, exist_ok=True)
+    RECORD.write_text(json.dumps({**before, **now}, indent=0, sort_keys=True))
+    oldest = min((date for date, _ in before.values()), default='')
+    terminalreporter.line(f'{len(before)} slow tests ran here before, the first of them {oldest}')
