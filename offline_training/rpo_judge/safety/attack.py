@@ -51,7 +51,7 @@ OUTSIDE, HARD, PORT_EXCESS = range(9, 12)
 COLUMNS = 12
 
 
-class World(NamedTuple):
+class Bounds(NamedTuple):
     """What the world may do, the bounds of the proof.
 
     position_m, velocity_m_s, push_n : largest norms of the errors and the disturbance
@@ -412,7 +412,7 @@ def attack(
     """
     settings = settings_of(scenario)
     proof = proof_of(settings, scenario)
-    world = _world(settings, scenario, proof)
+    world = _bounds(settings, scenario, proof)
     n, mass, dt = scenario.mean_motion_rad_s, scenario.mass_kg, scenario.dt_s
     step, fine = (np.array(cw.discretise(n, mass, t)) for t in (dt, dt / PARTS))
     kinds = np.arange(runs) % len(KINDS)
@@ -430,14 +430,14 @@ def attack(
     return [Result(kind, rows[kinds == i]) for i, kind in enumerate(KINDS)]
 
 
-def _world(settings: Assurance, scenario: Any, proof: Proof) -> World:
+def _bounds(settings: Assurance, scenario: Any, proof: Proof) -> Bounds:
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     if delay > LONGEST_DELAY:
         raise InputError(f'`thrusters.delay_ticks` must be <= {LONGEST_DELAY}; got {delay}')
     wait = delay * scenario.dt_s
     way = settings.corridor
     pushed = 1.01 * proof.errors.disturbance_n / scenario.mass_kg
-    return World(
+    return Bounds(
         *(proof.errors.position_m, proof.errors.velocity_m_s),
         push_n=proof.errors.disturbance_n,
         delay=delay,

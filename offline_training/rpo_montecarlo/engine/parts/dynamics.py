@@ -18,7 +18,7 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.kernels import CwStep, cw_step, unpacked
 from rpo_core.kernels.orbit_kernels import (
     COLUMNS,
-    World,
+    Environment,
     inertial,
     middle,
     orbit_row,
@@ -28,7 +28,7 @@ from rpo_core.kernels.orbit_kernels import (
     turning,
 )
 from rpo_core.world import cw
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, steps_per_tick, target_start, world_of
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
 from rpo_montecarlo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 
@@ -42,8 +42,8 @@ STEPS = MASSES + RUNS
 
 STARTS, DENSITY, CHASER = (MASSES + RUNS * i for i in (1, 7, 8))
 WORLD = MASSES + 9 * RUNS
-"""Or, in the table of orbits: the inertial states of the targets, density and chaser of `World`;
-then the numbers of `World`, how many steps a tick has, and how long one is [s]."""
+"""Or, in the table of orbits: the inertial states of the targets, density and chaser of
+`Environment`; then its numbers, how many steps a tick has, and how long one is [s]."""
 
 # Rows of the memory of orbits: flat, so that the compiler knows how far apart they are.
 NOW, SLOPE = 0, 6 * RUNS  # inertial state of the target, its derivative
@@ -99,7 +99,7 @@ def step_each(w, m, t, tick):  # type: ignore[no-untyped-def]
 def _world(t, s):  # type: ignore[no-untyped-def]
     """World of a run."""
     i = WORLD
-    return World(
+    return Environment(
         t[i], t[i + 1], t[DENSITY + s], t[i + 3], t[i + 4], t[i + 5], t[i + 6], t[CHASER + s],
         int(t[i + 8]),
     )  # fmt: skip
@@ -224,7 +224,7 @@ def _orbits(batch: Batch, burns: bool) -> Part:
     worlds, starts = [], []
     for s in batch.scenarios:
         assert s.dynamics is not None
-        worlds.append(world_of(s.dynamics, s))
+        worlds.append(environment_of(s.dynamics, s))
         starts.append(target_start(s.dynamics, s))
     first = batch.scenarios[0]
     assert first.dynamics is not None

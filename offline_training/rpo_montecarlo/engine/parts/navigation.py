@@ -14,7 +14,7 @@ from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.kernels import measured
 from rpo_core.kernels.noise import six_normals
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     PAIRED_LANES,

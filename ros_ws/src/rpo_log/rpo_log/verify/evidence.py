@@ -20,11 +20,11 @@ import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
 
-from rpo_core.chain.decimation import Decimation
 from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import shown
 from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.interfaces import Decimation
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError, read_at_most
 from rpo_log.format import rosbag2, schemas
