@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
-from rpo_judge.truth.inertial import World, cross
+from rpo_judge.truth import World, cross
 
 Floats = NDArray[np.float64]
 

@@ -3,54 +3,490 @@
 """Changes a run folder in every way that it can, and looks whether `rpo verify` is deceived.
 
 Each case takes the records of a run's files apart, changes some of them, puts them together again
-with checksums that fit, and verifies the result: `python -m tools.mutate_runs runs/demo`. A case is
-drawn from its number alone. It fails if
+with checksums that fit, and verifies the result: `python -m tools.mutate_runs runs/demo`. It fails
+if the changed folder verifies, proves what the true one proves, rests on the same files, and a
+command shows something else of what is proven; and as every case of `tools.mutating`.
 
-- the changed folder verifies, proves what the true one proves, rests on the same files, and a
-  command shows something else of what is proven;
-- anything but one sentence comes out;
-- it takes more than 10 s, or the process more than 1 GB.
-
-With `--signed` the folder is signed first, and each case is a lie of someone without the key: a
-file that is signed, the digests, the signature or the log that is read is another. It fails if the
-folder verifies or is called signed, or if a signed file that differs is not exit code 1.
+With `--signed` the folder is signed first, and each case is a lie of someone without the key. Such
+a forger has a key of his own, another run that the same key signed, and every file of the folder.
+He changes files, exchanges the log, adds a second one, edits the digests and the signature. A case
+fails if the folder verifies or is called signed, or if a signed file that differs is not exit code
+1.
 """
 
 from __future__ import annotations
 
-import argparse
-import multiprocessing
+import hashlib
+import os
 import random
-import resource
+import re
 import shutil
+import stat
 import struct
 import sys
 import tempfile
-import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
+from mcap.writer import CompressionType, Writer
 
 from rpo_core.files.validation import InputError
 from rpo_log import signature
 from rpo_log.errors import ExitCode
 from rpo_log.format import sums
 from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
+from rpo_log.read.records import FileRecords, RawMessage, message_at
 from rpo_log.read.run_log import read_decisions, read_run
 from rpo_log.signature import sign_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import Verification, verify
-from tools.lies import Forger, evidence, lie
-from tools.mutations import Parts, mutate
+from tools.mutating import (
+    NOT_WRITTEN,
+    Case,
+    Outcomes,
+    flipped,
+    judge_all,
+    judge_cases,
+    parser_of,
+    replace_file,
+)
 
-MOST_S = 10.0
-MOST_BYTES = 1 << 30
+_NUMBERS = (0.0, -0.0, 1e-300, 1e308, float('inf'), float('nan'), 1.0, -1.0)
 
-Work = Callable[[tuple[int, int]], Counter[tuple[str, str]]]
-"""Judges the cases from a first to before a last; returns how often each outcome came."""
+
+@dataclass
+class Parts:
+    """An MCAP file taken apart: its records, and where each chunk of messages ends."""
+
+    records: list[McapRecord | RawMessage | None]
+    compression: CompressionType = CompressionType.ZSTD
+
+    @classmethod
+    def of(cls, path: Path) -> Parts:
+        """Take a file apart; None stands for the end of a chunk."""
+        found: list[McapRecord | RawMessage | None] = []
+        records = FileRecords(path)
+        for record in records:
+            if isinstance(record, Chunk):
+                data = records.content_of(record)
+                inner = records.messages_in(data, found.append)
+                found += [message_at(data, at) for at in inner]
+                found.append(None)
+            elif isinstance(record, Header | Metadata | Attachment):
+                found.append(record)
+        return cls(found)
+
+    def write(self, path: Path) -> None:
+        """Put the file together again, all checksums and indexes right."""
+        with path.open('wb') as stream:
+            writer = Writer(stream, chunk_size=1 << 40, compression=self.compression)
+            head = next((r for r in self.records if isinstance(r, Header)), Header('', ''))
+            writer.start(profile=head.profile, library=head.library)
+            schemas: dict[int, int] = {}
+            channels: dict[int, int] = {}
+            for record in self.records:
+                _add(writer, record, schemas, channels)
+            writer.finish()
+
+
+def _add(
+    writer: Writer,
+    record: McapRecord | RawMessage | None,
+    schemas: dict[int, int],
+    channels: dict[int, int],
+) -> None:
+    if record is None:
+        writer.flush()
+    elif isinstance(record, Metadata):
+        writer.add_metadata(record.name, record.metadata)
+    elif isinstance(record, Attachment):
+        writer.add_attachment(
+            record.create_time, record.log_time, record.name, record.media_type, record.data
+        )
+    elif isinstance(record, Schema):
+        schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+    elif isinstance(record, Channel):
+        channels[record.id] = writer.register_channel(
+            record.topic, record.message_encoding, schemas.get(record.schema_id, 0), record.metadata
+        )
+    elif isinstance(record, RawMessage):
+        writer.add_message(
+            channels.get(record.channel, 0), record.log_ns, record.data, record.publish_ns,
+            record.sequence,
+        )  # fmt: skip
+
+
+Change = Callable[[random.Random, list[Any]], None]
+
+
+def _drop(rng: random.Random, records: list[Any]) -> None:
+    records.pop(rng.randrange(len(records)))
+
+
+def _repeat(rng: random.Random, records: list[Any]) -> None:
+    at = rng.randrange(len(records))
+    records.insert(rng.choice((at, rng.randrange(len(records)))), records[at])
+
+
+def _swap(rng: random.Random, records: list[Any]) -> None:
+    a, b = rng.randrange(len(records)), rng.randrange(len(records))
+    records[a], records[b] = records[b], records[a]
+
+
+def _move_on(rng: random.Random, records: list[Any]) -> None:
+    at = rng.randrange(len(records))
+    records[at : at + 2] = records[at : at + 2][::-1]
+
+
+def _edit(rng: random.Random, records: list[Any]) -> None:
+    """Change one record; the rare ones as often as messages."""
+    kinds = {type(record) for record in records if record is not None}
+    kind = rng.choice(sorted(kinds, key=lambda kind: kind.__name__))
+    at = rng.choice([i for i, record in enumerate(records) if type(record) is kind])
+    records[at] = _edited(rng, records[at])
+
+
+def _edited(rng: random.Random, record: Any) -> Any:
+    if isinstance(record, RawMessage):
+        return _edited_message(rng, record)
+    fields = [name for name in vars(record) if name not in ('crc',)]
+    name = rng.choice(fields)
+    value = getattr(record, name)
+    if isinstance(value, dict):
+        value = dict(value)
+        key = rng.choice(sorted(value)) if value else 'key'
+        what = rng.randrange(3)
+        if what == 0:
+            value.pop(key, None)
+        elif what == 1:
+            value[key + 'x'] = '1'
+        else:
+            value[key] = _text(rng, value.get(key, ''))
+    elif isinstance(value, bytes):
+        value = _bytes(rng, value)
+    elif isinstance(value, str):
+        value = _text(rng, value)
+    else:
+        value = rng.choice((0, value + 1, max(0, value - 1), rng.randrange(8)))
+    return replace(record, **{name: value})
+
+
+def _edited_message(rng: random.Random, message: RawMessage) -> RawMessage:
+    what = rng.randrange(8)
+    if what == 0:
+        return message._replace(channel=rng.randrange(9))
+    if what == 1:
+        return message._replace(sequence=rng.choice((0, message.sequence + 1, 1 << 31)))
+    if what == 2:
+        step = rng.choice((1, -1, 100_000_000))
+        return message._replace(log_ns=max(0, message.log_ns + step))
+    if what == 3:
+        return message._replace(publish_ns=message.publish_ns + 1)
+    if what == 4 and len(message.data) >= 20:
+        at = 4 + 8 * rng.randrange((len(message.data) - 4) // 8)
+        number = struct.pack('<d', rng.choice(_NUMBERS))
+        return message._replace(data=message.data[:at] + number + message.data[at + 8 :])
+    if what == 5:
+        return message._replace(data=_text_of(rng, message.data))
+    return message._replace(data=_bytes(rng, message.data))
+
+
+def _text_of(rng: random.Random, data: bytes) -> bytes:
+    """Change a digit or a letter that stands in the bytes."""
+    places = [i for i, byte in enumerate(data) if chr(byte).isascii() and chr(byte).isalnum()]
+    if not places:
+        return data
+    at = rng.choice(places)
+    return data[:at] + rng.choice(b'0123456789aeiou').to_bytes(1, 'big') + data[at + 1 :]
+
+
+def _bytes(rng: random.Random, data: bytes) -> bytes:
+    what, at = rng.randrange(5), rng.randrange(len(data) + 1)
+    if what == 0 and at < len(data):
+        return flipped(rng, data, at)
+    if what == 1:
+        return data[:at]
+    if what == 2:
+        return data[:at] + rng.randbytes(rng.randrange(1, 9)) + data[at:]
+    if what == 3:
+        return data[:at] + bytes(rng.randrange(1, 9)) + data[at + 8 :]
+    return _text_of(rng, data)
+
+
+def _text(rng: random.Random, text: str) -> str:
+    changed = _bytes(rng, text.encode()).decode('utf-8', 'replace')
+    return rng.choice((changed, text + ' ', text.upper(), '', '9' * 5000, '²', text * 2))
+
+
+CHANGES: tuple[Change, ...] = (_drop, _repeat, _swap, _move_on, _edit, _edit, _edit, _edit)
+
+
+def _mutate_records(rng: random.Random, path: Path) -> str:
+    parts = Parts.of(path)
+    names = []
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        change = rng.choice(CHANGES)
+        change(rng, parts.records)
+        names.append(change.__name__)
+    parts.compression = rng.choice((CompressionType.ZSTD,) * 8 + tuple(CompressionType))
+    parts.write(path)
+    return f'records{"".join(sorted(set(names)))}'
+
+
+def _mutate_bytes(rng: random.Random, path: Path) -> str:
+    data = path.read_bytes()
+    what = rng.randrange(4)
+    if what == 0 and data:  # a length that asks for more than there is
+        at = rng.randrange(len(data))
+        data = data[:at] + struct.pack('<Q', 1 << rng.randrange(64)) + data[at + 8 :]
+    elif what == 1 and path.suffix in ('.yaml', '') and data:
+        lines = data.split(b'\n')
+        at = rng.randrange(len(lines))
+        lines[at : at + 1] = rng.choice(([], [lines[at]] * 2, [_text_of(rng, lines[at])]))
+        data = b'\n'.join(lines)
+    else:
+        data = _bytes(rng, data)
+    path.write_bytes(data)
+    return 'bytes'
+
+
+def _mutate_files(rng: random.Random, path: Path) -> str:
+    what = rng.choice(('remove', 'swap', 'empty', 'link', 'pipe', 'folder', 'more', 'sparse'))
+    others = sorted(p for p in path.parent.iterdir() if p.is_file() and p != path)
+    other = rng.choice(others)
+    if what == 'more':
+        names = ('run_1.mcap', 'run_².mcap', 'notes\n.txt', 'x.mcap', 'run_0.mcap')
+        shutil.copy(path, path.parent / rng.choice(names))
+    else:
+        replace_file(rng, what, path, other, Path(other.name))
+    return f'file {what}'
+
+
+def change(rng: random.Random, folder: Path) -> tuple[Path, str]:
+    """Change a file of a run folder; return which, and what kind of change it was."""
+    paths = sorted(path for path in folder.iterdir() if path.is_file())
+    weights = [12 if p.name == 'run.mcap' else 4 if p.suffix == '.mcap' else 1 for p in paths]
+    path = rng.choices(paths, weights)[0]
+    way = rng.random()
+    if path.suffix == '.mcap' and way < 0.8:
+        kind = _mutate_records(rng, path)
+    elif way < 0.95:
+        kind = _mutate_bytes(rng, path)
+    else:
+        kind = _mutate_files(rng, path)
+    return path, kind
+
+
+def mutate(rng: random.Random, folder: Path) -> str:
+    """Change a run folder, and perhaps its digests; return what kind of change it was."""
+    path, kind = change(rng, folder)
+    digests = rng.choice(('kept', 'kept', 'forged', 'forged', 'removed'))
+    if path.name != SUMS_FILE and digests == 'forged' and not kind.endswith('sparse'):
+        sums.write_sums(folder)
+    elif digests == 'removed':
+        (folder / SUMS_FILE).unlink(missing_ok=True)
+    return f'{path.name}: {kind}; digests {digests}'
+
+
+_READ = re.compile(r'run(_[0-9]+)?\.mcap|decisions\.mcap|metadata\.yaml')
+_MOST_BYTES = 1 << 28
+
+
+@dataclass(frozen=True)
+class Forger:
+    """What a forger has.
+
+    key : file of a private key that nobody trusts
+    other : folder of another run, signed with the key that is trusted
+    """
+
+    key: Path
+    other: Path
+
+
+Lie = Callable[[random.Random, Path, Forger], str]
+
+
+def evidence(folder: Path, names: Iterable[str]) -> dict[str, object]:
+    """Return what a folder shows of some files, of its digests and of what is read as a log.
+
+    A file is its bytes; a link, a pipe, a folder is only what it is. Of the digests and their
+    signature only the bytes count: they prove themselves.
+    """
+    read = [entry.name for entry in folder.iterdir() if _READ.fullmatch(entry.name)]
+    found = {name: _shown(folder / name) for name in {*names, *read}}
+    return found | {name: _shown((folder / name).resolve()) for name in (SUMS_FILE, SIGNATURE_FILE)}
+
+
+def _shown(path: Path) -> object:
+    try:
+        found = path.lstat()
+    except OSError:
+        return 'nothing'
+    if not stat.S_ISREG(found.st_mode) or found.st_size > _MOST_BYTES:
+        return stat.S_IFMT(found.st_mode), found.st_size
+    linked = any(parent.is_symlink() for parent in path.parents[:-1])
+    return linked, hashlib.sha256(path.read_bytes()).digest()
+
+
+def lie(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Change a signed folder, then its digests and signature; return what kind of change it was."""
+    lies = [rng.choice(LIES)(rng, folder, forger) for _ in range(rng.choice((1, 1, 1, 2)))]
+    return '; '.join((*lies, rng.choice(ENDS)(rng, folder, forger)))
+
+
+def _change(rng: random.Random, folder: Path, forger: Forger) -> str:
+    path, kind = change(rng, folder)
+    return f'{path.name}: {kind}'
+
+
+def _put(rng: random.Random, source: Path, target: Path) -> str:
+    """Let a file take the place of another: its bytes, or a link to them."""
+    if target.is_dir() and not target.is_symlink():
+        shutil.rmtree(target)
+    target.unlink(missing_ok=True)
+    way = rng.choice(('copy', 'copy', 'link', 'hard link', 'link to a copy'))
+    if way == 'copy':
+        shutil.copy(source, target)
+    elif way == 'link':
+        target.symlink_to(source.resolve())
+    elif way == 'hard link':
+        os.link(source.resolve(), target)
+    else:
+        aside = target.with_name(f'{target.stem}.old')
+        shutil.copy(source, aside)
+        target.symlink_to(aside.name)
+    return way
+
+
+def _exchange(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Put files of the other run in the place of those of this one; most often the log."""
+    there = sorted(path.name for path in forger.other.glob('*.*') if path.name != SIGNATURE_FILE)
+    logs = [name for name in there if name.startswith('run') and name.endswith('.mcap')]
+    chosen = rng.choice((logs, logs, [*logs, METADATA_FILE, DECISIONS_FILE], [rng.choice(there)]))
+    ways = {_put(rng, forger.other / name, folder / name) for name in chosen if name in there}
+    return f'exchange {"+".join(chosen)} by {"+".join(sorted(ways))}'
+
+
+def _stray(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Put a log, or another file that is read, beside those of the run."""
+    logs = sorted(forger.other.glob('run*.mcap'))
+    parts = len(list(folder.glob('run_*.mcap')))
+    names = ('run.mcap', 'run_0.mcap', f'run_{parts}.mcap', DECISIONS_FILE, METADATA_FILE)
+    name = rng.choice(names)
+    if name in (DECISIONS_FILE, METADATA_FILE):
+        return f'stray {name} by {_put(rng, forger.other / name, folder / name)}'
+    if not (folder / name).exists() or rng.random() < 0.5:
+        return f'stray {name} by {_put(rng, rng.choice(logs), folder / name)}'
+    free = rng.choice(('run.mcap', 'run_0.mcap', 'old/run.mcap', 'run.mcap.old'))
+    (folder / free).parent.mkdir(exist_ok=True)
+    (folder / name).rename(folder / free)
+    return f'{name} moved to {free}; {_put(rng, rng.choice(logs), folder / name)} in its place'
+
+
+def _link(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Move a file, or a folder, away; leave a link, to the same bytes or to others."""
+    path = rng.choice(sorted(path for path in folder.iterdir() if not path.is_symlink()))
+    aside = folder.parent / f'aside-{path.name}'
+    if aside.is_dir():
+        shutil.rmtree(aside)
+    path.rename(aside)
+    path.symlink_to(aside)
+    if aside.is_dir() and rng.random() < 0.5:
+        for found in aside.rglob('*.*'):
+            found.write_bytes(b'better')
+    return f'{path.name} is a link'
+
+
+def _edit_sums(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Change a line of the digests, or how it is written."""
+    path = folder / SUMS_FILE
+    lines = path.read_text(errors='surrogateescape').splitlines() or ['']
+    at = rng.randrange(len(lines))
+    digest, _, name = lines[at].partition('  ')
+    edits: dict[str, list[str]] = {
+        'dropped': [],
+        'twice': [lines[at], lines[at]],
+        'twice, another digest': [lines[at], f'{"0" * 64}  {name}'],
+        'of another name': [f'{digest}  {name}.old'],
+        'upper case': [f'{digest.upper()}  {name}'],
+        'CRLF': [f'{lines[at]}\r'],
+        'a path': [f'{digest}  {rng.choice(("./", "../", "/", "report/../", "//"))}{name}'],
+        'absolute': [f'{digest}  {(folder / name).absolute()}'],
+        'binary mark': [f'{digest} *{name}'],
+        'escaped': [f'\\{digest}  {name}'],
+        'space': [f' {lines[at]}'],
+        'comment': [f'# {lines[at]}'],
+        'of itself': [lines[at], f'{digest}  {SUMS_FILE}'],
+        'moved': [],
+    }
+    way = rng.choice(sorted(edits))
+    changed = [*lines[:at], *edits[way], *lines[at + 1 :], *([lines[at]] if way == 'moved' else [])]
+    text = '\n'.join(changed) + rng.choice(('\n',) * 6 + ('', '\n\n', '\0\n'))
+    path.write_bytes(text.encode(errors='surrogateescape'))
+    return f'a line {way}'
+
+
+def _edit_signature(rng: random.Random, folder: Path, forger: Forger) -> str:
+    path = folder / SIGNATURE_FILE
+    data = path.read_bytes() or b'\0'
+    at = rng.randrange(len(data))
+    ways = (
+        flipped(rng, data, at),
+        data[:at],
+        data + b'\0',
+        b'',
+        bytes(64),
+        data.hex().encode(),
+        data * 2,
+    )
+    data = rng.choice(ways)
+    path.write_bytes(data)
+    return 'another signature'
+
+
+def _keep(rng: random.Random, folder: Path, forger: Forger) -> str:
+    return 'digests kept'
+
+
+def _forge(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Write digests that fit, and keep the signature, drop it, or sign with another key."""
+    if any(p.is_file() and p.stat().st_size > _MOST_BYTES for p in folder.iterdir()):
+        return 'digests kept'
+    path = folder / SIGNATURE_FILE
+    kept = path.read_bytes() if path.is_file() else b''
+    fitting = sums.write_sums(folder)
+    way = rng.choice(('old', 'no', "the forger's"))
+    if way == 'old':
+        path.write_bytes(kept)
+    elif way != 'no':
+        signature.sign(folder, fitting, signature.private_key(forger.key))
+    return f'digests forged, {way} signature'
+
+
+def _replay(rng: random.Random, folder: Path, forger: Forger) -> str:
+    """Take digests and signature from the other run, or one of them."""
+    names = rng.choice(((SUMS_FILE, SIGNATURE_FILE), (SUMS_FILE,), (SIGNATURE_FILE,)))
+    ways = {_put(rng, forger.other / name, folder / name) for name in names}
+    return f'{"+".join(names)} of the other run by {"+".join(sorted(ways))}'
+
+
+def _remove(rng: random.Random, folder: Path, forger: Forger) -> str:
+    name = rng.choice((SUMS_FILE, SIGNATURE_FILE))
+    (folder / name).unlink(missing_ok=True)
+    return f'no {name}'
+
+
+LIES: tuple[Lie, ...] = (
+    _change, _change, _change, _exchange, _exchange, _stray, _stray, _link, _edit_sums,
+    _edit_signature, _replay,
+)  # fmt: skip
+ENDS: tuple[Lie, ...] = (_keep,) * 5 + (_forge, _forge, _edit_sums, _replay, _remove)
+
 
 _WORDS = {ExitCode.DIFFERENT: 'different', ExitCode.INCOMPLETE: 'incomplete'}
 _ATTEMPTS = 100
@@ -70,7 +506,7 @@ def shown(folder: Path, proven: Verification) -> Iterator[Any]:
         yield (folder / METADATA_FILE).read_bytes()
 
 
-class Case:
+class RunCase(Case):
     """Verifies changed copies of one run folder.
 
     run : the true folder, which verifies
@@ -87,34 +523,6 @@ class Case:
         folder = scratch / 'run'
         shutil.copytree(self.run, folder, ignore=shutil.ignore_patterns('report'))
         return folder, mutate(rng, folder)
-
-    def judge(self, seed: int, number: int, scratch: Path) -> tuple[str, str]:
-        """Return the outcome of a case: a word, and what was changed."""
-        rng = random.Random(f'{seed} {number}')
-        shutil.rmtree(scratch / 'case', ignore_errors=True)
-        (scratch / 'case').mkdir()
-        try:
-            folder, kind = self.change(rng, scratch / 'case')
-        except (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError) as error:
-            return 'not written', type(error).__name__  # the writer refuses such a file
-        outcome, took_s = self._timed(folder)
-        if took_s > MOST_S and self._timed(folder)[1] > MOST_S:  # twice: not a busy machine
-            outcome = 'TOO SLOW'
-        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 > MOST_BYTES:
-            outcome = 'TOO LARGE'
-        return outcome, kind
-
-    def _timed(self, folder: Path) -> tuple[str, float]:
-        begun = time.monotonic()
-        return self._outcome(folder), time.monotonic() - begun
-
-    def _outcome(self, folder: Path) -> str:
-        try:
-            return self.outcome(folder)
-        except InputError as error:
-            return 'refused' if '\n' not in str(error) else 'NOT ONE SENTENCE'
-        except Exception as error:  # whatever comes out is what this program looks for
-            return f'TRACEBACK {type(error).__name__}'
 
     def outcome(self, folder: Path) -> str:
         """Verify a changed folder; return what came out, in capitals if it must not."""
@@ -134,7 +542,7 @@ class Case:
         return all(sums.digest_of(folder / name) == listed[name] for name in kept)
 
 
-class SignedCase(Case):
+class SignedCase(RunCase):
     """Verifies lies about one run folder, which is signed here.
 
     run : the true folder, which verifies
@@ -168,7 +576,7 @@ class SignedCase(Case):
             shutil.copytree(self._forger.other, forger.other)
             try:
                 kind = lie(rng, place / 'run', forger)
-            except (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError):
+            except NOT_WRITTEN:
                 continue  # a change of a file that is not there any more
             if not self._is_true(place / 'run'):
                 return place / 'run', kind
@@ -207,71 +615,27 @@ def run_cases(
     last: int,
     signed: bool = False,
     other: Path | None = None,
-) -> Counter[tuple[str, str]]:
+) -> Outcomes:
     """Judge the cases from `first` to before `last`; return how often each outcome came.
 
     signed, other : whether the folder is signed and the cases are lies, see `SignedCase`
     """
-    found: Counter[tuple[str, str]] = Counter()
-    with tempfile.TemporaryDirectory() as scratch:
-        case = SignedCase(run, other, Path(scratch)) if signed else Case(run)
-        for number in range(first, last):
-            outcome, kind = case.judge(seed, number, Path(scratch))
-            if outcome.split()[0].isupper():
-                print(f'case {number}: {outcome}: {kind}', flush=True)
-            found[outcome, kind if outcome.split()[0].isupper() else ''] += 1
-    return found
-
-
-def failures(found: Counter[tuple[str, str]]) -> int:
-    """Return how many cases failed."""
-    return sum(count for (outcome, _), count in found.items() if outcome.split()[0].isupper())
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a bench: which cases, and on how many processes."""
-    parser.add_argument('--cases', type=int, default=1000)
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--first', type=int, default=0, help='number of the first case')
-    parser.add_argument('--workers', type=int, default=1, help='processes')
-
-
-def judge_all(work: Work, options: argparse.Namespace, size: int) -> int:
-    """Judge the cases of a bench, print what came out; return its exit code.
-
-    work : gets the first case of a part and the one behind its last
-    size : cases of a part, each a task of a process
-    """
-    begun, end = time.monotonic(), options.first + options.cases
-    parts = [(first, min(first + size, end)) for first in range(options.first, end, size)]
-    found: Counter[tuple[str, str]] = Counter()
-    with multiprocessing.Pool(options.workers) as pool:
-        for part in pool.imap(work, parts):
-            found += part
-            print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
-                  f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip
-    outcomes: Counter[str] = Counter()
-    for (outcome, _), count in found.items():
-        outcomes[outcome] += count
-    for outcome, count in outcomes.most_common():
-        print(f'{count:8d}  {outcome}')
-    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
-    return 1 if failures(found) else 0
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        case = SignedCase(run, other, scratch) if signed else RunCase(run)
+        return judge_cases([case], seed, first, last, scratch)
 
 
 def _work(
     run: Path, seed: int, signed: bool, other: Path | None, part: tuple[int, int]
-) -> Counter[tuple[str, str]]:
+) -> Outcomes:
     return run_cases(run, seed, *part, signed, other)
 
 
 def main() -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument('run', type=Path, help='run folder that verifies')
-    add_options(parser)
     parser.add_argument('--signed', action='store_true', help='sign the run; each case is a lie')
     parser.add_argument('--other', type=Path, help='run folder from which lies take files')
     options = parser.parse_args()

@@ -16,7 +16,6 @@ from rpo_cli.commands import (
     evaluate,
     explain,
     export,
-    import_,
     log,
     optimal,
     plan,
@@ -26,7 +25,6 @@ from rpo_cli.commands import (
     simulate,
     train,
     truth,
-    tune,
     watch,
 )
 from rpo_core.files.validation import InputError
@@ -77,7 +75,7 @@ def _options(
 
 
 app.command(epilog=train.EXAMPLES)(train.train)
-app.command(epilog=tune.EXAMPLES)(tune.tune)
+app.command(epilog=train.TUNE_EXAMPLES)(train.tune)
 app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
@@ -89,7 +87,7 @@ app.command(epilog=prove.EXAMPLES)(prove.prove)
 app.command(epilog=compare.EXAMPLES)(compare.compare)
 app.command(epilog=explain.EXAMPLES)(explain.explain)
 app.command(epilog=export.EXAMPLES)(export.export)
-app.command('import', epilog=import_.EXAMPLES)(import_.import_controller)
+app.command('import', epilog=export.IMPORT_EXAMPLES)(export.import_controller)
 app.add_typer(log.log, name='log')
 app.command(epilog=log.VERIFY_EXAMPLES)(log.verify)
 app.command(epilog=log.KEYGEN_EXAMPLES)(log.keygen)

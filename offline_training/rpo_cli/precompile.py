@@ -19,7 +19,7 @@ from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.evaluation.comparison import metrics_of
 from rpo_judge.safety.attack import attack
-from rpo_judge.safety.quiet import quiet
+from rpo_judge.safety.counts import quiet
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.engine.cases import case_of_set

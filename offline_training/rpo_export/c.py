@@ -18,9 +18,7 @@ from rpo_core import kernels
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
 from rpo_ctrl.baselines import Baseline
 from rpo_export import formats
-from rpo_export.c_expressions import number
-from rpo_export.c_function import wrapped
-from rpo_export.c_source import Source
+from rpo_export.c_source import Source, number, wrapped
 from rpo_export.kernel_source import law_of
 from rpo_montecarlo.outputs import identifier
 

@@ -22,9 +22,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.kernels import cw_step
 from rpo_core.wire import interfaces
 from rpo_export import c, formats
-from rpo_export.c_expressions import number
-from rpo_export.c_function import wrapped
-from rpo_export.c_source import Source
+from rpo_export.c_source import Source, number, wrapped
 from rpo_montecarlo.outputs import identifier
 from rpo_safety import filters
 from rpo_safety.assurance import CONSTRAINTS, MODES, UNKNOWN, AssuranceStage, step_of

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reports of runs, campaigns and controllers: pictures, and one page that needs nothing else.
 
-`run`, `campaign`, `controller`, `training` say what stands on a page, in the blocks of
-`blocks`; modules `*_plots` draw; `page` writes. The page loads nothing from the network.
+`run`, `campaign`, `controller`, `training` say what stands on a page; modules `*_plots` draw;
+`page` has the blocks of a page, and writes it. The page loads nothing from the network.
 """

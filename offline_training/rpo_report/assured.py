@@ -17,9 +17,9 @@ from rpo_core.chain.flight import Flight
 from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_report import guided
-from rpo_report.blocks import Block, Picture, Section, Table, Text
 from rpo_report.guided import Phase
 from rpo_report.logged import steps_again
+from rpo_report.page import Block, Picture, Section, Table, Text
 from rpo_safety.abort import Change
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.kernels import FAR

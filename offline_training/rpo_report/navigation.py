@@ -17,8 +17,8 @@ from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_log.show.report import by_axis
 from rpo_nav.estimator import EstimatorStage
-from rpo_report.blocks import Picture, Section, Table
 from rpo_report.logged import steps_again
+from rpo_report.page import Picture, Section, Table
 
 Floats = NDArray[np.float64]
 

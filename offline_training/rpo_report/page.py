@@ -9,16 +9,93 @@ inline SVG whose colours are CSS variables: they follow the reader's light or da
 from __future__ import annotations
 
 import io
+import os
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from rpo_core.files.validation import InputError
+from rpo_log.format.run import log_files
 from rpo_log.show import style
 from rpo_montecarlo.outputs import writing
-from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
+
+
+@dataclass(frozen=True)
+class Text:
+    """One paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; the first cell of a row names it.
+
+    columns : headings, with units
+    rows : as many cells as columns; a row of one cell heads a group of rows
+    """
+
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure.
+
+    name : stem of its PNG
+    figure : of matplotlib, in the colours of `rpo_log.show.style` alone
+    caption : what it shows; alt : what a reader who cannot see it should know
+    """
+
+    name: str
+    figure: Any
+    caption: str
+    alt: str
+
+
+@dataclass(frozen=True)
+class File:
+    """The text of a file, word for word."""
+
+    name: str
+    text: str
+
+
+Block = Text | Table | Picture | File
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report, with its heading."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report.
+
+    summary : one sentence
+    missed : whether something that the report judges is missed
+    """
+
+    title: str
+    summary: str
+    sections: tuple[Section, ...] = field(default=())
+    missed: bool = False
+
+    @property
+    def pictures(self) -> list[Picture]:
+        """All pictures, in order."""
+        return [b for s in self.sections for b in s.blocks if isinstance(b, Picture)]
+
 
 PAGE = 'report.html'
 
@@ -172,3 +249,33 @@ def _named(match: re.Match[str]) -> str:
     if colour not in style.NAMES:
         raise ValueError(f'{colour} is no colour of rpo_log.show.style')
     return f'var(--{style.NAMES[colour]})'
+
+
+_CAMPAIGN, _PROOF = 'campaign.yaml', 'proof.yaml'
+
+Subject = Literal['run', 'campaign', 'proof', 'controller']
+
+
+def subject_of(target: str) -> Subject:
+    """Return what a folder, a file or a name is: a controller, if nothing else.
+
+    Raises
+    ------
+    InputError
+        If it is a folder of neither a run nor a campaign nor a proof.
+    """
+    if target.endswith('.mcap'):
+        return 'run'
+    if not os.path.isdir(target):  # unlike Path's, never raises on odd names
+        return 'controller'
+    folder = Path(target)
+    if log_files(folder):
+        return 'run'
+    if (folder / _CAMPAIGN).is_file():
+        return 'campaign'
+    if (folder / _PROOF).is_file():
+        return 'proof'
+    raise InputError(
+        f'{target}: must be the folder of a run (it holds run.mcap), of a campaign '
+        f'({_CAMPAIGN}) or of a proof ({_PROOF}); of a training, give the .yaml of its controller'
+    )

@@ -20,8 +20,8 @@ from rpo_proof.claims import Claim, Range, lower, of_planar, row_of, upper
 from rpo_proof.folder import TEXTS, Folder, origins
 from rpo_proof.problem import PER_AXIS, Problem, range_of, title_of
 from rpo_proof.sets import InvariantSet
-from rpo_report import plane
-from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
+from rpo_report import surface_plots
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
 
 
 def report_of(path: Path) -> Report:
@@ -114,13 +114,13 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Pic
     """Return the x-y plane of starts, coloured by bound beside limit."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
-    x, y = (plane.points(settings.centre[i], settings.half[i]) for i in (0, 1))
+    x, y = (surface_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
     low, high = (planar.centre - planar.half)[:, :2], (planar.centre + planar.half)[:, :2]
-    values = plane.greatest(x, y, low, high, shares)
+    values = surface_plots.greatest(x, y, low, high, shares)
     if folder.problem.odd:
-        values = np.fmax(values, plane.greatest(x, y, -high, -low, shares))
+        values = np.fmax(values, surface_plots.greatest(x, y, -high, -low, shares))
     figure, axes = style.new_panels(6.2)
-    plane.draw(figure, [axes], [(y, x, values)])
+    surface_plots.draw_planes(figure, [axes], [(y, x, values)])
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
     worst = int(shares.argmax())
     place = ', '.join(f'{x:.4g}' for x in planar.centre[worst])
@@ -181,14 +181,14 @@ def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Pictu
             continue
         chosen = slice(place, place + 2)
         low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
-        a = plane.points(0.0, 1.0)
+        a = surface_plots.points(0.0, 1.0)
         shares = found.column('hold_error_m') / problem.hold_error_m
-        planes.append((a, a, plane.greatest(a, a, low, high, shares).T))
+        planes.append((a, a, surface_plots.greatest(a, a, low, high, shares).T))
         names.append(style.AXIS_NAMES[PER_AXIS[group][0]])
     if not planes:
         return []
     figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
-    plane.draw(figure, every, planes)
+    surface_plots.draw_planes(figure, every, planes)
     for axes, name in zip(every, names, strict=True):
         axes.set(title=name, xlabel='share of the cosine')
     every[0].set_ylabel('share of the sine')

@@ -28,15 +28,15 @@ from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_nav.estimator import Estimator
 from rpo_report import assured, guided, navigation, run_plots
-from rpo_report.approach import (
+from rpo_report.logged import LoggedFlight, logged_flight
+from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.run_plots import (
     CORRIDOR_HALF_ANGLE_DEG,
     KEEP_OUT_RADIUS_M,
     Aids,
     passage,
     zone_passage,
 )
-from rpo_report.blocks import Block, File, Picture, Report, Section, Table, Text
-from rpo_report.logged import LoggedFlight, logged_flight
 
 MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""

@@ -8,7 +8,6 @@ same objectives it asks for the same chromosomes again. That is how a run is res
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
@@ -224,39 +223,3 @@ class CmaSearch:
         if len(self._bests) <= back:
             return bool(self._es.stop())
         return self._bests[-back - 1] - self._bests[-1] < self.settings.tolerance
-
-
-class InTurn:
-    """The genetic algorithm, then another search that starts from its best chromosome.
-
-    then : makes the second search
-    """
-
-    def __init__(self, first: GaSearch, then: Callable[[Floats], CmaSearch]) -> None:
-        self._now: GaSearch | CmaSearch = first
-        self._then: Callable[[Floats], CmaSearch] | None = then
-        self.stopped = ''
-
-    @property
-    def phase(self) -> str:
-        """Name of the search that runs."""
-        return self._now.phase
-
-    @property
-    def left(self) -> int:
-        """Generations left, at most, of the search that runs."""
-        return self._now.left
-
-    def ask(self) -> Floats:
-        """Return chromosomes (n, size) to be evaluated."""
-        return self._now.ask()
-
-    def tell(self, values: Floats) -> None:
-        """Take the fitness (n, 1) of those."""
-        self._now.tell(values)
-        if not self._now.stopped:
-            return
-        if self._then is None:
-            self.stopped = self._now.stopped
-        else:
-            self._now, self._then = self._then(self._now.best.genes), None

@@ -172,22 +172,18 @@ class TrainingConfig(Configuration):
 
 _READABLE = GeneSpace('odd-monotone', position_scale_m=(20.0, 200.0), velocity_scale_m_s=(0.3, 3.0))
 
+_BEST = TrainingConfig(
+    name='best',
+    algorithm='race',
+    genes=_READABLE,
+    fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0),
+    cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
+)
+
 PRESETS = {
     'paper': TrainingConfig(),
-    'best': TrainingConfig(
-        name='best',
-        algorithm='race',
-        genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0),
-        cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
-    ),
-    'robust': TrainingConfig(
-        name='robust',
-        algorithm='race',
-        genes=_READABLE,
-        fitness=FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0, robustness=100.0),
-        cmaes=CmaSettings(population=20, evaluations=8000, descents=2),
-    ),
+    'best': _BEST,
+    'robust': replace(_BEST, name='robust', fitness=replace(_BEST.fitness, robustness=100.0)),
     'allround': TrainingConfig(
         name='allround',
         algorithm='race',

@@ -3,15 +3,20 @@
 """A search in its folder: created, run, saved after each generation, resumed.
 
 The folder holds the configuration, `checkpoint.npz` after each generation, and at the end the
-controller `<name>.yaml`. The subclasses, `training`, `family_training` and `tuning`, define what is
-searched, and how a chromosome becomes a controller.
+controller `<name>.yaml`. A search with the same objectives asks for the same chromosomes. So a run
+is resumed from the scores of its generations, without flying again; the state of the search itself
+is not saved. A digest of the chromosomes of each generation shows when they differ, as under
+another version of a library. The subclasses, in `training`, `family_training` and `tuning`, define
+what is searched, and how a chromosome becomes a controller.
 """
 
 from __future__ import annotations
 
+import hashlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -26,15 +31,128 @@ from rpo_ctrl.baselines import Baseline
 from rpo_ctrl.family import Family
 from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo import processor
-from rpo_montecarlo.outputs import alone, make_folder, write_text
+from rpo_montecarlo.outputs import (
+    alone,
+    digest_of,
+    make_folder,
+    read_arrays,
+    write_aside,
+    write_text,
+)
+from rpo_training import __version__
 from rpo_training.algorithms import Search, Stage
-from rpo_training.checkpoint import Checkpoint, digest, versions
 from rpo_training.config import Configuration
 from rpo_training.fitting import training_set
 
 Floats = NDArray[np.float64]
 
 CHECKPOINT = 'checkpoint.npz'
+SCHEMA = 'rpo/checkpoint/2'
+
+LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
+"""The bits of a run depend on these, and on this package."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package and of `LIBRARIES`."""
+    return {'rpo_training': __version__, **{name: version(name) for name in LIBRARIES}}
+
+
+@dataclass
+class Checkpoint:
+    """The generations so far.
+
+    config : text of the configuration
+    inputs : texts of the files that it names
+    scores : per generation (n, 3 + k): fitness, energy, failures of k conditions, arrival time
+    digests : of the chromosomes of each
+    """
+
+    config: str
+    inputs: Sequence[str] = ()
+    scores: list[Floats] = field(default_factory=list)
+    digests: list[str] = field(default_factory=list)
+
+    def add(self, genes: Floats, scores: Scores) -> None:
+        """Add a generation."""
+        self.scores.append(
+            np.column_stack([scores.fitness, scores.energy, scores.failures, scores.arrival])
+        )
+        self.digests.append(digest(genes))
+
+    @property
+    def evaluations(self) -> int:
+        """Controllers evaluated so far."""
+        return sum(map(len, self.scores))
+
+    def save(self, path: Path) -> None:
+        """Write the checkpoint."""
+        arrays = {
+            'schema': np.array(SCHEMA),
+            'config': np.array(self.config),
+            'inputs': np.array(digest_of(*self.inputs)),
+            'versions': np.array([f'{k} {v}' for k, v in versions().items()]),
+            'sizes': np.array([len(s) for s in self.scores]),
+            'marks': np.concatenate(self.scores) if self.scores else np.empty((0, 3)),
+            'digests': np.array(self.digests, dtype='U16'),
+        }
+        write_aside(path, lambda file: np.savez(file, allow_pickle=False, **arrays))
+
+    @classmethod
+    def load(cls, path: Path, config: str, inputs: Sequence[str] = ()) -> Checkpoint:
+        """Return a checkpoint that was written under the configuration `config`.
+
+        Raises
+        ------
+        InputError
+            If it is missing, damaged, or of another version, configuration or other inputs.
+        """
+        if not path.exists():
+            raise InputError(f'{path}: there is no checkpoint to resume from')
+        data = read_arrays(path)
+        if (found := str(data.get('schema'))) != SCHEMA:
+            raise InputError(f'{path}: its schema must be {SCHEMA}; got {found}')
+        try:
+            theirs = dict(entry.split(' ', 1) for entry in data['versions'].tolist())
+            written, bound = str(data['config']), str(data['inputs'])
+            sizes, digests = data['sizes'].tolist(), data['digests'].tolist()
+            scores = _split(data['marks'], sizes)
+            if len(sizes) != len(digests):
+                raise ValueError('a generation has no digest')
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
+            raise InputError(f'{path}: is damaged: {error}') from None
+        if theirs != versions():
+            changed = [
+                f'{k} {theirs.get(k, "none")} (now {v})'
+                for k, v in versions().items()
+                if theirs.get(k) != v
+            ]
+            raise InputError(
+                f'{path}: was written with {", ".join(changed)}; resuming requires the same '
+                'versions'
+            )
+        if written != config:
+            raise InputError(f'{path}: is of another configuration than {path.parent}/config.yaml')
+        if bound != digest_of(*inputs):
+            raise InputError(
+                f'{path}: was written with another content of the scenario or of a start that '
+                f'{path.parent}/config.yaml names'
+            )
+        return cls(config, inputs, scores, digests)
+
+
+def _split(rows: Floats, sizes: list[int]) -> list[Floats]:
+    """Return the rows (n, 3 + k) of each generation; raises ValueError if they do not fit."""
+    fits = rows.ndim == 2 and len(rows) == sum(sizes) and rows.shape[1] >= 3
+    if not fits or rows.dtype != np.float64 or min(sizes, default=1) < 1:
+        raise ValueError(f'{rows.shape} scores of {len(sizes)} generations')
+    return np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
+
+
+def digest(genes: Floats) -> str:
+    """Return a short digest of chromosomes."""
+    return hashlib.sha256(np.ascontiguousarray(genes).tobytes()).hexdigest()[:16]
+
 
 Config = TypeVar('Config', bound=Configuration)
 Found = TypeVar('Found', FuzzyController, Baseline, Family)

@@ -1,8 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Searches in stages: CMA-ES after CMA-ES, and the race of rule tables.
+"""Searches in stages: one after the other, CMA-ES anew, and the race of rule tables.
 
-At the beginning of a stage its flights are drawn anew, and the best so far is judged by them. At
+Where the fitness draws flights, a stage draws them anew, and the best so far is judged by them. At
 the end, draws that are held out decide (`rpo_judge.scoring.drawn`).
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rpo_core.files.validation import InputError, real, whole
 from rpo_judge.scoring.drawn import HELD_OUT
-from rpo_training.algorithms import Best, CmaSearch, CmaSettings, Stage
+from rpo_training.algorithms import Best, CmaSearch, CmaSettings, GaSearch, Stage
 from rpo_training.genes import GeneSpace
 
 Floats = NDArray[np.float64]
@@ -81,6 +81,33 @@ class ScriptedSearch:
             values = yield complete(search.ask())
             search.tell(values)
         return search.best
+
+
+class InTurn(ScriptedSearch):
+    """The genetic algorithm, then another search that starts from its best chromosome.
+
+    then : makes the second search
+    """
+
+    def __init__(self, first: GaSearch, then: Callable[[Floats], CmaSearch]) -> None:
+        self._now: GaSearch | CmaSearch = first
+        self._then = then
+        self._begin(np.empty(0), 0, '')
+
+    @property
+    def left(self) -> int:
+        """Generations left, at most, of the search that runs."""
+        return self._now.left
+
+    def _run(self) -> Script:
+        for later in (self._then, None):
+            self.phase = self._now.phase
+            while not self._now.stopped:
+                values = yield self._now.ask()
+                self._now.tell(values)
+            if later is not None:
+                self._now = later(self._now.best.genes)
+        self._reason = self._now.stopped
 
 
 @dataclass(frozen=True)

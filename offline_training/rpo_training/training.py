@@ -27,10 +27,10 @@ from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_montecarlo.outputs import write_text
-from rpo_training.algorithms import CmaSearch, GaSearch, InTurn, ParetoSearch, Search
+from rpo_training.algorithms import CmaSearch, GaSearch, ParetoSearch, Search
 from rpo_training.config import TrainingConfig
 from rpo_training.run import SearchRun
-from rpo_training.staged import Finalist, TableRace
+from rpo_training.staged import Finalist, InTurn, TableRace
 
 Floats = NDArray[np.float64]
 

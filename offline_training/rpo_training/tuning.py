@@ -22,6 +22,7 @@ from scipy.linalg import solve_discrete_are
 
 from rpo_core.files.validation import choice, real, whole
 from rpo_ctrl.baselines import Baseline, Lqr, Model, Mpc, Pd, PotentialField
+from rpo_ctrl.family import Gene
 from rpo_judge.evaluation.assessment import PAPER
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings
 from rpo_training.algorithms import CmaSearch, CmaSettings, Search
@@ -41,48 +42,25 @@ SEARCHED = FitnessSettings(penalty='graded', margin=0.001, limit_cycle=20.0)
 """The fitness that is minimised; the file has the paper's flat fitness too."""
 
 
-_DIGITS = 4  # a person reads the file
-
 PLANAR, VERTICAL = [0, 1, 3, 4], [2, 5]
 """States of the two decoupled parts of the relative motion."""
-
-
-class Parameter(NamedTuple):
-    """A tuned number and its range, searched on a logarithmic scale.
-
-    metres, seconds, newtons : powers of its unit; a weight is in the units of the cost, N^2
-    """
-
-    name: str
-    least: float
-    most: float
-    metres: int = 0
-    seconds: int = 0
-    newtons: int = 0
 
 
 class TuningSpace(NamedTuple):
     """What is tuned of a kind, and how a baseline is made of it."""
 
-    parameters: tuple[Parameter, ...]
+    genes: tuple[Gene, ...]
     make: Callable[[Mapping[str, float], Model], Baseline]
     description: str
 
-    def scaled(self, units: tuple[float, float, float]) -> TuningSpace:
-        """Return the space with its ranges in other units of length, time and force."""
-        metre, second, newton = units
-        scaled = []
-        for p in self.parameters:
-            unit = metre**p.metres * second**p.seconds * newton**p.newtons
-            scaled.append(p._replace(least=p.least * unit, most=p.most * unit))
-        return self._replace(parameters=tuple(scaled))
 
-    def values(self, genes: Floats) -> dict[str, float]:
-        """Return the numbers of a chromosome (parameters,) in [0, 1]."""
-        return {
-            p.name: float(f'{p.least * (p.most / p.least) ** gene:.{_DIGITS}g}')
-            for p, gene in zip(self.parameters, genes.tolist(), strict=True)
-        }
+def _gene(name: str, least: float, most: float, metres: int, seconds: int, newtons: int) -> Gene:
+    """Return a number in a range, searched from its middle on a logarithmic scale.
+
+    A weight is in the units of the cost, N^2.
+    """
+    middle = (least * most) ** 0.5
+    return Gene(name, least, most, middle, metres, seconds, newtons, logarithmic=True)
 
 
 def lqr_gains(model: Model, position_weight: float, velocity_weight: float) -> Floats:
@@ -113,34 +91,34 @@ def _lqr(values: Mapping[str, float], model: Model) -> Lqr:
 TUNING_SPACES: Mapping[str, TuningSpace] = {
     Pd.kind: TuningSpace(
         (
-            Parameter('position_gain_n_m', 1e-4, 1.0, -1, 0, 1),
-            Parameter('velocity_gain_n_s_m', 1e-2, 20.0, -1, 1, 1),
+            _gene('position_gain_n_m', 1e-4, 1.0, -1, 0, 1),
+            _gene('velocity_gain_n_s_m', 1e-2, 20.0, -1, 1, 1),
         ),
         lambda values, _model: Pd(name='pd', **values),  # type: ignore[arg-type]
         'Saturated proportional-derivative law, axis by axis.',
     ),
     Lqr.kind: TuningSpace(
         (
-            Parameter('position_weight', 1e-9, 1e-2, -2, 0, 2),
-            Parameter('velocity_weight', 1e-7, 10.0, -2, 2, 2),
+            _gene('position_weight', 1e-9, 1e-2, -2, 0, 2),
+            _gene('velocity_weight', 1e-7, 10.0, -2, 2, 2),
         ),
         _lqr,
         'Infinite-horizon linear quadratic regulator of the discrete relative dynamics.',
     ),
     Mpc.kind: TuningSpace(
         (
-            Parameter('horizon_s', 100.0, 200.0, 0, 1),
-            Parameter('least_time_to_go_s', 2.0, 60.0, 0, 1),
+            _gene('horizon_s', 100.0, 200.0, 0, 1, 0),
+            _gene('least_time_to_go_s', 2.0, 60.0, 0, 1, 0),
         ),
         lambda values, model: Mpc(name='mpc', model=model, **values),  # type: ignore[arg-type]
         'Shrinking-horizon least-energy transfer to rest, planned anew at every tick.',
     ),
     PotentialField.kind: TuningSpace(
         (
-            Parameter('approach_speed_m_s', 0.1, 10.0, 1, -1),
-            Parameter('rounding_radius_m', 0.1, 500.0, 1),
-            Parameter('switching_gain_n', 1e-3, 1.0, 0, 0, 1),
-            Parameter('boundary_layer_m_s', 1e-3, 10.0, 1, -1),
+            _gene('approach_speed_m_s', 0.1, 10.0, 1, -1, 0),
+            _gene('rounding_radius_m', 0.1, 500.0, 1, 0, 0),
+            _gene('switching_gain_n', 1e-3, 1.0, 0, 0, 1),
+            _gene('boundary_layer_m_s', 1e-3, 10.0, 1, -1, 0),
         ),
         lambda values, model: PotentialField(
             name='apf_smc',
@@ -205,7 +183,7 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
         """Return the search over the space, from the middle of each."""
         own = self.config
         settings = CmaSettings(population=20, sigma=own.sigma, evaluations=own.evaluations)
-        return CmaSearch(settings, own.seed, np.full(len(self.space.parameters), 0.5))
+        return CmaSearch(settings, own.seed, np.full(len(self.genes), 0.5))
 
     def make_fitness(self, workers: int, address: str) -> Fitness:
         """Return the graded fitness; a baseline's generation is too small for a cluster."""
@@ -223,9 +201,14 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     @property
     def space(self) -> TuningSpace:
-        """The tuning space of the kind; of another scenario, in its units."""
-        space = TUNING_SPACES[self.config.kind]
-        return space if self.config.scenario == PAPER else space.scaled(units_of(self.starts))
+        """The tuning space of the kind."""
+        return TUNING_SPACES[self.config.kind]
+
+    @cached_property
+    def genes(self) -> tuple[Gene, ...]:
+        """What is tuned; of another scenario than the paper's, in its units."""
+        own = (1.0, 1.0, 1.0) if self.config.scenario == PAPER else units_of(self.starts)
+        return tuple(gene.fitted(own) for gene in self.space.genes)
 
     @cached_property
     def model(self) -> Model:
@@ -244,7 +227,9 @@ class Tuning(SearchRun[TuningConfig, Baseline]):
 
     def make(self, genes: Floats) -> Baseline:
         """Return the baseline of a chromosome, without provenance."""
-        made = self.space.make(self.space.values(genes), self.model)
+        pairs = zip(self.genes, genes.tolist(), strict=True)
+        values = {gene.name: gene.value(share) for gene, share in pairs}
+        made = self.space.make(values, self.model)
         most_n = self.starts.base.max_force_n
         return replace(made, name=self.config.name, max_force_n=most_n)
 

@@ -21,7 +21,7 @@ from rpo_core.files import scenario
 from rpo_core.kernels import orbit_kernels
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw
-from rpo_core.world.dynamics import Drag, Dynamics, orbit_of, target_start, world_of
+from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -203,7 +203,7 @@ def test_j2_turns_the_node_at_its_secular_rate():
     """-3/2 J2 (Re / p)^2 n cos i: about -5 degrees a day at 51.6 degrees."""
     flown = true(replace(BASE, orbit_radius_m=6.778e6), true_anomaly_deg=0.0, j2=True)
     settings, n = flown.dynamics, flown.mean_motion_rad_s
-    target, world = target_start(settings, flown), world_of(settings, flown)
+    target, world = target_start(settings, flown), environment_of(settings, flown)
     orbits, steps = 15, 1500
     for _ in range(orbits * steps):
         rate = orbit_kernels.target_rate(target, world)

@@ -13,7 +13,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.kernels import noise
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import IDENTITY, Thrusters
 
 QUICK = scenario.load_scenario('quick')

@@ -46,7 +46,7 @@ def held(flown):
     for tick in range(flown.ticks + 1):
         chain.step(tick, signals)
     stage = next(link.stage for link in chain.links if link.stage.name == 'assurance')
-    ((tick, state),) = stage.told()
+    ((tick, state),) = stage.decided()
     assert state == 'holding' and 5 < tick < 150
     return tick
 
@@ -84,7 +84,7 @@ def test_a_decision_that_is_not_told_is_a_gap(flown, held, tmp_path):
 
 @pytest.mark.parametrize('command', ['inhibit', 'abort', 'without_command'])
 def test_a_command_that_was_not_given_is_a_difference(flown, held, tmp_path, command):
-    """Told to the table, it decides otherwise than the log."""
+    """The table that gets it decides otherwise than the log."""
     at = held - 2
     found = written(flown, tmp_path, said(command, at), said('holding', held)).difference
     assert found.topic == f'/{ASSURED_FORCE}' and found.check == 'assurance'

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from rpo_core.chain.decimation import Decimation
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE as TYPE
+from rpo_core.wire.interfaces import Decimation
 from rpo_log.errors import LogError
 from rpo_log.format.run import DECISIONS_FILE, TimeBase
 from rpo_log.read.run_log import decision_at, read_decisions

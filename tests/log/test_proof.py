@@ -22,8 +22,7 @@ from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
 from rpo_log.verify.evidence import decision_rate_hz
 from rpo_log.verify.recomputation import held_ticks
-from tools.mutate_runs import Case, run_cases
-from tools.mutations import Parts
+from tools.mutate_runs import Parts, run_cases
 
 
 def test_it_says_what_is_recomputed_compared_and_unknown(recorded):
@@ -191,7 +190,7 @@ def test_the_bench_sees_a_false_proof(recorded, monkeypatch):
 
     true = verify(recorded)
     monkeypatch.setattr(mutate_runs, 'verify', lambda _: true)
-    monkeypatch.setattr(Case, '_is_same', lambda *_: False)
+    monkeypatch.setattr(mutate_runs.RunCase, '_is_same', lambda *_: False)
     assert any(outcome == 'FALSE PROOF' for outcome, _ in run_cases(recorded, 1, 0, 3))
 
 

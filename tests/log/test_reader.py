@@ -32,7 +32,7 @@ from rpo_log.read.records import MAGIC, RECORD_HEAD
 from rpo_log.read.run_log import controller_of, read_flight, read_run, scenario_of
 from rpo_log.write.mcap_file import McapFile
 from rpo_log.write.writer import RunLogWriter
-from tools.mutations import Parts
+from tools.mutate_runs import Parts
 
 QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 

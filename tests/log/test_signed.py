@@ -26,8 +26,7 @@ from rpo_log.read.stream import RunReader
 from rpo_log.signature import sign_run
 from rpo_log.verify import verify
 from tools import mutate_runs
-from tools.mutate_runs import SignedCase, run_cases
-from tools.mutations import Parts
+from tools.mutate_runs import Parts, SignedCase, run_cases
 
 NONE = '0' * 64
 FILES = ('decisions.mcap', 'health.mcap', 'metadata.yaml', 'run.mcap', 'run_info.yaml')

@@ -20,7 +20,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_log.errors import ExitCode, LogError
 from rpo_log.format.run import TimeBase

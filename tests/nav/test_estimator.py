@@ -17,8 +17,21 @@ from rpo_core.files.validation import InputError
 from rpo_core.kernels import jit
 from rpo_core.world import cw
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
-from rpo_nav.filter_kernels import IN_A_ROW, LAST_RESET, RESETS
-from rpo_nav.kalman import step_covariance, step_state, update
+from rpo_nav.filter_kernels import (
+    COMMANDS,
+    IN_A_ROW,
+    LAST_RESET,
+    PROCESS_NOISE,
+    RESETS,
+    SENSORS,
+    SQUARE,
+    START,
+    TESTED,
+    X,
+    step_covariance,
+    step_state,
+    update,
+)
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 
@@ -46,7 +59,7 @@ def oracle(flown, start, spread):
 def test_it_is_the_filter_of_filterpy(latency):
     flown = make([{**POSITION, 'latency_ticks': latency}], ticks=400)
     stage = EstimatorStage(flown.section(Estimator), flown)
-    other = oracle(flown, stage.filter.start, [1.0] * 3 + [0.01] * 3)
+    other = oracle(flown, stage.filter[START : START + 6], [1.0] * 3 + [0.01] * 3)
     flight = fly(flown, PD, unmodelled(flown, 5))
     before = [np.zeros((3, 1)), *flight.forces_n.clip(-0.5, 0.5)[:, :, None]]
     worst = 0.0
@@ -62,10 +75,10 @@ def test_it_is_the_filter_of_filterpy(latency):
             for later in range(taken + 1, tick + 1):  # on to the present, without measurements
                 x = other.F @ x + other.B @ before[later]
                 p = other.F @ p @ other.F.T + other.Q
-            worst = max(worst, np.abs(x.ravel() - np.array(stage.memory.y)).max())
+            worst = max(worst, np.abs(x.ravel() - np.array(stage.memory[X : X + 6])).max())
             worst = max(worst, np.abs(p - stage.covariance).max())
             estimated = flight.signals['navigation_state'][tick]
-            assert np.array_equal(estimated, np.array(stage.memory.y))
+            assert np.array_equal(estimated, np.array(stage.memory[X : X + 6]))
     assert worst < 1e-9
 
 
@@ -91,7 +104,7 @@ def consistency(runs, ticks, **changes):
         for tick in range(ticks + 1):
             true = np.array(signals['relative_state'])
             chain.step(tick, signals)
-            error = np.array(stage.memory.y)[:6] - true
+            error = np.array(stage.memory[X : X + 6]) - true
             nees[key, tick] = error @ np.linalg.solve(stage.covariance[:6, :6], error)
             innovations += [found for found in stage.innovations if found]
     return nees, np.array(innovations)
@@ -132,24 +145,27 @@ def test_the_covariance_stays_positive_over_a_million_updates(n):
     """From 1e6 m to a sensor of 1e-4 m: the variances span twenty decades."""
     step = cw.discretise(1.16e-3, 10.0, 0.1)
     sigmas = np.array([1e6] * 3 + [1e3] * 3 + [1.0] * (n - 6))
-    noise = np.zeros((n, n))
+    noise = np.zeros((9, 9))
     noise[3:6, 3:6] = np.eye(3) * 1e-14
-    noise[6:, 6:] = np.eye(n - 6) * 1e-16
-    p, q = jit.as_table(np.diag(sigmas**2).ravel()), jit.as_table(noise.ravel())
-    x, work = jit.as_table(np.zeros(n)), jit.as_table(np.zeros(2 * n))
+    noise[6:, 6:] = np.eye(3) * 1e-16
+    told, memory = np.zeros(SENSORS), np.zeros(COMMANDS)
+    told[PROCESS_NOISE : PROCESS_NOISE + SQUARE] = noise.ravel()
+    p = memory[X + 9 : X + 9 + SQUARE].reshape(9, 9)
+    p[:n, :n] = np.diag(sigmas**2)
+    f, m = jit.as_table(told), jit.as_table(memory)
 
     @jit.kernel
-    def many(count, x, p, n, step, q, work):
+    def many(count, f, m, n, step):
         for _ in range(count):
-            step_state(x, n, (0.0, 0.0, 0.0), step)
-            step_covariance(p, n, step, q)
-            update(x, p, n, 0, (1.0, 0.0, 0.0), 0.0, 1e-8, work)
-            update(x, p, n, 0, (0.0, 0.6, 0.8), 0.0, 1e-8, work)
-            update(x, p, n, 0, (0.0, -0.8, 0.6), 0.0, 1e-8, work)
+            step_state(m, n, (0.0, 0.0, 0.0), step)
+            step_covariance(m, step, f)
+            update(m, 0, (1.0, 0.0, 0.0), 0.0, 1e-8)
+            update(m, 0, (0.0, 0.6, 0.8), 0.0, 1e-8)
+            update(m, 0, (0.0, -0.8, 0.6), 0.0, 1e-8)
 
     for _ in range(10):
-        many(34_000 if jit.COMPILED else 100, x, p, n, step, q, work)
-        found = np.array(p).reshape(n, n)
+        many(34_000 if jit.COMPILED else 100, f, m, n, step)
+        found = np.array(m[X + 9 : X + 9 + SQUARE]).reshape(9, 9)[:n, :n]
         assert np.array_equal(found, found.T)
         scale = np.sqrt(np.diag(found))
         assert np.linalg.eigvalsh(found / np.outer(scale, scale)).min() > 1e-6
@@ -195,9 +211,9 @@ def test_it_restarts_when_it_has_diverged():
     for tick in range(flown.ticks + 1):
         before = flight.forces_n[tick - 1] if tick else np.zeros(3)
         stage.step(tick, tuple(before), tuple(flight.signals['measurement'][tick]))
-    assert stage.memory.counts[RESETS] == 1
-    assert stage.memory.counts[LAST_RESET] == 19
-    assert stage.memory.counts[IN_A_ROW] == 0
+    assert stage.memory[RESETS] == 1
+    assert stage.memory[LAST_RESET] == 19
+    assert stage.memory[IN_A_ROW] == 0
     assert 'restarted 1 times' in stage.trouble()
     error = flight.signals['navigation_state'] - flight.states
     assert np.abs(error[-1, :3] - [30.0, 0.0, 0.0]).max() < 1.0
@@ -309,8 +325,8 @@ def test_the_gate_decides_at_its_own_value():
         stage = EstimatorStage(flown.section(Estimator), flown)
         x, y, z = flown.initial_position_m
         stage.step(0, (0.0, 0.0, 0.0), (x + off, y, z, 0.0, 0.0, 0.0, 0.0))
-        numbers, nis = stage.memory.tested[0][:2]
+        numbers, nis = stage.memory[TESTED : TESTED + 2]
         assert numbers == 3
-        assert stage.memory.counts[IN_A_ROW] == (nis > gate(3, 4.0))
+        assert stage.memory[IN_A_ROW] == (nis > gate(3, 4.0))
         found.append(nis / gate(3, 4.0))
     assert any(0.8 < share < 1.0 for share in found) and any(1.0 < share < 1.3 for share in found)

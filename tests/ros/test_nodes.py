@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The nodes as people start, stop and abuse them."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -244,6 +245,31 @@ def test_wrong_answers_change_nothing(ros):
         rude.wait(10)
     expected = fly(load_scenario('quick'), load_controller('handmade'))
     np.testing.assert_array_equal(read_run(output).states, expected.states)
+
+
+STUCK = """
+import sys
+from rpo_ros import entry_point, running
+entry_point.LONGEST_END_S = 0.5
+class Stuck(running.FlightNode):
+    def __init__(self):
+        super().__init__('stuck')
+        self.done = True
+    def destroy_node(self):
+        while True:
+            pass
+sys.exit(running.run_node(Stuck))
+"""
+
+
+def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_env):
+    """A recorder that had closed its log used the processor for a minute, until it was killed."""
+    done = subprocess.run(
+        [sys.executable, '-c', STUCK], capture_output=True, text=True, timeout=30,
+        env={**os.environ, **ros_env},
+    )  # fmt: skip
+    assert done.returncode == 1, done
+    assert 'in destroy_node' in done.stderr
 
 
 def test_two_runs_in_two_namespaces_do_not_touch(ros):

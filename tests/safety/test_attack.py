@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_judge.safety import attack, hostile
-from rpo_judge.safety.quiet import quiet
+from rpo_judge.safety import attack
+from rpo_judge.safety.counts import quiet
 from rpo_safety.guard import proof_of
 from rpo_safety.settings import Assurance
 
@@ -26,11 +26,11 @@ def test_no_hostile_command_leads_into_the_zone(name):
     settings = replace(ASSURED.section(Assurance), filter=name)
     results = attack.attack(ASSURED.equipped(settings), 210, 3, 600)
     for result in results:
-        assert result.total(hostile.VIOLATED) == 0
-        assert result.total(hostile.INFEASIBLE) == 0
-        assert result.total(hostile.TOO_FAST) == 0
-        assert result.total(hostile.ACTED) > 0
-        assert result.least(hostile.LEAST_FREE) > 0.0
+        assert result.total(attack.VIOLATED) == 0
+        assert result.total(attack.INFEASIBLE) == 0
+        assert result.total(attack.TOO_FAST) == 0
+        assert result.total(attack.ACTED) > 0
+        assert result.least(attack.LEAST_FREE) > 0.0
 
 
 def test_an_attack_beyond_the_bounds_is_seen(monkeypatch):
@@ -43,7 +43,7 @@ def test_an_attack_beyond_the_bounds_is_seen(monkeypatch):
 
     monkeypatch.setattr(attack, 'proof_of', wrong)
     results = attack.attack(ASSURED, 70, 3, 600)
-    assert sum(result.total(hostile.VIOLATED) for result in results) > 0
+    assert sum(result.total(attack.VIOLATED) for result in results) > 0
 
 
 def test_the_same_seed_gives_the_same_runs():

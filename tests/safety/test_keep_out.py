@@ -19,7 +19,7 @@ from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import Zone
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Thrusters
-from rpo_judge.safety import attack, hostile
+from rpo_judge.safety import attack
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance, Passage
@@ -31,7 +31,7 @@ DRIFT = {
     'retreat_m': [0.0, 12.0, 0.0],
     'table': [{'quantity': 'range_m', 'most': 1.0, 'count': 1, 'window': 1, 'reaction': 'drift'}],
 }
-LIMITS = (hostile.VIOLATED, hostile.INFEASIBLE, hostile.TOO_FAST, hostile.OUTSIDE, hostile.HARD)
+LIMITS = (attack.VIOLATED, attack.INFEASIBLE, attack.TOO_FAST, attack.OUTSIDE, attack.HARD)
 
 
 def weak(position_m, velocity_m_s=(0.0, 0.0, 0.0), **more):
@@ -78,7 +78,7 @@ def test_a_domain_that_cannot_be_kept_is_refused():
 def test_vehicles_that_are_not_refused_keep_all_limits():
     """Weak thrusters, small domains, large errors, every kind of hostile command."""
     found = attack_vehicles(120, 5, 300, LIMITS)
-    assert found.accepted > 15 and found.runs == found.accepted * len(hostile.KINDS)
+    assert found.accepted > 15 and found.runs == found.accepted * len(attack.KINDS)
     assert found.broken == []
 
 
@@ -176,9 +176,9 @@ def test_no_true_speed_at_the_port_is_above_its_limit():
     """By the estimate alone it was 0.107 m/s of 0.1 m/s."""
     found = docking(position_error_m=0.02, velocity_error_m_s=0.002)
     close = replace(found, initial_position_m=(0.0, 12.0, 0.0))
-    results = attack.attack(close, 2 * len(hostile.KINDS) * 40, 2, 1500)
-    assert sum(r.total(hostile.CONTACTS) for r in results) > 3
-    assert sum(r.total(hostile.HARD) for r in results) == 0
+    results = attack.attack(close, 2 * len(attack.KINDS) * 40, 2, 1500)
+    assert sum(r.total(attack.CONTACTS) for r in results) > 3
+    assert sum(r.total(attack.HARD) for r in results) == 0
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.world import cw
 from rpo_safety import manoeuvre
-from rpo_safety.manoeuvre import World
+from rpo_safety.manoeuvre import PathModel
 
 AROUND = scenario.load_scenario('around')
 N, MASS, LIMIT = AROUND.mean_motion_rad_s, 10.0, 0.5
 TWO_ORBITS, DRAG, STUCK_S, RADIUS = 4.0 * math.pi / N, 1.2e-6, 30.0, 10.0
 ERROR, DONE = 0.0005, 0.0005
-WORLD = World(N, MASS, LIMIT, STUCK_S, STUCK_S + 90.0, TWO_ORBITS, DRAG, ERROR, DONE)
+WORLD = PathModel(N, MASS, LIMIT, STUCK_S, STUCK_S + 90.0, TWO_ORBITS, DRAG, ERROR, DONE)
 STEP = cw.discretise(N, MASS, manoeuvre.STEP_S)
 CASES = [(axis, side) for axis in range(3) for side in (1.0, -1.0)]
 

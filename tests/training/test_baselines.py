@@ -19,7 +19,7 @@ from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_ctrl.baselines import PAPER_MODEL, Mpc
-from rpo_judge.evaluation import comparison, comparison_table, optimal, plans
+from rpo_judge.evaluation import comparison, comparison_table, optimal
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
@@ -90,7 +90,7 @@ def test_the_first_plan_is_the_optimum_to_rest():
     base = replace(TRAINING.base, initial_position_m=(100.0, -50.0, 5.0))
     best = optimal.to_rest(base, coast_s=base.duration_s - mpc.horizon_s)
     ticks = round(mpc.horizon_s / base.dt_s)
-    (plan,) = plans.plans(mpc, np.array([base.start]), 0)
+    (plan,) = comparison.plans(mpc, np.array([base.start]), 0)
     np.testing.assert_allclose(plan, best.forces_n[:ticks], rtol=0, atol=1e-12)
     change = round((mpc.horizon_s - mpc.least_time_to_go_s) / base.dt_s)
     flown = fly(base, mpc).forces_n[:change]
@@ -118,8 +118,8 @@ def test_where_no_limit_binds_the_quadratic_program_says_the_same():
     )
     state = np.array([5.0, -3.0, 2.0, 0.02, -0.03, 0.01])
     for tick in (0, 30):
-        (plan,) = plans.plans(mpc, state[None], tick)
-        assert plans.peaks_of(plan[None], mpc)[0]
+        (plan,) = comparison.plans(mpc, state[None], tick)
+        assert comparison.peaks_of(plan[None], mpc)[0]
         solved = by_solver(mpc, state, len(plan))
         np.testing.assert_allclose(plan, solved, rtol=0, atol=1e-6)
         np.testing.assert_allclose(
@@ -132,12 +132,12 @@ def test_a_plan_beyond_a_limit_is_counted():
         name='m', horizon_s=60.0, least_time_to_go_s=10.0, model=replace(PAPER_MODEL, dt_s=1.0)
     )
     far = np.array([33.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    (plan,) = plans.plans(mpc, far[None], 0)
+    (plan,) = comparison.plans(mpc, far[None], 0)
     assert np.abs(plan).max() > mpc.max_force_n  # 6 m r / T^2 = 0.55 N
     solved = by_solver(mpc, far, 60)
     assert np.abs(solved).max() <= mpc.max_force_n + 1e-6
     assert (solved**2).sum() > (plan**2).sum()
-    found = plans.peaks(mpc, far[None, None], 1)
+    found = comparison.peaks(mpc, far[None, None], 1)
     assert (found.plans, found.within) == (1, 0)
     assert found.force_n == np.abs(plan).max()
 

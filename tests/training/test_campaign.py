@@ -14,7 +14,9 @@ from scipy import stats
 
 from rpo_core.chain.flight import fly as fly_core
 from rpo_core.judge import metrics
+from rpo_core.world.thrusters import rotation
 from rpo_montecarlo.campaign import config, run_batch, sampling, single, statistics
+from rpo_montecarlo.engine.parts.thrusters import thrust_matrix
 
 
 @pytest.fixture
@@ -137,15 +139,17 @@ def test_the_effects_are_those_of_physics(write):
     campaign = config.load(write())
     runs = sampling.draw(campaign, 0, 90)
     for i in range(5):
-        matrix = sampling.rotation(runs.parameters[i, 10:13])
+        about = np.array([runs.column(f'misalignment_{axis}_rad')[i] for axis in 'xyz'])
+        matrix = rotation(about)
         np.testing.assert_allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
-        np.testing.assert_allclose(matrix @ runs.parameters[i, 10:13], runs.parameters[i, 10:13])
-    quarter = sampling.rotation(np.array([0.0, 0.0, np.pi / 2]))  # about z: x goes to y
+        np.testing.assert_allclose(matrix @ about, about)
+    quarter = rotation(np.array([0.0, 0.0, np.pi / 2]))  # about z: x goes to y
     np.testing.assert_allclose(quarter @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
-    forward = sampling.DrawnRuns(runs.numbers, runs.parameters.copy(), runs.keys)
-    forward.parameters[0, 7:13] = [0.1, 0.0, 0.0, 0.0, 0.0, np.pi / 2]
-    np.testing.assert_allclose(forward.thrust(0) @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
-    assert runs.step(0, campaign.scenario).vxfx == pytest.approx(0.1 / runs.masses_kg[0], rel=1e-5)
+    values = dict.fromkeys(runs.names, 0.0) | {'thrust_share_x': 0.1}
+    matrix = thrust_matrix(values | {'misalignment_z_rad': np.pi / 2})
+    np.testing.assert_allclose(matrix @ [1.0, 0.0, 0.0], [0.0, 1.1, 0.0], atol=1e-15)
+    flown = single.scenario_of(campaign, 0)
+    assert flown.step.vxfx == pytest.approx(0.1 / runs.column('mass_kg')[0], rel=1e-5)
 
 
 def test_draws_have_the_distributions_that_were_asked_for(write):

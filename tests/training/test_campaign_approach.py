@@ -65,7 +65,7 @@ def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeyp
     """The runs are delayed by 2, 1 and 0 ticks; assurance changes commands."""
     campaign = config.load(config.find('docking'), ['assurance.speed={speed_m_s: 0.3}'])
     first = 5
-    assert len(set(draw(campaign, first, 3).delays)) > 1
+    assert len(set(draw(campaign, first, 3).column('delay_ticks'))) > 1
     side_by_side = fly_runs(campaign, first, 3)
     free = fly_runs(config.load(config.find('docking')), first, 3)
     assert (free['energy_n2s'] != side_by_side['energy_n2s']).all(), 'assurance had to act'

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
-from rpo_montecarlo.engine import parts
+from rpo_montecarlo.engine.parts import link
 from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_sim.free_running import FreeRunningPlant
 
@@ -45,7 +45,7 @@ def test_it_is_what_the_free_running_plant_does(tmp_path):
     scenario, controller = single.scenario_of(campaign, 3), campaign.controller
     key = sampling.draw(campaign, 3, 1).keys[0].tolist()
     fates = [
-        parts.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
+        link.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
     ]
     plant = FreeRunningPlant(scenario, [CONTROL_FORCE, 'd'], stale_after_ticks=5)
     answers, stale = {}, 0
@@ -69,8 +69,8 @@ def test_every_fault_changes_the_flight_by_its_share(name, tmp_path):
     moved = columns_of(campaign)['final_x_m'] != columns_of(plain)['final_x_m']
     assert moved.all()
     fates = campaign.config.faults.fates
-    late = np.array([parts.lateness(t, 5, 6, fates) for t in range(5000)])
-    hit = (late == parts.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
+    late = np.array([link.lateness(t, 5, 6, fates) for t in range(5000)])
+    hit = (late == link.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
     assert hit.mean() == pytest.approx(0.4, abs=0.03)
     assert (late[~hit] == 0).all()
 

@@ -23,8 +23,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_cli.display import COMPILING
-from rpo_cli.progress import CampaignDisplay, duration
+from rpo_cli.display import COMPILING, CampaignDisplay, duration
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import LIMITS, THRUST
 from rpo_core.judge.verdicts import verdicts
@@ -443,7 +442,7 @@ def test_progress_counts_no_compiling(write, tmp_path, monkeypatch):
     """It showed 15 runs/s, and minutes left, while the kernels were compiled."""
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_cli.progress.time', clock)
+    monkeypatch.setattr('rpo_cli.display.time', clock)
     monkeypatch.setattr('rpo_cli.display.EVERY_S', -1.0)
     monkeypatch.setattr('rpo_cli.display.PATIENCE_S', 0.01)
     out = io.StringIO()
@@ -463,7 +462,7 @@ def test_a_long_campaign_is_announced_after_a_short_batch(write, tmp_path, monke
     """A million runs took half an hour, unannounced; it is told once, and of no short campaign."""
     now = [100.0]
     clock = SimpleNamespace(monotonic=lambda: now[0])
-    monkeypatch.setattr('rpo_cli.progress.time', clock)
+    monkeypatch.setattr('rpo_cli.display.time', clock)
     for runs, told in ((1_000_000, 'about 83 min to go, at 200 runs/s'), (2000, '')):
         out = io.StringIO()
         campaign = config.load(write(runs=runs))

@@ -77,7 +77,7 @@ def write(tmp_path):
 def test_the_engine_flies_the_bits_of_the_core(write, case, controller, monkeypatch):
     flown, dispersions = CASES[case]
     campaign = write(flown, dispersions=dispersions, controller=controller)
-    assert support.why_not(campaign.scenario, campaign.controller, support.IN_PAIRS) == ''
+    assert support.why_not(campaign.scenario, campaign.controller) == ''
     found = run_batch.fly_runs(campaign, 0, 45)
     monkeypatch.setattr('rpo_montecarlo.campaign.run_batch.why_not', lambda *_: 'test')
     for number in (0, 39, 44):
@@ -91,7 +91,7 @@ def test_the_run_of_a_campaign_is_a_scenario_of_its_own(write):
     campaign = write(LEO, dispersions=WORLD)
     drawn = sampling.draw(campaign, 7, 1)
     flown = single.scenario_of(campaign, 7)
-    own = {name: float(values[0]) for name, values in drawn.own.items()}
+    own = dict(zip(drawn.names, drawn.parameters[0].tolist(), strict=True))
     drag, nominal = flown.dynamics.drag, LEO.dynamics.drag
     assert drag.density_kg_m3 == nominal.density_kg_m3 * (1.0 + own['density_share'])
     assert drag.density_radius_m == LEO.orbit_radius_m != flown.orbit_radius_m
@@ -112,14 +112,16 @@ def test_new_dispersions_leave_the_draws_of_the_others_alone(write):
     ]
     for one, other in (draws[0::2], draws[1::2]):
         np.testing.assert_array_equal(one.parameters[:, :24], other.parameters[:, :24])
-        np.testing.assert_array_equal(one.own['true_anomaly_deg'], other.own['true_anomaly_deg'])
-    strata = np.sort(np.floor((draws[0].own['true_anomaly_deg'] / 180.0 + 1.0) / 2.0 * 45))
+        np.testing.assert_array_equal(
+            one.column('true_anomaly_deg'), other.column('true_anomaly_deg')
+        )
+    strata = np.sort(np.floor((draws[0].column('true_anomaly_deg') / 180.0 + 1.0) / 2.0 * 45))
     np.testing.assert_array_equal(strata, np.arange(45))
 
 
 def test_every_thruster_sticks(write):
     campaign = write(LEO, dispersions={'stuck_off_thruster': {'whole': 11}}, runs=200)
-    stuck = sampling.draw(campaign, 0, 200).own['stuck_off_thruster']
+    stuck = sampling.draw(campaign, 0, 200).column('stuck_off_thruster')
     assert set(stuck) == set(range(12))
 
 

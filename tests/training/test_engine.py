@@ -17,9 +17,11 @@ from rpo_core.files.starts import Box
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
-from rpo_montecarlo.engine import lanes, parts, tick
+from rpo_montecarlo.engine import lanes, tick
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
+from rpo_montecarlo.engine.counters import Trace
 from rpo_montecarlo.engine.judged import VALUES
+from rpo_montecarlo.engine.parts.control import control_of
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_training.genes import GeneSpace
@@ -40,11 +42,10 @@ def law_of(controller):
 def recorded(controller, case, loops):
     """Return states (starts, N+1, 6) and forces (starts, N+1, 3), each start from its lanes."""
     p, q = len(loops.runs.planar), len(loops.runs.vertical)
-    ticks, tail = case.windows.horizon, case.windows.tail
-    states, forces = np.empty((ticks + 1, 2 * p + q, 2)), np.empty((ticks + 1, 2 * p + q))
-    control, w = parts.Control(law_of(controller)), lanes.make_scratch(parts.ROWS)
-    norms = np.empty((2, tail, lanes.STRIDE))
-    tick.fly(loops.runs, control, case.plant, case.windows, w, norms, (states, forces))
+    ticks, control = case.windows.horizon, control_of(controller)
+    trace = Trace(ticks, loops.runs.lanes)
+    tick.fly(loops.runs, [control.part(loops.runs), trace.part], ticks, lanes.make_scratch())
+    states, forces = trace.states, trace.forces
     for pair in loops.pairs:
         i, j = divmod(int(pair), q)
         axes = [i, p + i, 2 * p + j]
@@ -157,7 +158,7 @@ def test_inference_in_lanes_has_the_bits_of_the_kernel(seed, rules, samples, cou
         rng.choice(corners, (2, count)),
         rng.uniform(-1.0, 1.0, (2, count)),
     )
-    rows = lanes.make_scratch(parts.ROWS)
+    rows = lanes.make_scratch()
     rows[lanes.E_R : lanes.E_R + count], rows[lanes.E_V : lanes.E_V + count] = errors
     lanes.infer_lanes(rows, count, law_of(replace(controller, system=system)))
     expected = [kernels.infer(float(r), float(v), system.tables) for r, v in errors.T]

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rpo_core.files import scenario
-from rpo_montecarlo.campaign.navigation import estimators_of
-from rpo_montecarlo.engine import navigation, parts
-from rpo_montecarlo.engine.lanes import make_scratch
+from rpo_montecarlo.engine import lanes
+from rpo_montecarlo.engine.parts import navigation
+from rpo_montecarlo.engine.tick import Batch
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import RESETS, estimate
+from rpo_nav.filter_kernels import FULL, RESETS, X, estimate
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import Sensing, Sensor, Sensors
 
@@ -64,30 +64,33 @@ def lost(truth, tick, run):
 @pytest.mark.parametrize('case', CASES)
 def test_lanes_have_the_bits_of_the_kernels(case):
     flown = runs(*CASES[case], count=40)
-    part = estimators_of(flown)
-    navigation.place_estimators(part)
+    starts, keys = np.array([s.start for s in flown]), np.zeros((40, 2))
+    part = navigation.estimators_of(Batch(flown[0], starts, flown.__getitem__, {}, keys, {}))
+    m, t = part.memory.copy(), part.table
     sensing = [Sensing(s.section(Sensors), s) for s in flown]
     filters = [filter_of(s.section(Estimator), s.section(Sensors), s) for s in flown]
     memories = [memory_of(f) for f in filters]
-    w, rng = make_scratch(parts.ROWS), np.random.default_rng(1)
+    for f in filters:
+        f[FULL] = 0.0
+    w, rng = lanes.make_scratch(), np.random.default_rng(1)
     command, trouble = np.zeros((40, 3)), set()
     for tick in range(PLAIN.ticks + 1):
         truth = np.array([s.start for s in flown]) * (1.0 - 0.01 * tick)
         truth = np.array([lost(row, tick, run) for run, row in enumerate(truth)])
         for axis in range(3):
-            lanes = slice(axis * 40, axis * 40 + 40)
-            w[parts.R :][lanes], w[parts.V :][lanes] = truth[:, axis], truth[:, 3 + axis]
-        navigation.navigate(w, tick, part)
-        for run, (s, f, m) in enumerate(zip(sensing, filters, memories, strict=True)):
+            rows = slice(axis * 40, axis * 40 + 40)
+            w[lanes.R :][rows], w[lanes.V :][rows] = truth[:, axis], truth[:, 3 + axis]
+        navigation.navigate(w, m, t, tick)
+        for run, (s, f, own) in enumerate(zip(sensing, filters, memories, strict=True)):
             state = tuple(truth[run].tolist())
-            sense(tick, state, s.rows, s.outages, *s.key, s.walk, s.queue, s.out)
-            estimate(tick, tuple(command[run].tolist()), s.out, f._replace(full=0), m)
-            found = [w[row + axis * 40 + run] for row in (parts.SEEN_R, parts.SEEN_V)
+            sense(tick, state, s.table, s.memory)
+            estimate(tick, tuple(command[run].tolist()), s.memory, f, own)
+            found = [w[row + axis * 40 + run] for row in (lanes.SEEN_R, lanes.SEEN_V)
                      for axis in range(3)]  # fmt: skip
-            assert found == list(m.y[:6]), (tick, run)
-            trouble.add(int(m.counts[RESETS]) > 0)
+            assert found == list(own[X : X + 6]), (tick, run)
+            trouble.add(own[RESETS] > 0)
         command = rng.uniform(-0.7, 0.7, (40, 3))
         for axis in range(3):
-            w[parts.FORCE + axis * 40 :][:40] = command[:, axis]
-        navigation.remember(w, tick, part)
+            w[lanes.FORCE + axis * 40 :][:40] = command[:, axis]
+        navigation.remember(w, m, t, tick)
     assert trouble == {False, True}

@@ -18,7 +18,7 @@ from rpo_core.files.starts import Cube
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world import cw
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_ctrl.baselines import Pd
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import support

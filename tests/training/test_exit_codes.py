@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
-from rpo_cli.commands import searching
+from rpo_cli.commands import train
 from rpo_core.files.validation import InputError
 from rpo_judge.safety import attack
 from rpo_montecarlo import machine
@@ -85,9 +85,9 @@ def test_a_search_whose_best_misses_a_condition_is_1():
     best = SimpleNamespace(provenance={'starts_that_miss': {'speed': 2, 'slew': 0}})
     run = SimpleNamespace(starts=SimpleNamespace(initial_positions_m=range(8)), scenario='mine')
     with pytest.raises(typer.Exit) as raised:
-        searching.end(run, best, no_fail=False)
+        train.end(run, best, no_fail=False)
     assert raised.value.exit_code == 1
-    searching.end(run, best, no_fail=True)
+    train.end(run, best, no_fail=True)
 
 
 def test_a_broken_limit_of_assurance_is_1(monkeypatch):

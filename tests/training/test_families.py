@@ -24,13 +24,13 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
 from rpo_ctrl.baseline_kernels import pace_inputs
-from rpo_judge.evaluation import robustness
+from rpo_judge.evaluation import comparison
 from rpo_judge.evaluation.comparison import Share
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_set
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_report import pareto
+from rpo_report import training
 from rpo_report.controller import report_of
 from rpo_training import family_training
 from rpo_training.config import override
@@ -259,7 +259,7 @@ def test_shipped_families_are_as_good_as_they_say():
 def test_openings_count_starts_of_thrust_and_changes_of_side():
     steps = np.array([0, 0, 1, 1, 0, 0.003, -1, 1, 1, 0, 1]) * 0.1
     forces = np.column_stack([steps, np.zeros(11), np.full(11, 0.2)])
-    assert robustness.openings(forces) == pytest.approx((4 + 0 + 1) / 3)
+    assert comparison.openings(forces) == pytest.approx((4 + 0 + 1) / 3)
 
 
 def test_the_contact_speed_is_that_of_the_first_state_within_a_metre():
@@ -269,15 +269,15 @@ def test_the_contact_speed_is_that_of_the_first_state_within_a_metre():
     ranges = np.linalg.norm(flight.states[:, :3], axis=1)
     first = next(k for k, r in enumerate(ranges) if r < 1.0)
     speed = np.linalg.norm(flight.states[first, 3:])
-    assert robustness.contact_speed(flight) == pytest.approx(speed) and 0.01 < speed < 0.3
+    assert comparison.contact_speed(flight) == pytest.approx(speed) and 0.01 < speed < 0.3
     still = replace(TRAINING.base, initial_position_m=(9.0, 0.0, 0.0), duration_s=5.0)
     drift = fly(still, load_controller('drift'))
-    assert robustness.contact_speed(drift) is None
+    assert comparison.contact_speed(drift) is None
 
 
 def test_only_what_is_proven_counts_as_proven():
     found = {
-        name: robustness.proof_of(load_controller(name)) for name in ('time_to_go', 'pace', 'mpc')
+        name: comparison.proof_of(load_controller(name)) for name in ('time_to_go', 'pace', 'mpc')
     }
     assert found == {'time_to_go': 'proven', 'pace': 'not proven', 'mpc': 'none made'}
 
@@ -290,8 +290,8 @@ def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
 
     rows = [row('a', 3.0, 990), row('b', 2.5, 1000), row('c', 4.0, 1000), row('d', 2.0, 900)]
     rows.append(row('drifting', 0.0, 0, met=0))
-    assert [r.name for r in pareto.best(rows)] == ['d', 'b']
-    pareto.draw(rows, tmp_path / 'p.svg')
+    assert [r.name for r in training.best(rows)] == ['d', 'b']
+    training.draw(rows, tmp_path / 'p.svg')
     text = (tmp_path / 'p.svg').read_text()
     assert all(f'>{name}</text>' in text for name in 'abcd')
     assert 'drifting' not in text

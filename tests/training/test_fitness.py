@@ -21,7 +21,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_judge.evaluation.assessment import assess
 from rpo_judge.evaluation.optimal import least_energy
-from rpo_judge.scoring import corners
+from rpo_judge.scoring import fitness
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, excess
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
@@ -100,8 +100,8 @@ def test_flights_between_the_starts_are_random_states_in_their_box():
 
 def test_the_corner_flights_are_those_of_the_core():
     """Late position and speed of a few; no two flights are the same."""
-    for case, share in zip(corners.cases(), corners.MASS_SHARES, strict=True):
-        scenarios = corners.flights(share)
+    for case, share in zip(fitness.corner_cases(), fitness.CORNER_MASS_SHARES, strict=True):
+        scenarios = fitness.corner_flights(share)
         assert len(set(scenarios)) == len(case.starts) == 32
         simulator = Simulator([case], 1)
         (figures,) = simulator.fly(population_of(HANDMADE))

@@ -24,7 +24,7 @@ from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import of_flight
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import Thrusters
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,7 @@ from matplotlib.text import Text
 
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_judge.truth import picture, two_body
+from rpo_judge import truth
 from rpo_log.show import style
 from rpo_report import training
 
@@ -71,9 +71,9 @@ def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     flown = replace(load_scenario('approach'), duration_s=8.0)
     errors = {'two bodies': 1e-5 * np.arange(6.0 * (flown.ticks + 1)).reshape(-1, 6)}
     growth = tuple(
-        two_body.Growth(d, np.array([1e-6, 1e-5, 1e-4]) * d * d, np.zeros(3)) for d in (10.0, 1e3)
+        truth.Growth(d, np.array([1e-6, 1e-5, 1e-4]) * d * d, np.zeros(3)) for d in (10.0, 1e3)
     )
-    picture.draw(two_body.Comparison('so', flown, errors, None, growth), tmp_path / 'truth.png')
+    truth.draw(truth.Comparison('so', flown, errors, None, growth), tmp_path / 'truth.png')
     assert {'convergence.png', 'held_out.png', 'truth.png'} <= set(drawn)
     for name, figure in drawn.items():
         assert not [text for text in texts(figure) if re.search(r'[$\\]', text)], name

@@ -16,10 +16,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
 from rpo_guidance.plan import Guidance
 from rpo_judge.evaluation import plan_bound
-from rpo_judge.evaluation.best_path import best_path
-from rpo_judge.evaluation.branching import lower_bound
-from rpo_judge.evaluation.bridge import Bridge, HalfSpaces
-from rpo_judge.evaluation.keep_out import KeepOut
+from rpo_judge.evaluation.plan_bound import Bridge, HalfSpaces, KeepOut, best_path, lower_bound
 
 N_RAD_S, DT_S = cw.mean_motion(6_678_000.0), 10.0
 STEP = cw.discretise(N_RAD_S, 10.0, DT_S)
@@ -160,7 +157,7 @@ def test_whatever_the_multipliers_are_their_value_is_a_bound(monkeypatch):
         def other(a, b, maxiter, scaled=scaled, true=true):
             return true(a, b, maxiter=maxiter)[0] * scaled, 0.0
 
-        monkeypatch.setattr('rpo_judge.evaluation.bridge.nnls', other)
+        monkeypatch.setattr('rpo_judge.evaluation.plan_bound.nnls', other)
         assert bridge.least(spaces)[0] <= right * (1.0 + 1e-12)
 
 
@@ -281,7 +278,7 @@ def test_a_path_that_is_known_is_not_below_the_bound(around):
 
 
 def test_a_search_that_ends_early_has_a_bound_and_says_so(around, monkeypatch):
-    monkeypatch.setattr('rpo_judge.evaluation.branching.SETS', 40)
+    monkeypatch.setattr('rpo_judge.evaluation.plan_bound.SETS', 40)
     scenario, settings, found = around
     _, early = plan_bound.bound(settings, scenario)
     assert not early.closed and 0.1 < early.lower < found.lower

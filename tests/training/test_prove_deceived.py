@@ -28,8 +28,8 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, Case, proof_of, run_cases
-from tools.mutate_runs import failures
+from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, proof_of, run_cases
+from tools.mutating import failures
 
 
 @pytest.fixture(scope='module')
@@ -409,7 +409,7 @@ def test_a_damaged_unit_is_made_again(proofs, tmp_path):
 
 def outcomes(folder, scratch, count):
     """Return the outcomes of changed copies of a folder."""
-    case = Case(folder)
+    case = ProofCase(folder)
     return [case.judge(3, number, scratch)[0] for number in range(count)]
 
 

@@ -31,8 +31,8 @@ from rpo_log.show import style
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.outputs import digest_of
-from rpo_report import approach, campaign, logged, page, recognise, run, sensitivity
-from rpo_report.blocks import File, Picture, Report, Section, Table, Text
+from rpo_report import campaign, logged, page, run, run_plots
+from rpo_report.page import File, Picture, Report, Section, Table, Text
 
 UNITLESS = {
     'word of the position error', 'word of the velocity error', 'grade', 'number of runs',
@@ -231,12 +231,12 @@ def test_what_is_nothing_is_one_sentence(target, sentence):
 
 
 def test_folders_are_recognised(folder, store, tmp_path):
-    assert recognise.subject_of(str(folder)) == 'run'
-    assert recognise.subject_of(str(folder / 'run.mcap')) == 'run'
-    assert recognise.subject_of(str(store.folder)) == 'campaign'
-    assert recognise.subject_of('trained') == 'controller'
+    assert page.subject_of(str(folder)) == 'run'
+    assert page.subject_of(str(folder / 'run.mcap')) == 'run'
+    assert page.subject_of(str(store.folder)) == 'campaign'
+    assert page.subject_of('trained') == 'controller'
     with pytest.raises(InputError, match=r'the folder of a run .* of a campaign .* or of a proof'):
-        recognise.subject_of(str(tmp_path))
+        page.subject_of(str(tmp_path))
 
 
 def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_path):
@@ -286,7 +286,7 @@ def test_influence_is_spearmans():
     b = np.round(b, 1)  # ties
     outcome = a**3 + b**2 + 0.1 * noise
     drawn = {'a': a, 'b': b, 'noise': noise, 'constant': np.ones(400)}
-    found = {i.column: i for i in sensitivity.influences(drawn, outcome)}
+    found = {i.column: i for i in campaign.influences(drawn, outcome)}
     assert set(found) == {'a', 'b', 'noise'}
     for name in found:
         middle = (drawn[name].min() + drawn[name].max()) / 2
@@ -296,7 +296,7 @@ def test_influence_is_spearmans():
         ):
             assert ours == pytest.approx(scipy.stats.spearmanr(values, outcome)[0], abs=1e-12)
     assert abs(found['b'].signed) < 0.2 < found['b'].size, 'either side does the same'
-    assert sensitivity.influences(drawn, np.ones(400)) == []
+    assert campaign.influences(drawn, np.ones(400)) == []
 
 
 def test_the_chance_level_is_exceeded_by_chance_alone_as_often_as_said():
@@ -304,8 +304,8 @@ def test_the_chance_level_is_exceeded_by_chance_alone_as_often_as_said():
     n, trials = 60, 2000
     one = rng.normal(size=n)
     drawn = {str(i): column for i, column in enumerate(rng.normal(size=(trials, n)))}
-    level = sensitivity.chance_level(n)
-    beyond = sum(abs(i.signed) > level for i in sensitivity.influences(drawn, one))
+    level = campaign.chance_level(n)
+    beyond = sum(abs(i.signed) > level for i in campaign.influences(drawn, one))
     # binomial, 0.01 of 2000 = 20, sigma 4.4; small samples have lighter tails than the normal
     assert 6 < beyond < 36
 
@@ -324,9 +324,9 @@ def straight_flight(start, end, ticks=100):
 
 def test_passage_of_the_aids_on_a_straight_line():
     flight = straight_flight([0.0, -50.0, 0.0], [0.0, 0.0, 0.0])  # 5 m/s, in 10 s
-    aids = approach.Aids.of(flight)
+    aids = run_plots.Aids.of(flight)
     assert (aids.axis, aids.sign) == (1, -1.0)
-    found = dict(approach.passage(flight, aids))
+    found = dict(run_plots.passage(flight, aids))
     assert found['enters the keep-out sphere of 5 m at'] == '9.0 s'
     assert found['closing speed at the entry'] == '5 m/s'
     assert found["off the corridor's axis at the entry"] == '0.0°'
@@ -334,9 +334,9 @@ def test_passage_of_the_aids_on_a_straight_line():
     assert metrics.arrival_time_s(flight) == pytest.approx(9.9, abs=0.11)
     away = straight_flight([30.0, 40.0, 0.0], [60.0, 80.0, 0.0])
     assert metrics.arrival_time_s(away) is None
-    aids = approach.Aids.of(away)
+    aids = run_plots.Aids.of(away)
     assert aids.off_axis_deg(away.positions_m)[0] == pytest.approx(np.rad2deg(np.arctan2(30, 40)))
-    assert dict(approach.passage(away, aids))['within 5 m of the target'] == 'never'
+    assert dict(run_plots.passage(away, aids))['within 5 m of the target'] == 'never'
 
 
 def test_a_sentence_that_begins_with_a_number_is_folded():

@@ -21,8 +21,8 @@ from rpo_guidance.stages import GuidanceStage
 from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
 from rpo_nav.estimator import EstimatorStage
-from rpo_report import approach, assured, guided, logged, navigation, page, run, run_plots
-from rpo_report.blocks import Table
+from rpo_report import assured, guided, logged, navigation, page, run, run_plots
+from rpo_report.page import Table
 from rpo_safety.assurance import AssuranceStage
 
 LEGS = [
@@ -177,18 +177,18 @@ def straight(start, end, ticks=200):
 
 def test_passage_of_zones_on_straight_lines():
     (zones,) = zones_of(scenario.load_scenario('hold_points'))
-    inside = dict(approach.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0]), zones))
+    inside = dict(run_plots.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0]), zones))
     assert inside['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
     # 1 m/s from 21 m: at 11 s it is at 10 m, and the sphere begins below
     assert inside['enters the keep-out sphere of 10 m at'] == '11.1 s'
     assert inside['closing speed at the entry'] == '1 m/s'
-    beside = dict(approach.zone_passage(straight([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
+    beside = dict(run_plots.zone_passage(straight([0.0, -21.0, 0.0], [0.0, -1.0, 0.0]), zones))
     assert beside['ticks in the keep-out sphere of 10 m outside the corridor'] == '90 of 201'
     rest = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
     rest.states[-5:, :3] = (0.02, 1.0, 0.0)  # at the port, beside the tip of the cone
-    passed = dict(approach.zone_passage(rest, zones))
+    passed = dict(run_plots.zone_passage(rest, zones))
     assert passed['ticks in the keep-out sphere of 10 m outside the corridor'] == 'none'
-    away = dict(approach.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
+    away = dict(run_plots.zone_passage(straight([0.0, 21.0, 0.0], [0.0, 41.0, 0.0]), zones))
     assert away['enters the keep-out sphere of 10 m'] == 'never'
 
 

@@ -14,12 +14,12 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_set
 from rpo_core.judge import metrics
-from rpo_judge.evaluation import everywhere, sensitivity
-from rpo_judge.evaluation.everywhere import Demand
+from rpo_judge.evaluation import judgement, sensitivity
+from rpo_judge.evaluation.judgement import Demand
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.campaign.statistics import successes
-from rpo_report.controller_plots import draw_effects
+from rpo_report.controller import draw_effects
 
 ROBUST = load_controller('robust')
 
@@ -74,8 +74,8 @@ def test_the_table_names_the_strongest_first(found):
 
 def test_everywhere_counts_the_runs_of_the_campaigns(monkeypatch):
     demands = {'random_starts': Demand(450, 1.0), 'paper_test': Demand(40, 0.9, motion=True)}
-    monkeypatch.setattr(everywhere, 'DEMANDS', demands)
-    starts, dispersed, all_limits = everywhere.everywhere(ROBUST, 7, 1)
+    monkeypatch.setattr(judgement, 'DEMANDS', demands)
+    starts, dispersed, all_limits = judgement.everywhere(ROBUST, 7, 1)
     campaign = campaigns.load(campaigns.find('random_starts'), runs=450, seed=7)
     campaign = replace(campaign, controller=ROBUST)
     columns = run_batch.fly_runs(campaign, 0, 450)

@@ -15,17 +15,17 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.metrics import LATE_POSITION, LATE_SPEED
 from rpo_core.judge.verdicts import verdicts
-from rpo_judge.evaluation import everywhere, targets
+from rpo_judge.evaluation import assessment, judgement
 from rpo_judge.evaluation.assessment import assess
-from rpo_judge.scoring import corners
+from rpo_judge.scoring import fitness
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import judging
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.statistics import successes
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_report.blocks import Table
 from rpo_report.controller import report_of
+from rpo_report.page import Table
 
 EXPECTED = Path(__file__).with_name('expected')
 
@@ -68,7 +68,7 @@ def test_the_default_is_good_everywhere():
     """3 % to every condition; draws that no training has seen, judged by what is asked of them."""
     controller = load_controller(DEFAULT_CONTROLLER)
     assert assess(controller).margin >= 0.03
-    for name, demand in everywhere.DEMANDS.items():
+    for name, demand in judgement.DEMANDS.items():
         campaign = campaigns.load(campaigns.find(name), runs=400, seed=99)
         assert campaign.controller == controller
         columns = fly_runs(campaign, 0, 400)
@@ -107,20 +107,20 @@ def test_a_shipped_controller_reaches_every_target_of_its_own(name):
 
 
 def test_the_default_is_asked_for_every_question_and_trained_for_less_energy():
-    asked = {name: targets.SHIPPED[name] for name in (DEFAULT_CONTROLLER, 'trained')}
+    asked = {name: assessment.SHIPPED[name] for name in (DEFAULT_CONTROLLER, 'trained')}
     assert all(found.questions == ('Q3', 'Q4', 'Q5') for found in asked.values())
-    assert asked['trained'].energy_n2s == targets.ANY.energy_n2s == 3.7
+    assert asked['trained'].energy_n2s == assessment.ANY.energy_n2s == 3.7
     assert asked[DEFAULT_CONTROLLER].margin == 0.03
-    assert set(targets.SHIPPED) == set(SHIPPED)
+    assert set(assessment.SHIPPED) == set(SHIPPED)
 
 
 def test_targets_follow_the_numbers_and_not_the_name():
     """A file that calls itself paper_ga, of which little is asked, is not asked for less."""
     posed = replace(load_controller('robust'), name='paper_ga', provenance={})
-    name, asked = targets.asked_of(posed)
-    assert (name, asked) == ('robust', targets.SHIPPED['robust'])
+    name, asked = assessment.asked_of(posed)
+    assert (name, asked) == ('robust', assessment.SHIPPED['robust'])
     own = replace(posed, velocity_scale_m_s=posed.velocity_scale_m_s + 1e-3)
-    assert targets.asked_of(own) == ('', targets.ANY)
+    assert assessment.asked_of(own) == ('', assessment.ANY)
     found = assess(own).targets()
     assert all(target.limit is not None for target in found)
     assert 'those of any controller' in assess(own).verdict()
@@ -141,7 +141,7 @@ def test_the_papers_claims_hold(name, scenario):
 
 
 def test_robust_keeps_the_claims_in_every_corner():
-    simulator = Simulator(corners.cases())
+    simulator = Simulator(fitness.corner_cases())
     for figures in simulator.fly(
         population_of(load_controller('robust'), load_controller('trained'))
     ):

@@ -16,10 +16,10 @@ from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_montecarlo.outputs import alone
-from rpo_training import checkpoint
 from rpo_training import config as configs
-from rpo_training.checkpoint import Checkpoint
+from rpo_training import run as runs
 from rpo_training.genetic import AdaptiveFeasibleMutation, generator
+from rpo_training.run import Checkpoint
 from rpo_training.training import Training
 
 SMALL = [
@@ -185,7 +185,7 @@ def test_a_checkpoint_of_another_configuration_is_refused(halfway):
 
 
 def test_a_checkpoint_of_another_version_is_refused(halfway, monkeypatch):
-    monkeypatch.setattr(checkpoint, 'versions', lambda: {'cma': '0.0'})
+    monkeypatch.setattr(runs, 'versions', lambda: {'cma': '0.0'})
     with pytest.raises(InputError, match='was written with cma'):
         Training.resume(halfway)
 

@@ -16,10 +16,10 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world import cw
 from rpo_core.world.thrusters import Thrusters
-from rpo_judge.truth import inertial, two_body
+from rpo_judge import truth
 from tools import basilisk
 
-SCIPY, BASILISK = {'SciPy': two_body.by_scipy}, {'Basilisk': basilisk.by_basilisk}
+SCIPY, BASILISK = {'SciPy': truth.by_scipy}, {'Basilisk': basilisk.by_basilisk}
 SHORT = replace(load_scenario('paper_test'), duration_s=8.0)
 
 
@@ -34,7 +34,7 @@ def test_a_chaser_on_its_own_circular_orbit_stays_on_it():
     other = cw.mean_motion(high)
     start = (1000.0, 0.0, 0.0), (0.0, (other - n) * high, 0.0)
     scenario = replace(SHORT, initial_position_m=start[0], initial_velocity_m_s=start[1])
-    states = two_body.by_scipy(scenario, np.zeros((scenario.ticks, 3)), masses(scenario))
+    states = truth.by_scipy(scenario, np.zeros((scenario.ticks, 3)), masses(scenario))
     angle = (other - n) * scenario.duration_s
     expected = high * np.cos(angle) - radius, high * np.sin(angle)
     np.testing.assert_allclose(states[-1, :2], expected, rtol=0, atol=2e-9)
@@ -47,25 +47,25 @@ def test_gravity_by_encke_is_the_difference_of_two_pulls():
         return -cw.MU_EARTH_M3_S2 * r / np.linalg.norm(r) ** 3
 
     expected = pull(target + offset) - pull(target)
-    np.testing.assert_allclose(inertial.encke(offset, target), expected, rtol=1e-12)
+    np.testing.assert_allclose(truth.encke(offset, target), expected, rtol=1e-12)
 
 
 def test_close_to_the_target_the_plant_is_right():
     """Errors of the second order, with forces and disturbance: 70 m away, micrometres in 8 s."""
     flight = fly(SHORT, load_controller('handmade'))
-    states = two_body.by_scipy(SHORT, two_body.total_forces_n(flight), masses(SHORT))
+    states = truth.by_scipy(SHORT, truth.total_forces_n(flight), masses(SHORT))
     errors = np.abs(flight.states - states).max(axis=0)
     assert (errors[:3] < 1e-5).all() and (errors[3:] < 1e-6).all()
     moved = np.abs(flight.states[-1] - flight.states[0]).max()
     assert moved > 1.0
     # a sign gone wrong costs centimetres
     wrong = np.diag([-1.0, 1.0, 1.0])
-    other = two_body.by_scipy(SHORT, two_body.total_forces_n(flight) @ wrong, masses(SHORT))
+    other = truth.by_scipy(SHORT, truth.total_forces_n(flight) @ wrong, masses(SHORT))
     assert np.abs(flight.states - other).max() > 0.01
 
 
 def test_the_error_grows_with_the_square_of_the_distance():
-    growth = two_body.drift_errors(SHORT, 400.0)
+    growth = truth.drift_errors(SHORT, 400.0)
     for near, far in pairwise(growth):
         ratio = far.position_m / near.position_m
         np.testing.assert_allclose(ratio, (far.distance_m / near.distance_m) ** 2, rtol=0.01)
@@ -76,8 +76,8 @@ def test_thrusters_give_what_the_scenario_says():
     scenario = SHORT.equipped(Thrusters(matrix, 2))
     flight = fly(scenario, load_controller('handmade'))
     expected = flight.saturated_forces_n @ np.array(matrix).T + flight.disturbances_n[:-1]
-    np.testing.assert_allclose(two_body.total_forces_n(flight), expected, rtol=1e-15)
-    states = two_body.by_scipy(scenario, two_body.total_forces_n(flight), masses(scenario))
+    np.testing.assert_allclose(truth.total_forces_n(flight), expected, rtol=1e-15)
+    states = truth.by_scipy(scenario, truth.total_forces_n(flight), masses(scenario))
     np.testing.assert_allclose(flight.states, states, rtol=0, atol=1e-5)
 
 
@@ -104,7 +104,7 @@ def test_basilisk_flies_what_scipy_flies():
     if find_spec('Basilisk') is None:
         pytest.skip('Basilisk (layer truth) is not installed')
     flight = fly(load_scenario('paper_test'), load_controller('trained'))
-    found = two_body.compare(flight, 'test', {**BASILISK, **SCIPY})
+    found = truth.compare(flight, 'test', {**BASILISK, **SCIPY})
     assert list(found.errors) == ['Basilisk', 'SciPy']
     assert found.disagreement_m < 1e-7
     for errors in found.errors.values():
@@ -118,7 +118,7 @@ WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 def test_a_true_world_is_that_of_scipy(world):
     """Pulses, falling mass, J2, drag: the states of the plant in 20 s."""
     flight = fly(replace(load_scenario(world), duration_s=20.0), load_controller('pd'))
-    found = two_body.compare(flight, world, SCIPY)
+    found = truth.compare(flight, world, SCIPY)
     errors = np.abs(found.errors['SciPy']).max(axis=0)
     assert (errors[:3] < 1e-9).all() and (errors[3:] < 1e-10).all()
     assert found.plant == 'two_body'
@@ -132,5 +132,5 @@ def test_basilisk_flies_the_true_worlds(world):
         pytest.skip('Basilisk (layer truth) is not installed')
     scenario = load_scenario(world)
     scenario = scenario.equipped(replace(scenario.dynamics, drag=None))
-    found = two_body.compare(fly(scenario, load_controller('trained')), world, BASILISK)
+    found = truth.compare(fly(scenario, load_controller('trained')), world, BASILISK)
     assert np.linalg.norm(found.errors['Basilisk'][:, :3], axis=1).max() < 1e-5

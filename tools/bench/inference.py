@@ -19,9 +19,11 @@ from rpo_core.control.controller import load_fuzzy
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
 from rpo_core.files.scenario import load_set
 from rpo_core.files.validation import InputError
-from rpo_montecarlo.engine import lanes, parts, tick
+from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.cases import Crossed, case_of_set
+from rpo_montecarlo.engine.parts import control, dynamics
 from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine.tick import place
 
 Floats = NDArray[np.float64]
 
@@ -89,7 +91,7 @@ def _rate(
 def _lanes(controller: str, errors: Floats) -> Callable[[], Floats]:
     """Return the inference of the engine over any number of inputs."""
     loaded = load_fuzzy(controller)
-    law, rows = lanes.make_law(loaded.system.samples), lanes.make_scratch(parts.ROWS)
+    law, rows = lanes.make_law(loaded.system.samples), lanes.make_scratch()
     lanes.set_law(law, *(field[0] for field in population_of(loaded)))
     outputs = np.empty(errors.shape[1])
 
@@ -202,7 +204,7 @@ BREAKDOWN = ('fuzzify', 'fire', 'defuzzify', 'all of inference', 'command and st
 
 
 @lanes.compiled
-def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
+def _repeat(part, count, w, n, law, m, commands, steps):  # type: ignore[no-untyped-def]
     """Repeat one part of `BREAKDOWN`."""
     for _ in range(count):
         if part == 0:
@@ -215,23 +217,23 @@ def _repeat(part, count, w, n, law, p, q, c):  # type: ignore[no-untyped-def]
         elif part == 3:
             lanes.infer_lanes(w, n, law)
         else:
-            tick.command_fuzzy(w, n, law, None, None)
-            tick.step_alike(w, p, q, c)
+            control.command_fuzzy(w, m, commands, 0)
+            dynamics.step_alike(w, m, steps, 0)
 
 
 def breakdown(count: int = 20_000) -> dict[str, float]:
     """Return the CPU time [ns] per axis and control step of each part, for the 216 starts."""
     case = case_of_set(load_set('paper_training'))
     runs, axes = cast(Crossed, case.full).runs, 80  # 78 axes in whole SIMD registers
-    law, rows = lanes.make_law(101), lanes.make_scratch(parts.ROWS)
+    law, rows = lanes.make_law(101), lanes.make_scratch()
     lanes.set_law(law, *(field[0] for field in population_of(load_fuzzy('handmade'))))
-    parts.place(rows, runs)
-    p, q = len(runs.planar), len(runs.vertical)
-    arguments = (rows, axes, law, p, q, case.base.step)
+    steps = dynamics.alike_part(len(runs.planar), len(runs.vertical), case.base.step)
+    commands = control.fuzzy_control(law).part(runs)
+    arguments = (rows, axes, law, steps.memory, commands.table, steps.table)
     times = {}
     for part, name in enumerate(BREAKDOWN):
         _repeat(part, 1, *arguments)
-        parts.place(rows, runs)
+        place(rows, runs)
         rate = _measure(partial(_repeat, part, count, *arguments), count * axes)
         times[name] = 1e9 / rate
     return times

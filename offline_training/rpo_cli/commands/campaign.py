@@ -161,7 +161,7 @@ def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store |
 
 def _fly(store: Store, workers: int, cluster: str, least: float | None) -> bool:
     """Fly what is missing of a campaign and print it; return whether too few runs succeed."""
-    from rpo_cli.progress import CampaignDisplay
+    from rpo_cli.display import CampaignDisplay
     from rpo_montecarlo.campaign.execution import fly
 
     again = shlex.join(['rpo', 'campaign', '--resume', str(store.folder)])

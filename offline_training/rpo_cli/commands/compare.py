@@ -83,7 +83,7 @@ def compare(
 
 def _draw(rows: Sequence[ComparedController], path: Path) -> None:
     try:
-        from rpo_report.pareto import draw
+        from rpo_report.training import draw
     except ImportError:
         typer.echo('No picture: matplotlib is not installed.', err=True)
         return

@@ -178,7 +178,7 @@ def _judge_estimator(name: str, runs: int) -> bool:
 
 def _print_targets(found: Assessment) -> None:
     from rpo_cli.display import print_table
-    from rpo_judge.evaluation.targets import QUESTIONS
+    from rpo_judge.evaluation.assessment import QUESTIONS
 
     rows = [
         (
@@ -198,7 +198,7 @@ def _print_targets(found: Assessment) -> None:
 def _everywhere(controller: AnyController, seed: int | None, workers: int) -> bool:
     """Print how a controller does in draws of this seed; return whether it misses a target."""
     from rpo_cli.display import print_table, progress
-    from rpo_judge.evaluation.everywhere import SEED, everywhere
+    from rpo_judge.evaluation.judgement import SEED, everywhere
     from rpo_training.provenance import saw
 
     with progress() as show:

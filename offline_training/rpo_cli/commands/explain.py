@@ -23,7 +23,10 @@ if TYPE_CHECKING:
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.control.controller_file import Reason
     from rpo_core.control.explain import Decision, FiredRule
+    from rpo_core.kernels import Vector
+    from rpo_ctrl.family import Family
     from rpo_judge.analysis.certificate import Certificate
+
 
 EXAMPLES = """
 Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
@@ -58,7 +61,6 @@ def explain(
 
     Exit code 1: the certificate fails, or the run holds another force or reason than is computed.
     """
-    from rpo_cli.commands import explain_family
     from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_core.control.explain import decisions, state_of
@@ -71,7 +73,7 @@ def explain(
         loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
         seen = _from_goal(console, loaded, state_of(state), scenario)
         if isinstance(loaded, Family):
-            explain_family.print_reasons(console, loaded, seen, at or 0.0)
+            _print_reasons(console, loaded, seen, at or 0.0)
         elif at is not None:
             raise InputError(
                 '`--state` takes one controller, `--scenario`, and nothing else; `--at` only '
@@ -100,7 +102,7 @@ def explain(
         raise InputError(f'{target}: say which instant of the run, like --at 37.5')
     loaded = load_controller(target)
     if isinstance(loaded, Family):
-        holds = explain_family.print_controller(console, loaded, certify)
+        holds = _print_family(console, loaded, certify)
     else:
         holds = _explain_controller(console, only_fuzzy(loaded), certify)
     end(not holds, no_fail)
@@ -137,7 +139,6 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     """Print the decisions at the tick at or before a time; return whether the log has the same."""
     import numpy as np
 
-    from rpo_cli.commands import explain_family
     from rpo_core.control.controller import only_fuzzy
     from rpo_core.control.controller_file import received
     from rpo_core.control.explain import decisions
@@ -162,7 +163,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     controller, tick = controller_of(log), int(log.ticks[row])
     console.print(f'{printable(path)}, tick {tick}, {times[row]:g} s')
     if isinstance(controller, Family):
-        reasons, same = explain_family.print_at(console, controller, state, tick)
+        reasons, same = _print_reasons_at(console, controller, state, tick)
     else:
         found = decisions(only_fuzzy(controller), state)
         _print_decisions(console, found)
@@ -330,3 +331,54 @@ def _print_certificate(
         f'{certificate.boxes} boxes; the kernel is within {certificate.rounding:.1e} of the exact '
         f'surface. The certificate {"holds" if certificate.holds else "FAILS"}.'
     )
+
+
+def _print_family(console: Console, controller: Family, certify: bool) -> bool:
+    """Print the rules of a controller, with `certify` what is proven; return whether it holds."""
+    from rpo_cli.display import print_table
+
+    console.print(controller.name, style='bold', end='')
+    console.print(f': {printable(controller.description)}')
+    for title, headings, rows in controller.tables():
+        print_table(headings, rows, title)
+    if not certify:
+        return True
+    claims = controller.claims()
+    console.print('\nCertificate', style='bold')
+    for claim in claims:
+        word, color = ('proven', 'green') if claim.holds else ('not proven', 'yellow')
+        console.print(f'{word:10s}', style=color, end='')
+        console.print(f' {claim.name}: {claim.statement}', soft_wrap=True)
+    return all(claim.holds for claim in claims if claim.needed)
+
+
+def _print_reasons_at(
+    console: Console, controller: Family, state: Sequence[float], tick: int
+) -> tuple[Sequence[Reason], Vector]:
+    """Print the reasons of a state at a tick; return them and the force [N]."""
+    from rpo_core.control.explain import in_words
+
+    x, y, z, vx, vy, vz = state
+    reasons = controller.reasons((x, y, z, vx, vy, vz), tick)
+    for axis, (sentence, pairs) in zip('xyz', reasons, strict=True):
+        console.print(f'\n{axis}', style='bold', end='')
+        said = in_words(controller, sentence, dict(pairs)).sentence
+        console.print(f': {said}', soft_wrap=True)
+        console.print(', '.join(f'{name} {value:.4g}' for name, value in pairs), soft_wrap=True)
+    return reasons, controller.force_n((x, y, z), (vx, vy, vz), tick)
+
+
+def _print_reasons(
+    console: Console, controller: Family, state: Sequence[float], at_s: float
+) -> None:
+    """Print the reasons of a state at a time since the start of the run; raises InputError."""
+    if controller.clock_s is None:
+        if at_s:
+            raise InputError(f'`--at` needs a run: controller {controller.name} has no clock')
+        _print_reasons_at(console, controller, state, 0)
+        return
+    if not 0.0 <= at_s <= 1e6:
+        raise InputError(f'`--at` must be from 0 s to 1e6 s; got {at_s:g}')
+    tick = round(at_s / controller.clock_s)
+    console.print(f'tick {tick}, {tick * controller.clock_s:g} s since the start')
+    _print_reasons_at(console, controller, state, tick)

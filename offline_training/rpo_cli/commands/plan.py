@@ -15,8 +15,7 @@ from rpo_cli.commands.shared import Set
 from rpo_core.files.validation import InputError
 
 if TYPE_CHECKING:
-    from rpo_judge.evaluation.keep_out import KeepOut
-    from rpo_judge.evaluation.plan_bound import Bound
+    from rpo_judge.evaluation.plan_bound import Bound, KeepOut
 
 EXAMPLES = """
 Examples: `rpo plan around` | `rpo plan hold_points --picture plan.png` | `rpo plan around --set
@@ -42,7 +41,7 @@ def plan(
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
     from rpo_judge.evaluation import plan_bound
-    from rpo_judge.evaluation.keep_out import KeepOut
+    from rpo_judge.evaluation.plan_bound import KeepOut
 
     if Path(scenario).is_dir():
         _compare(Path(scenario), sample)
@@ -59,7 +58,7 @@ def plan(
     )
     typer.echo(_said(energies, KeepOut.of(settings, margins)))
     if picture is not None:
-        from rpo_report.plan_picture import draw
+        from rpo_report.run_plots import draw
 
         draw(found, energies, settings, picture)
         typer.echo(picture)

@@ -168,7 +168,7 @@ def _problem(
 
 def _prove(folder: Folder, workers: int, cluster: str) -> bool:
     """Make a proof; return whether a claim is refuted or open."""
-    from rpo_cli.progress import ProofDisplay
+    from rpo_cli.display import ProofDisplay
     from rpo_judge.analysis.certificate import PROVEN
     from rpo_proof.claims import worst
     from rpo_proof.proving import prove as make

@@ -14,7 +14,7 @@ from rpo_cli.commands.shared import NoFail, echo, end
 from rpo_core.files.validation import InputError, printable, within
 
 if TYPE_CHECKING:
-    from rpo_report.blocks import Report
+    from rpo_report.page import Report
 
 EXAMPLES = """
 Examples: `rpo report runs/demo` | `rpo report runs/demo/run.mcap --open` |
@@ -55,10 +55,10 @@ def report(
     from rich.text import Text
 
     from rpo_cli.display import plain_console
-    from rpo_report import recognise
+    from rpo_report import page
     from rpo_report.page import write
 
-    subject = recognise.subject_of(target)
+    subject = page.subject_of(target)
     if scenario and subject != 'controller':
         raise InputError(f'`--scenario` is for the report of a controller; {target} is a {subject}')
     doing = Text(printable(f'{target}: reporting this {subject}'))

@@ -64,7 +64,7 @@ def show(scenario: Name, changes: Set = None) -> None:
     """
     from rpo_cli.display import print_table
     from rpo_core.files import overrides
-    from rpo_judge.safety.quiet import speeds
+    from rpo_judge.safety.counts import speeds
     from rpo_safety.guard import proof_of
     from rpo_safety.settings import Assurance
 
@@ -96,21 +96,21 @@ def attack(
     """
     from rpo_cli.display import print_table, progress
     from rpo_core.files import overrides
+    from rpo_judge.safety import attack
     from rpo_judge.safety import attack as attacks
-    from rpo_judge.safety import hostile
 
     found = overrides.load(scenario, changes or [])
     began = time.monotonic()
     with interruptible(lambda: 'stopped; nothing is kept'), progress() as draw:
         results = attacks.attack(found, runs, seed, ticks, lambda n: draw('runs', n, runs))
     columns = (
-        hostile.VIOLATED,
-        hostile.INFEASIBLE,
-        hostile.TOO_FAST,
-        hostile.OUTSIDE,
-        hostile.HARD,
-        hostile.ACTED,
-        hostile.CONTACTS,
+        attack.VIOLATED,
+        attack.INFEASIBLE,
+        attack.TOO_FAST,
+        attack.OUTSIDE,
+        attack.HARD,
+        attack.ACTED,
+        attack.CONTACTS,
     )
     heads = (
         'command',
@@ -129,7 +129,7 @@ def attack(
             result.kind,
             str(len(result.rows)),
             *(str(result.total(column)) for column in columns),
-            f'{result.least(hostile.LEAST_FREE):.3g} m',
+            f'{result.least(attack.LEAST_FREE):.3g} m',
         )
         for result in results
     ]
@@ -151,7 +151,7 @@ def quiet(
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
-    from rpo_judge.safety import quiet as counting
+    from rpo_judge.safety import counts as counting
     from rpo_safety.settings import Assurance
 
     found, settings = load(scenario), Assurance(speed=speed)
@@ -181,7 +181,7 @@ def drift(
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load
-    from rpo_judge.safety.silence import silence
+    from rpo_judge.safety.counts import silence
 
     found, bounds = load(scenario), (-drag, 0.0 if more_drag else drag)
     rows = []
@@ -207,17 +207,17 @@ def abort(
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_guidance.plan import Guidance
-    from rpo_judge.safety import leaving
+    from rpo_judge.safety import counts
 
     found = overrides.load(scenario, changes or [])
-    machine = leaving.machine_of(found)
+    machine = counts.machine_of(found)
     name = 'plan' if found.section(Guidance) else f'flight of {controller}'
     rows = []
     for kind, looked in (
-        (name, leaving.of_flight(found, load_controller(controller))),
-        ('random', leaving.at_random(machine, states, seed)),
+        (name, counts.of_flight(found, load_controller(controller))),
+        ('random', counts.at_random(machine, states, seed)),
     ):
-        for band in leaving.bands(machine, looked):
+        for band in counts.bands(machine, looked):
             if band.states:
                 share = f'{band.clear} of {band.states}'
                 beyond = f'{band.least_m:g} to {band.most_m:g} m'

@@ -1,22 +1,24 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""`rpo train`."""
+"""`rpo train` and `rpo tune`: show a search, stop it cleanly, print its result."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.searching import end, fly
-from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo
+from rpo_cli.commands import shared
+from rpo_cli.commands.shared import Cluster, NoFail, Workers, echo, interruptible
 from rpo_core.files.validation import InputError, choice
 
 if TYPE_CHECKING:
     from rpo_core.control.controller import FuzzyController
     from rpo_training.config import TrainingConfig
     from rpo_training.family_training import FamilyTraining
+    from rpo_training.run import Config, Found, SearchRun
     from rpo_training.training import Training
 
 EXAMPLES = """
@@ -157,3 +159,86 @@ def _draw(training: Training, best: FuzzyController) -> None:
         return
     for path in draw_run(training.folder, best):
         echo(path)
+
+
+def fly(run: SearchRun[Config, Found]) -> Found:
+    """Fly a run to its end and return the best; if interrupted, print how to go on, and exit."""
+    from rpo_cli.display import TrainingDisplay
+
+    def sentence() -> str:
+        return (
+            f'Interrupted after {len(run.checkpoint.scores)} generations, which are saved. '
+            f'Go on with: {run.command} {shlex.join(["--resume", str(run.folder)])}'
+        )
+
+    with interruptible(sentence), TrainingDisplay(run.folder) as display:
+        best = run.run(display.show)
+    made = best.provenance
+    echo(f'{made["stopped"]}; {made["evaluations"]} controllers evaluated')
+    count = len(run.starts.initial_positions_m)
+    missed = ', '.join(f'{name} {n}' for name, n in made['starts_that_miss'].items())
+    typer.echo(
+        f'fitness {made["fitness_n2s"]:.4f} N^2 s, mean J {made["mean_energy_n2s"]:.4f} '
+        f'N^2 s; of {count} starts miss: {missed}'
+    )
+    echo(f'{run.folder / best.name}.yaml')
+    return best
+
+
+def end(run: SearchRun[Config, Found], best: Found, no_fail: bool) -> None:
+    """End with exit code 1 and a sentence if the best controller misses a condition."""
+    misses = {name: n for name, n in best.provenance['starts_that_miss'].items() if n}
+    if not misses:
+        return
+    count = len(run.starts.initial_positions_m)
+    which = ', '.join(f'{name} from {n} of {count} starts' for name, n in misses.items())
+    echo(
+        f'The best controller misses conditions of {run.scenario}: {which}. It is written. Try '
+        'another seed or more evaluations; or give the scenario more time, force or weaker limits.',
+        err=True,
+    )
+    shared.end(missed=True, no_fail=no_fail)
+
+
+TUNE_EXAMPLES = """
+Examples: `rpo tune pd` | `rpo tune mpc --seed 2 -o runs/mpc` | `rpo tune --resume runs/mpc` |
+`rpo tune lqr --disturbance 20`
+"""
+
+
+def tune(
+    kind: Annotated[str | None, typer.Argument(help='pd, lqr, mpc or apf_smc')] = None,
+    seed: Annotated[int, typer.Option(help='seed of the random numbers')] = 1,
+    evaluations: Annotated[
+        int | None, typer.Option(help="at most, and no more than the paper's 60 x 301")
+    ] = None,
+    scenario: Annotated[
+        str, typer.Option(help='tune for this scenario or set (name or file)')
+    ] = 'paper_training',
+    disturbance: Annotated[
+        float, typer.Option(help="weight [N² s] of the paper's test, which training does not see")
+    ] = 0.0,
+    output: Annotated[
+        Path | None, typer.Option('--output', '-o', help='folder  [runs/tune_NAME_SEED]')
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help='folder to go on with')] = None,
+    workers: Workers = 0,
+    no_fail: NoFail = False,
+) -> None:
+    """Tune a baseline controller: same starts and fitness as training, the paper's budget at most.
+
+    Progress is saved after each generation: Ctrl-C stops cleanly, --resume goes on. Exit code 1:
+    the best one, which is written, misses a condition.
+    """
+    from rpo_training.tuning import BUDGET, Tuning, TuningConfig
+
+    if (kind is None) == (resume is None):
+        raise InputError('say what to tune, pd, lqr, mpc or apf_smc; or --resume FOLDER')
+    if resume is not None:
+        tuning = Tuning.resume(resume, workers)
+        end(tuning, fly(tuning), no_fail)
+        return
+    budget = BUDGET if evaluations is None else evaluations
+    config = TuningConfig(str(kind), seed, budget, disturbance, scenario=scenario)
+    tuning = Tuning.create(config, output or Path(f'runs/tune_{config.name}_{seed}'), workers)
+    end(tuning, fly(tuning), no_fail)

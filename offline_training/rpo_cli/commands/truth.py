@@ -17,7 +17,7 @@ from rpo_montecarlo import outputs
 
 if TYPE_CHECKING:
     from rpo_core.chain.flight import Flight
-    from rpo_judge.truth.two_body import Comparison
+    from rpo_judge.truth import Comparison
 
 EXAMPLES = """
 Examples: `rpo truth runs/first` | `rpo truth` | `rpo truth --scenario approach --controller
@@ -43,7 +43,7 @@ def truth(
 
     By Basilisk where it is installed (layer `truth`; not with drag), and by SciPy.
     """
-    from rpo_judge.truth.two_body import by_scipy, compare
+    from rpo_judge.truth import by_scipy, compare
     from rpo_log.show.report import folder_of
 
     flight, title = _flight(run, scenario, controller)
@@ -79,7 +79,7 @@ Cells = Sequence[Sequence[str]]
 
 def _tables(found: Comparison) -> list[tuple[str, Cells, str]]:
     """Return title, headings and rows, and what follows, of both tables."""
-    from rpo_judge.truth.two_body import AXIS_NAMES
+    from rpo_judge.truth import AXIS_NAMES
 
     duration = f'{found.scenario.duration_s:g} s'
     heads = (
@@ -123,7 +123,7 @@ def markdown(found: Comparison) -> str:
 
 
 def _draw(found: Comparison, path: Path) -> None:
-    from rpo_judge.truth.picture import draw
+    from rpo_judge.truth import draw
 
     try:
         with outputs.writing(path):

@@ -3,5 +3,5 @@
 """How good a controller is: targets, comparisons, and the least energy that physics allows.
 
 `assessment`: targets Q1-Q5. `comparison`, `comparison_table`: all controllers beside each other.
-`optimal`: convex programs. `plans`: what a predictive controller plans.
+`judgement`: requirements, campaigns. `optimal`: convex programs. `plan_bound`: plans.
 """

@@ -16,15 +16,17 @@ from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import CLAIM_WINDOW_S
 from rpo_judge.evaluation.comparison import (
+    OPEN_N,
+    OPENED_RUNS,
     PLANS_EVERY,
     PLANS_RUNS,
+    RANDOM,
     TESTS,
     WORLD,
     WORLD_RUNS,
     ComparedController,
     Share,
 )
-from rpo_judge.evaluation.robustness import OPEN_N, OPENED_RUNS, RANDOM
 from rpo_judge.scoring.conditions import LABELS
 from rpo_montecarlo.campaign.config import Campaign
 from rpo_montecarlo.campaign.judging import motion, sentence, words

@@ -23,11 +23,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import State, Vector, cw_step, saturate
+from rpo_core.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_core.kernels.jit import kernel
 from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
 from rpo_nav.estimator import Estimator, filter_of, memory_of
-from rpo_nav.filter_kernels import Filter, Memory, estimate
+from rpo_nav.filter_kernels import LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals
 from rpo_nav.sensors import Sensing, Sensors
 
@@ -129,13 +129,13 @@ def consistency(
     for run in range(runs):
         mine = replace(sensors, noise_key=(run, 2**31))
         f = filter_of(settings, mine, scenario)
-        errors, spreads = np.empty((TIMES, 6)), np.empty((TIMES, f.n * f.n))
+        errors, spreads = np.empty((TIMES, 6)), np.empty((TIMES, SQUARE))
         s = Sensing(mine, scenario)
         _fly(
-            np.array(ticks), scenario.start, f, memory_of(f), s.rows, s.outages, s.walk, s.queue,
-            s.out, run, _forces(settings, scenario), errors, spreads, nis[run], sums, counts,
+            np.array(ticks), scenario.start, f, memory_of(f), s.table, s.memory, run,
+            _forces(settings, scenario), errors, spreads, nis[run], sums, counts,
         )  # fmt: skip
-        whole = spreads.reshape(TIMES, f.n, f.n)[:, :6, :6]
+        whole = spreads.reshape(TIMES, STATES, STATES)[:, :6, :6]
         nees[run] = np.einsum('ti,ti->t', errors, np.linalg.solve(whole, errors[..., None])[..., 0])
         show('flights', run + 1, runs)
     measured = sums[:, 0] > 0
@@ -215,9 +215,9 @@ def sigmas_at_goal(scenario: Scenario) -> tuple[float, float]:
     x, y, z = scenario.goal_position_m
     for tick in range(round(SETTLING_S / scenario.dt_s)):
         state = (x, y, z, 0.0, 0.0, 0.0)
-        sense(tick, state, s.rows, s.outages, *s.key, s.walk, s.queue, s.out)
-        estimate(tick, (0.0, 0.0, 0.0), s.out, f, m)
-    variances = np.array(m.s).reshape(f.n, f.n).diagonal()
+        sense(tick, state, s.table, s.memory)
+        estimate(tick, (0.0, 0.0, 0.0), s.memory, f, m)
+    variances = np.array(m[X + STATES : X + STATES + SQUARE]).reshape(STATES, STATES).diagonal()
     return sqrt(variances[:3].max()), sqrt(variances[3:6].max())
 
 
@@ -252,22 +252,21 @@ def _forces(settings: Estimator, scenario: Scenario) -> Vector:
 
 
 @kernel
-def _command(y: Any, limit: float) -> Vector:
+def _command(m: Any, limit: float) -> Vector:
     """Return the force (3,) [N] of a PD controller that reads the estimate."""
     return (
-        saturate(-0.00625 * y[0] - 0.5 * y[3], limit),
-        saturate(-0.00625 * y[1] - 0.5 * y[4], limit),
-        saturate(-0.00625 * y[2] - 0.5 * y[5], limit),
+        saturate(-0.00625 * m[X] - 0.5 * m[X + 3], limit),
+        saturate(-0.00625 * m[X + 1] - 0.5 * m[X + 4], limit),
+        saturate(-0.00625 * m[X + 2] - 0.5 * m[X + 5], limit),
     )
 
 
 @kernel
 def _fly(
-    ticks: Any, start: State, f: Filter, m: Memory, sensors: Any, outages: Any, walk: Any,
-    queue: Any, out: Any, run: int, forces: Vector, errors: Any, spreads: Any, nis: Any,
-    sums: Any, counts: Any,
+    ticks: Any, start: State, f: Any, m: Any, sensors: Any, measured: Any, run: int,
+    forces: Vector, errors: Any, spreads: Any, nis: Any, sums: Any, counts: Any,
 ) -> None:  # fmt: skip
-    """Fly once; fill errors (times, 6), spreads (times, n * n) and nis (times,).
+    """Fly once; fill errors (times, 6), spreads (times, 81) and nis (times,).
 
     sums : (6, 3) per number: count, squares, products with the one before
     counts : numbers measured, measurements
@@ -278,9 +277,9 @@ def _fly(
     dx, dy, dz = constant * first[0], constant * first[1], constant * first[2]
     before, newest, at = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0
     for tick in range(ticks[-1] + 1):
-        sense(tick, state, sensors, outages, run, key, walk, queue, out)
-        estimate(tick, command, out, f, m)
-        row = m.tested[0]
+        sense(tick, state, sensors, measured)
+        estimate(tick, command, measured, f, m)
+        row = m[TESTED : TESTED + TESTS]
         if row[0] > 0.0:
             newest = row[1] / row[0]
             counts[0] += row[0]
@@ -293,18 +292,18 @@ def _fly(
             before = now
         if tick == ticks[at]:
             for i in range(6):
-                errors[at, i] = m.y[i] - state[i]
-            for i in range(f.n * f.n):
-                spreads[at, i] = m.s[i]
+                errors[at, i] = m[X + i] - state[i]
+            for i in range(SQUARE):
+                spreads[at, i] = m[X + STATES + i]
             nis[at] = newest
             at += 1
-        command = _command(m.y, f.limit_n)
+        command = _command(m, f[LIMIT])
         n0, n1, n2 = three_normals(tick, 0, _FORCE, run, key)
         pushed = (
             command[0] + dx + white * n0,
             command[1] + dy + white * n1,
             command[2] + dz + white * n2,
         )
-        state = cw_step(state, pushed, f.step)
+        state = cw_step(state, pushed, unpacked(f, STEP, 1))
         w0, w1, w2 = three_normals(tick, 0, _WALK, run, key)
         dx, dy, dz = dx + drift * w0, dy + drift * w1, dz + drift * w2

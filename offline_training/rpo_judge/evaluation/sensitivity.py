@@ -22,8 +22,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import ENERGY
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
-from rpo_montecarlo.engine.cases import Case, case_of_set
-from rpo_montecarlo.engine.drawn import DrawnCase
+from rpo_montecarlo.engine.cases import Case, DrawnCase, case_of_set
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 

@@ -1,9 +1,8 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Attacks on runtime assurance: many dispersed runs of one scenario under hostile commands.
+"""Runs under hostile commands, compiled: what the world may do is drawn within the proof's bounds.
 
-What the world does is drawn within what the scenario's section `assurance` assumes. A wrong mass
-and a wrong thrust are one: force exerted = matrix x command, |matrix - 1| as large as assumed.
+A run is a function of its key. Random words are Philox4x32-10 of (tick, purpose, key).
 """
 
 from __future__ import annotations
@@ -11,18 +10,357 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
+from rpo_core.kernels import CwStep, cw_step, exerted_force
+from rpo_core.kernels.noise import philox
 from rpo_core.world import cw
-from rpo_judge.safety import hostile
-from rpo_judge.safety.hostile import COLUMNS, KINDS, LONGEST_DELAY, PARTS, World
+from rpo_montecarlo.engine.lanes import compiled
+from rpo_safety.corridor import approach_margins, in_corridor
+from rpo_safety.filters import assure
 from rpo_safety.guard import Proof, proof_of
+from rpo_safety.kernels import APPROACH, OPEN, closing, open_margins, speed_limit
 from rpo_safety.settings import Assurance
+
+KINDS = (
+    'random', 'bang-bang', 'towards the target', 'frozen', 'late', 'sideways', 'not finite', 'away',
+)  # fmt: skip
+RANDOM, BANG_BANG, TOWARDS, FROZEN, LATE, SIDEWAYS, NOT_FINITE, AWAY = range(len(KINDS))
+
+START, KIND, WORLD, PUSH, SEEN, WANT, SWITCH = range(10, 17)
+"""Purposes of random words."""
+
+PARTS = 8
+"""Moments of a tick at which the path is looked at, its end included."""
+
+NEAR_M = 0.5
+"""So near to the zone, and to the edge of the domain, the path is looked at between ticks."""
+
+LONGEST_DELAY = 64
+MOST_LATE = 30
+
+# Columns of the results.
+VIOLATED, INFEASIBLE, TOO_FAST, ACTED, CONTACTS, LEAST_MARGIN, LEAST_FREE, EXCESS, TICKS = range(9)
+OUTSIDE, HARD, PORT_EXCESS = range(9, 12)
+COLUMNS = 12
+
+
+class Bounds(NamedTuple):
+    """What the world may do, the bounds of the proof.
+
+    position_m, velocity_m_s, push_n : largest norms of the errors and the disturbance
+    delay : ticks to the force
+    zone_m, domain_m, width_m, contact_m_s, lateral_m_s : as the file has them
+    floor_m_s : speed below which the limit is not kept for certain
+    reach_m : starts are up to so far outside the zone
+    drift_m, drift_m_s : what the disturbance does before the first force arrives
+    """
+
+    position_m: float
+    velocity_m_s: float
+    push_n: float
+    delay: int
+    zone_m: float
+    domain_m: float
+    width_m: float
+    contact_m_s: float
+    lateral_m_s: float
+    floor_m_s: float
+    reach_m: float
+    drift_m: float
+    drift_m_s: float
+
+
+@compiled
+def unit(word: int) -> float:
+    """Return a word of 32 bits as a number in (0, 1)."""
+    return (word + 0.5) * 2.3283064365386963e-10
+
+
+@compiled
+def direction(tick: int, purpose: int, k0: int, k1: int) -> tuple[float, float, float, float]:
+    """Return a random direction, from a point in the unit ball, and one more number in (0, 1)."""
+    for turn in range(16):
+        a, b, c, d = philox(tick, purpose, turn, 0, k0, k1)
+        x, y, z = 2.0 * unit(a) - 1.0, 2.0 * unit(b) - 1.0, 2.0 * unit(c) - 1.0
+        square = x * x + y * y + z * z
+        if 0.01 < square <= 1.0:
+            size = sqrt(square)
+            return x / size, y / size, z / size, unit(d)
+    return 1.0, 0.0, 0.0, 0.5
+
+
+@compiled
+def may_start(state, c, g, world):  # type: ignore[no-untyped-def]
+    """Whether a state is in the OPEN set, now and when the first force arrives."""
+    if open_margins(state, 0.0, 0.0, g)[0] < 0.0:
+        return False
+    for _ in range(world.delay):
+        state = cw_step(state, (0.0, 0.0, 0.0), c)
+        rho = closing(state)[0]
+        if rho - world.drift_m < g.keep_out_m or rho + world.drift_m > g.domain_m:
+            return False
+    a, b = open_margins(state, world.drift_m, world.drift_m_s, g)
+    return a >= 0.0 and b >= 0.0
+
+
+@compiled
+def start_of(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
+    """Return a state of the OPEN set, half of the runs at the edge of it."""
+    ex, ey, ez, far = direction(0, START, k0, k1)
+    vx, vy, vz, fast = direction(1, START, k0, k1)
+    if g.side != 0.0 and k1 % 5 == 0:  # behind the target, in line with the corridor
+        along, off = -g.side, 0.02 * far * g.width_m / g.keep_out_m
+        if g.axis == 0:
+            ex, ey, ez, vx, vy, vz = along, off * ey, off * ez, -along, 0.0, 0.0
+        elif g.axis == 1:
+            ex, ey, ez, vx, vy, vz = off * ex, along, off * ez, 0.0, -along, 0.0
+        else:
+            ex, ey, ez, vx, vy, vz = off * ex, off * ey, along, 0.0, 0.0, -along
+    rho = g.keep_out_m + 2.0 * world.drift_m + 1e-6 + far * far * world.reach_m
+    if k1 % 3 == 0:  # at the edge of the domain instead of that of the zone
+        rho = g.domain_m - 2.0 * world.drift_m - 1e-6 - far * far * world.reach_m
+    speed = speed_limit(rho, g) * (0.999999 if fast > 0.5 else 2.0 * fast)
+    state = (rho * ex, rho * ey, rho * ez, speed * vx, speed * vy, speed * vz)
+    lowest, highest = 0.0, 1.0
+    if may_start(state, c, g, world):
+        return state
+    for _ in range(40):  # the fastest of this direction that can still stop
+        k = 0.5 * (lowest + highest)
+        state = (rho * ex, rho * ey, rho * ez, k * speed * vx, k * speed * vy, k * speed * vz)
+        if may_start(state, c, g, world):
+            lowest = k
+        else:
+            highest = k
+    k = lowest
+    if k == 0.0:  # not even at rest: in the middle between both edges
+        rho = 0.5 * (g.keep_out_m + g.domain_m)
+    return rho * ex, rho * ey, rho * ez, k * speed * vx, k * speed * vy, k * speed * vz
+
+
+@compiled
+def start_within(k0, k1, c, g, world):  # type: ignore[no-untyped-def]
+    """Return a state of the APPROACH set; at rest on the axis if none was drawn."""
+    reach = g.outer_m - g.port_m
+    for turn in range(100):
+        a, b, d, _ = philox(turn, START, 1, 0, k0, k1)
+        far = 0.02 + unit(a) * unit(a) * 0.9 * reach
+        half = g.width_m + g.slope * far
+        p, q = half * (2.0 * unit(b) - 1.0), half * (2.0 * unit(d) - 1.0)
+        vx, vy, vz, fast = direction(turn, START + 100, k0, k1)
+        s = fast * speed_limit(far + g.port_m, g)
+        along = g.side * (far + g.port_m)
+        if g.axis == 0:
+            state = (along, p, q, s * vx, s * vy, s * vz)
+        elif g.axis == 1:
+            state = (q, along, p, s * vx, s * vy, s * vz)
+        else:
+            state = (p, q, along, s * vx, s * vy, s * vz)
+        if approach_margins(state, 0.0, 0.0, g)[0] < 0.0:
+            continue
+        after = state
+        for _ in range(world.delay):
+            after = cw_step(after, (0.0, 0.0, 0.0), c)
+        room, slower = approach_margins(after, world.drift_m, world.drift_m_s, g)
+        if room >= 0.0 and slower >= 0.0:
+            return state
+    along = g.side * (g.port_m + 0.5 * reach)
+    if g.axis == 0:
+        return along, 0.0, 0.0, 0.0, 0.0, 0.0
+    if g.axis == 1:
+        return 0.0, along, 0.0, 0.0, 0.0, 0.0
+    return 0.0, 0.0, along, 0.0, 0.0, 0.0
+
+
+@compiled
+def wanted(kind, tick, k0, k1, state, held, limit):  # type: ignore[no-untyped-def]
+    """Return the hostile command [N] of a tick; `held` is the one before."""
+    x, y, z, vx, vy, vz = state
+    a, b, c, d = philox(tick, WANT, 0, 0, k0, k1)
+    if kind == RANDOM:
+        s = 3.0 * limit
+        return s * (2.0 * unit(a) - 1.0), s * (2.0 * unit(b) - 1.0), s * (2.0 * unit(c) - 1.0)
+    if kind == BANG_BANG:
+        if tick % 16 and unit(d) > 0.02:
+            return held
+        return (
+            limit if a & 1 else -limit,
+            limit if b & 1 else -limit,
+            limit if c & 1 else -limit,
+        )
+    if kind == FROZEN:
+        return held if tick else (
+            limit * (4.0 * unit(a) - 2.0), limit * (4.0 * unit(b) - 2.0),
+            limit * (4.0 * unit(c) - 2.0),
+        )  # fmt: skip
+    if kind == NOT_FINITE and unit(d) < 0.3:
+        return (np.nan, held[1], held[2]) if a & 1 else (held[0], np.inf, held[2])
+    rho, closes, _ = closing(state)
+    rho = rho if rho > 0.0 else 1.0
+    k = (1.8 if kind == AWAY else -1.8) * limit / rho
+    if kind == SIDEWAYS:  # faster and faster round the target, and towards it
+        tx, ty, tz = vx + closes * x / rho, vy + closes * y / rho, vz + closes * z / rho
+        size = sqrt(tx * tx + ty * ty + tz * tz) + 1e-9
+        s = 1.8 * limit / size
+        return 0.3 * k * x + s * tx, 0.3 * k * y + s * ty, 0.3 * k * z + s * tz
+    return k * x, k * y, k * z
+
+
+@compiled
+def fly_hostile(k0, k1, kind, ticks, c, fine, g, world, force_matrix, row):  # type: ignore[no-untyped-def]
+    """Fly one run; its results go to `row`.
+
+    c, fine : CW step of a tick, and of a `PARTS`th of it
+    force_matrix : (9,) force exerted = matrix x saturated command
+    """
+    mode = APPROACH if g.side != 0.0 and k0 % 2 else OPEN
+    state = start_of(k0, k1, c, g, world)
+    if mode == APPROACH:
+        state = start_within(k0, k1, c, g, world)
+    bx, by, bz, _ = direction(2, SEEN, k0, k1)
+    constant = unit(philox(3, KIND, 0, 0, k0, k1)[0])
+    px, py, pz, strong = direction(4, PUSH, k0, k1)
+    line = np.zeros((LONGEST_DELAY, 3))
+    past = np.zeros((MOST_LATE, 3))
+    last, held = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    row[LEAST_MARGIN], row[LEAST_FREE] = 1e30, 1e30
+    m = force_matrix
+    for tick in range(ticks):
+        x, y, z, vx, vy, vz = state
+        rho, _, _ = closing(state)
+        # The state as the chaser knows it: the worst direction in a third of the runs.
+        ux, uy, uz, wx, wy, wz = bx, by, bz, by, bz, bx
+        share = 1.0
+        if constant < 0.33 and rho > 0.0:
+            ux, uy, uz = x / rho, y / rho, z / rho
+            wx, wy, wz = ux, uy, uz
+        elif constant < 0.66:
+            ux, uy, uz, share = direction(tick, SEEN, k0, k1)
+            wx, wy, wz, _ = direction(tick, SEEN + 100, k0, k1)
+        er, ev = share * world.position_m, share * world.velocity_m_s
+        seen = (x + er * ux, y + er * uy, z + er * uz, vx + ev * wx, vy + ev * wy, vz + ev * wz)
+        held = wanted(kind, tick, k0, k1, seen, held, g.limit_n)
+        command = held
+        if kind == LATE:
+            past[tick % MOST_LATE] = held
+            old = past[(tick + 1) % MOST_LATE]
+            command = (old[0], old[1], old[2])
+        if kind == NOT_FINITE:
+            held = (0.5 * g.limit_n, -g.limit_n, g.limit_n)
+        ahead = seen
+        for i in range(world.delay):
+            f = line[(tick + i) % world.delay]
+            ahead = cw_step(ahead, (f[0], f[1], f[2]), c)
+        fx, fy, fz, mode, acted, _, _ = assure(ahead, command, last, mode, c, g)
+        last = (fx, fy, fz)
+        row[ACTED] += acted > 2
+        if world.delay:
+            f = line[tick % world.delay]
+            due = (f[0], f[1], f[2])
+            f[0], f[1], f[2] = fx, fy, fz
+        else:
+            due = last
+        tx, ty, tz = exerted_force(
+            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], due[0], due[1], due[2]
+        )
+        # The force from outside: towards the target in a third of the runs, random, or constant.
+        dx, dy, dz, d = px, py, pz, world.push_n
+        if strong < 0.33 and rho > 0.0:
+            dx, dy, dz = -x / rho, -y / rho, -z / rho
+        elif strong < 0.66:
+            dx, dy, dz, _ = direction(tick, PUSH, k0, k1)
+        total = (tx + d * dx, ty + d * dy, tz + d * dz)
+        after = cw_step(state, total, c)
+        if look(state, total, rho, fine, g, world, row):
+            row[CONTACTS], row[TICKS] = 1.0, tick
+            return
+        state = after
+        if tick >= world.delay:  # no force has arrived before
+            judge(state, g, world, row)
+    row[TICKS] = ticks
+
+
+@compiled
+def look(state, total, rho, fine, g, world, row):  # type: ignore[no-untyped-def]
+    """Look for zone and edge along the path of a tick; return whether it comes to the port."""
+    moved = NEAR_M + 2.0 * closing(state)[2] * g.dt_s
+    if world.zone_m + moved < rho < world.domain_m - moved:
+        return False
+    found = outside = False
+    for _ in range(PARTS):
+        before, state = state, cw_step(state, total, fine)
+        rho = closing(state)[0]
+        clear = rho - world.zone_m
+        if g.side != 0.0:
+            d, _, p, q, _, _ = in_corridor(state, g)
+            half = world.width_m + g.slope * (d if d > 0.0 else 0.0)
+            side = half - (abs(p) if abs(p) > abs(q) else abs(q))
+            clear = side if side > clear and d > 0.0 else clear
+            if d <= 0.0 and side >= 0.0 and in_corridor(before, g)[0] > 0.0:
+                touch(before, state, g, world, row)
+                return True
+        row[LEAST_FREE] = clear if clear < row[LEAST_FREE] else row[LEAST_FREE]
+        found = found or clear < 0.0
+        outside = outside or rho > world.domain_m
+    row[VIOLATED] += found
+    row[OUTSIDE] += outside
+    return False
+
+
+@compiled
+def touch(before, after, g, world, row):  # type: ignore[no-untyped-def]
+    """Keep by how much a contact between two states is faster than the port allows."""
+    d, w, _, _, vp, vq = in_corridor(before, g)
+    end, faster, _, _, up, uq = in_corridor(after, g)
+    share = d / (d - end)
+    closes = w + share * (faster - w) - world.contact_m_s
+    p, q = abs(vp + share * (up - vp)), abs(vq + share * (uq - vq))
+    across = (p if p > q else q) - world.lateral_m_s
+    worst = closes if closes > across else across
+    row[PORT_EXCESS] = worst if worst > row[PORT_EXCESS] else row[PORT_EXCESS]
+    row[HARD] += worst > 1e-6
+
+
+@compiled
+def judge(state, g, world, row):  # type: ignore[no-untyped-def]
+    """Count a true state outside the assured set: there the backup law may not be enough."""
+    a, b = open_margins(state, 0.0, 0.0, g)
+    if g.side != 0.0:
+        p, _ = approach_margins(state, 0.0, 0.0, g)
+        if p >= 0.0 or (a < 0.0 and p > a):  # its speeds are looked at when it touches
+            a, b = p, 1e30
+    row[INFEASIBLE] += a < 0.0
+    row[LEAST_MARGIN] = a if a < row[LEAST_MARGIN] else row[LEAST_MARGIN]
+    speed = closing(state)[2]
+    row[TOO_FAST] += b < 0.0 and speed > world.floor_m_s
+    row[EXCESS] = -b if -b > row[EXCESS] and speed > world.floor_m_s else row[EXCESS]
+
+
+@compiled
+def fly_many(keys, kinds, ticks, step, fine, g, world, matrices, rows):  # type: ignore[no-untyped-def]
+    """Fly runs one after the other: keys (n, 2), kinds (n,), matrices (n, 9)."""
+    c, parts = step_from(step), step_from(fine)
+    for i in range(len(kinds)):
+        k0, k1 = int(keys[i, 0]), int(keys[i, 1])
+        fly_hostile(k0, k1, kinds[i], ticks, c, parts, g, world, matrices[i], rows[i])
+
+
+@compiled
+def step_from(n: Any) -> CwStep:
+    """Return the coefficients of a step from a row (26,)."""
+    # fmt: off
+    return CwStep(
+        n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11], n[12], n[13],
+        n[14], n[15], n[16], n[17], n[18], n[19], n[20], n[21], n[22], n[23], n[24], n[25],
+    )
+    # fmt: on
+
 
 REACH_M = 60.0
 """Starts are up to so far outside the zone."""
@@ -34,7 +372,7 @@ _CHUNK = 1000
 class Result:
     """What became of the runs of one kind of command.
 
-    rows : (n, COLUMNS), see `rpo_judge.safety.hostile`
+    rows : (n, COLUMNS), see `rpo_judge.safety.attack`
     """
 
     kind: str
@@ -74,7 +412,7 @@ def attack(
     """
     settings = settings_of(scenario)
     proof = proof_of(settings, scenario)
-    world = _world(settings, scenario, proof)
+    world = _bounds(settings, scenario, proof)
     n, mass, dt = scenario.mean_motion_rad_s, scenario.mass_kg, scenario.dt_s
     step, fine = (np.array(cw.discretise(n, mass, t)) for t in (dt, dt / PARTS))
     kinds = np.arange(runs) % len(KINDS)
@@ -87,21 +425,19 @@ def attack(
         off = random.uniform(-1.0, 1.0, (count, 9))
         off *= proof.errors.thrust / np.linalg.norm(off, axis=1, keepdims=True)
         matrices = np.eye(3).ravel() + off
-        hostile.fly_many(
-            keys, kinds[part], ticks, step, fine, proof.guard, world, matrices, rows[part]
-        )
+        fly_many(keys, kinds[part], ticks, step, fine, proof.guard, world, matrices, rows[part])
         advance(part.stop)
     return [Result(kind, rows[kinds == i]) for i, kind in enumerate(KINDS)]
 
 
-def _world(settings: Assurance, scenario: Any, proof: Proof) -> World:
+def _bounds(settings: Assurance, scenario: Any, proof: Proof) -> Bounds:
     delay = scenario.thrusters.delay_ticks if scenario.thrusters else 0
     if delay > LONGEST_DELAY:
         raise InputError(f'`thrusters.delay_ticks` must be <= {LONGEST_DELAY}; got {delay}')
     wait = delay * scenario.dt_s
     way = settings.corridor
     pushed = 1.01 * proof.errors.disturbance_n / scenario.mass_kg
-    return World(
+    return Bounds(
         *(proof.errors.position_m, proof.errors.velocity_m_s),
         push_n=proof.errors.disturbance_n,
         delay=delay,

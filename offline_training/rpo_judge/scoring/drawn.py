@@ -26,12 +26,12 @@ from rpo_core.judge.requirements import LIMITS
 from rpo_montecarlo.campaign.config import THRUSTER_METRICS, Campaign, find, load
 from rpo_montecarlo.campaign.run_batch import is_together, make_batch, windows_within
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
-from rpo_montecarlo.campaign.worlds import uneven_steps
+from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.counters import COLUMNS
-from rpo_montecarlo.engine.drawn import DrawnCase
 from rpo_montecarlo.engine.judged import VALUES
-from rpo_montecarlo.engine.parts import RUNS
-from rpo_montecarlo.engine.support import IN_PAIRS, why_not
+from rpo_montecarlo.engine.lanes import RUNS
+from rpo_montecarlo.engine.parts.dynamics import uneven_steps
+from rpo_montecarlo.engine.support import why_not
 
 Floats = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class DrawnFlights:
         if name in settings.judged:
             self._campaign = self._campaign.judging(settings.judged[name])
         self.label, self.count = self._campaign.config.name, settings.flights
-        reason = why_not(self._campaign.scenario, self._campaign.controller, IN_PAIRS)
+        reason = why_not(self._campaign.scenario, self._campaign.controller)
         if reason:
             raise InputError(f'a search cannot fly campaign {self.label}: {reason}')
         self.fires = bool(self._campaign.metrics_of_thrusters)
@@ -147,21 +147,19 @@ class DrawnFlights:
     def case(self, stage: int, chosen: Sequence[int] | None = None) -> DrawnCase:
         """Return runs of a stage, by number; all of them if not given."""
         campaign, drawn = self.pool(stage)
-        uneven = uneven_steps(campaign.scenario, drawn)
+        uneven = uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
         if uneven:
             raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
         if chosen is not None:
-            some = list(chosen)
-            own = {name: values[some] for name, values in drawn.own.items()}
-            drawn = DrawnRuns(drawn.numbers[some], drawn.parameters[some], drawn.keys[some], own)
+            drawn = drawn.some(list(chosen))
         firsts = range(0, len(drawn.numbers), RUNS)
-        batches = tuple(make_batch(campaign, drawn, first) for first in firsts)
+        batches = [make_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts]
         return DrawnCase(
             f'{self.label}, stage {stage}',
             campaign.scenario,
             drawn.starts,
-            drawn.masses_kg,
-            batches,
+            drawn.column('mass_kg'),
+            tuple(batches),
             windows_within(campaign.scenario),
             is_together(campaign),
         )

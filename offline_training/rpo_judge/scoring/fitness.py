@@ -22,13 +22,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
-from rpo_core.files.scenario import ScenarioSet, load_scenario
+from rpo_core.files.scenario import Scenario, ScenarioSet, load_scenario
 from rpo_core.files.validation import InputError, choice, real, whole
 from rpo_core.judge.metrics import (
     ARRIVAL_DISTANCE,
@@ -36,6 +37,7 @@ from rpo_core.judge.metrics import (
     ARRIVAL_TIME,
     CLAIM_POSITION_M,
     CLAIM_VELOCITY_M_S,
+    CLAIM_WINDOW_S,
     ENERGY,
     LATE_FORCE,
     LATE_POSITION,
@@ -47,13 +49,41 @@ from rpo_core.judge.metrics import (
     SLEW,
 )
 from rpo_ctrl.baselines import Baseline
-from rpo_judge.scoring import corners
 from rpo_judge.scoring.conditions import conditions_of
 from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
 from rpo_montecarlo.engine.lanes import infer_many, make_scratch
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
+
+POSITION_M, VELOCITY_M_S = 5.0, 0.04
+"""The start is off by so much on every axis, and moves on in that direction."""
+
+CORNER_MASS_SHARES = (-0.09, 0.09)
+AMPLITUDE_SHARE = 0.5
+PHASES_RAD = tuple(quarter * math.pi / 2 for quarter in range(4))
+
+
+def corner_flights(mass_share: float) -> list[Scenario]:
+    """Return the corner corner_flights of a chaser with 1 + `mass_share` times the nominal mass."""
+    nominal = load_scenario('paper_test')
+    base = replace(nominal, mass_kg=nominal.mass_kg * (1.0 + mass_share))
+    found = []
+    for signs in product((-1.0, 1.0), repeat=3):
+        x, y, z = (r + s * POSITION_M for r, s in zip(base.start[:3], signs, strict=True))
+        vx, vy, vz = (v + s * VELOCITY_M_S for v, s in zip(base.start[3:], signs, strict=True))
+        start = replace(base, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz))
+        found += [
+            replace(start, disturbance=base.disturbance.varied(AMPLITUDE_SHARE, phase_rad=phase))
+            for phase in PHASES_RAD
+        ]
+    return found
+
+
+def corner_cases() -> list[Case]:
+    """Return the corner corner_flights, a case for each mass."""
+    return [case_of_flights(corner_flights(share), CLAIM_WINDOW_S) for share in CORNER_MASS_SHARES]
+
 
 Floats = NDArray[np.float64]
 
@@ -260,7 +290,7 @@ class Fitness:
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
         if settings.robustness:
-            cases += corners.cases()
+            cases += corner_cases()
         return cases
 
     @property

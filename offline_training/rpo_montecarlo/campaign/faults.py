@@ -15,8 +15,8 @@ from rpo_core.chain.stage import Signal, Stage
 from rpo_core.files.validation import InputError, mapping, real, whole
 from rpo_core.kernels import Vector
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
-from rpo_core.world.link import Hits, Link
-from rpo_montecarlo.engine.parts import Fates, hits
+from rpo_core.world.link import FaultyLink, Hits
+from rpo_montecarlo.engine.parts.link import Fates, hits
 
 STALE_AFTER_TICKS = 10
 LATE_BY_TICKS = 2
@@ -93,7 +93,7 @@ class LinkStage(Stage):
     """Messages lost or late: from the command to the force that the plant holds.
 
     Two links, clocked by ticks, one behind the other: states, then forces. The engine has the same
-    as a number of ticks, `engine.parts.lateness`.
+    as a number of ticks, `engine.parts.link.lateness`.
 
     key : two words of 32 bits
     """
@@ -110,8 +110,8 @@ class LinkStage(Stage):
 
     def reset(self) -> None:
         """Begin with no message on its way, and no force held."""
-        self._states: Link[tuple[int, Vector, Hits]] = Link(delay_s=self._late_by)
-        self._forces: Link[tuple[int, Vector]] = Link(delay_s=self._late_by)
+        self._states: FaultyLink[tuple[int, Vector, Hits]] = FaultyLink(delay_s=self._late_by)
+        self._forces: FaultyLink[tuple[int, Vector]] = FaultyLink(delay_s=self._late_by)
         self._latest, self._held = -1, (0.0, 0.0, 0.0)
 
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:

@@ -4,30 +4,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.chain.stage import section_of
-from rpo_core.control.controller import AnyController, only_fuzzy
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.metrics import row_of, windows_of
 from rpo_core.judge.verdicts import verdicts
-from rpo_ctrl.baselines import Baseline
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
-from rpo_montecarlo.campaign.navigation import estimators_of
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_montecarlo.campaign.single import fly_run, scenario_of_draw
-from rpo_montecarlo.campaign.worlds import firing_of, orbits_of, spent_of, uneven_steps
-from rpo_montecarlo.engine import counters, parts, tick
-from rpo_montecarlo.engine.judged import VALUES, arrival_s, judge, judged_by, levels, make_trace
-from rpo_montecarlo.engine.parts import PAIRED_LANES, RUNS
-from rpo_montecarlo.engine.plans import assured_of, guiding_of, seen_at_start
-from rpo_montecarlo.engine.population import population_of
+from rpo_montecarlo.engine import counters
+from rpo_montecarlo.engine.counters import Trace, counting
+from rpo_montecarlo.engine.judged import VALUES, arrival_s, judge, judged_by
+from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
+from rpo_montecarlo.engine.parts.control import control_of
+from rpo_montecarlo.engine.parts.disturbance import levels_n
+from rpo_montecarlo.engine.parts.dynamics import uneven_steps
+from rpo_montecarlo.engine.parts.thrusters import spent_of
 from rpo_montecarlo.engine.simulator import Scratch
-from rpo_montecarlo.engine.support import IN_PAIRS, announce, why_not
+from rpo_montecarlo.engine.support import announce, kinds, why_not
+from rpo_montecarlo.engine.tick import Batch, Runs
+from rpo_montecarlo.engine.tick import fly as fly_lanes
 
 Floats = NDArray[np.float64]
 
@@ -75,8 +75,8 @@ def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
     rows = np.empty((len(drawn.numbers), counters.COLUMNS))
     final = np.empty((len(rows), 6))
     more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.more}
-    reason = why_not(campaign.scenario, campaign.controller, IN_PAIRS)
-    reason = reason or uneven_steps(campaign.scenario, drawn)
+    reason = why_not(campaign.scenario, campaign.controller)
+    reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
     if reason:
         announce(reason)
         _fly_singly(campaign, drawn, rows, final, more)
@@ -108,23 +108,27 @@ def _fly_side_by_side(
     campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
 ) -> None:
     scenario, windows = campaign.scenario, windows_within(campaign.scenario)
-    plant, control = parts.Plant(scenario.max_force_n, scenario.dt_s), _control(campaign.controller)
+    control, masses_kg = control_of(campaign.controller), drawn.column('mass_kg')
     w, judged = _scratch.w, judged_by(scenario) if is_together(campaign) else None
-    trace: Any = None if judged is None else make_trace(scenario.ticks, PAIRED_LANES)
+    trace = None if judged is None else Trace(scenario.ticks, PAIRED_LANES)
     together = np.empty((len(rows), len(VALUES)))
     for first in range(0, len(rows), RUNS):
         some = slice(first, first + RUNS)
-        batch = make_batch(campaign, drawn, first)
-        tick.fly(batch, control, plant, windows, w, None, trace)
-        counters.finish_paired(plant, drawn.masses_kg[some], windows, w, rows[some], final[some])
-        if judged is not None:
-            lanes_of = parts.paired_lanes(len(rows[some]))
-            together[some] = judge(trace[0], lanes_of, scenario, judged)
-        spent = spent_of(batch.valves)
-        for name in campaign.metrics_of_thrusters:
-            more[name][some] = spent[name][: len(rows[some])]
+        runs = make_batch(campaign, drawn.some(some))
+        own = [control.part(runs), counting(runs, windows, None)]
+        own += [trace.part] if trace else []
+        memories = fly_lanes(runs, own, windows.horizon, w)
+        counters.finish_paired(
+            scenario.dt_s, masses_kg[some], windows.tail, w, rows[some], final[some]
+        )
+        count = len(rows[some])
+        if judged is not None and trace is not None:
+            together[some] = judge(trace.states, paired_lanes(count), scenario, judged)
+        for name, values in spent_of(memories.get('thrusters')).items():
+            if name in more:
+                more[name][some] = values[:count]
         if LEVEL in more:
-            levels(w, batch.waves._replace(times=scenario.times_s), more[LEVEL][some])
+            more[LEVEL][some] = levels_n(runs, memories, w)[:count]
     for place, name in enumerate(VALUES):
         if name in more:
             more[name][:] = together[:, place]
@@ -158,111 +162,19 @@ def _set_arrival(scenario: Scenario, rows: Floats, together: Floats) -> None:
         rows[:, metrics.ARRIVAL_TIME] = arrival_s(scenario, outside)
 
 
-def _control(controller: AnyController) -> parts.Control:
-    if isinstance(controller, Baseline):
-        return parts.Control(None, controller.law)
-    fuzzy = only_fuzzy(controller)
-    return parts.Control(population_of(fuzzy).law(0, fuzzy.system.samples))
-
-
-def make_batch(campaign: Campaign, drawn: DrawnRuns, first: int) -> parts.Runs:
-    """Return up to 40 runs from index `first`; lanes without a run rest at the target."""
-    n = min(RUNS, len(drawn.numbers) - first)
-    chosen = slice(first, first + n)
-
-    def padded(values: NDArray[Any]) -> NDArray[Any]:
-        full = np.zeros((RUNS, *values.shape[1:]), values.dtype)
-        full[:n] = values[chosen]
-        return full
-
-    starts = padded(drawn.starts)
-    keys = np.ascontiguousarray(padded(drawn.keys).T)
-    flown = []
-    if campaign.scenario.sections:
-        flown = [scenario_of_draw(campaign, drawn, i) for i in range(first, first + n)]
-    seen = [seen_at_start(s) for s in flown] if {'guidance', 'assurance'} & names_of(flown) else []
-    orbits = orbits_of(flown) if flown else None
-    return parts.Runs(
-        planar=starts[:, [0, 1, 3, 4]].copy(),
-        vertical=starts[:, [2, 5]].copy(),
-        navigation=parts.Navigation(padded(drawn.biases), _noise(campaign), keys),
-        link=_link(campaign, keys),
-        thrusters=_thrusters(campaign, drawn, first, n),
-        waves=_waves(campaign, drawn.parameters[chosen, 19:22].T),
-        steps=None if orbits else _steps(campaign.scenario, drawn, first, n),
-        goal=_goal(campaign.scenario, drawn, first, n),
-        valves=firing_of(flown) if flown else None,
-        orbits=orbits,
-        estimators=estimators_of(flown) if flown else None,
-        guiding=guiding_of(flown, seen) if seen else None,
-        assured=assured_of(flown, seen) if seen else None,
+def make_batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
+    """Return up to 40 runs; lanes without a run rest at the target."""
+    config = campaign.config
+    batch = Batch(
+        campaign.scenario,
+        drawn.starts,
+        partial(scenario_of_draw, campaign, drawn),
+        dict(zip(drawn.names, drawn.parameters.T, strict=True)),
+        drawn.keys,
+        {name: dispersion.spread for name, dispersion in config.dispersions.items()},
+        config.faults.fates if config.faults else None,
     )
-
-
-def names_of(scenarios: list[Scenario]) -> set[str]:
-    """Return the names of the sections that add stages."""
-    return {section_of(settings).name for settings in scenarios[0].sections} if scenarios else set()
-
-
-def _steps(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> Floats:
-    """Return the fields (40, 26) of the exact step of each run."""
-    steps = [drawn.step(i, scenario) for i in range(first, first + n)]
-    return np.vstack([np.array(steps).reshape(n, 26), np.zeros((RUNS - n, 26))])
-
-
-def _goal(scenario: Scenario, drawn: DrawnRuns, first: int, n: int) -> parts.Goal | None:
-    """Return the goal, and for each run the force that holds its mass there on its orbit."""
-    if scenario.goal is None:
-        return None
-    forces = np.zeros((3, RUNS))
-    for s in range(n):
-        forces[:, s] = drawn.holding_force_n(first + s, scenario)
-    return parts.Goal(np.repeat(scenario.goal_position_m, RUNS), forces.ravel())
-
-
-def _noise(campaign: Campaign) -> Floats:
-    names = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
-    return np.array([campaign.config.spread(name)[0] for name in names])
-
-
-def _link(campaign: Campaign, keys: NDArray[np.int64]) -> parts.Link | None:
-    if campaign.config.faults is None:
-        return None
-    fates = campaign.config.faults.fates
-    depth = 2 * fates.late_by + 1
-    return parts.Link(
-        fates,
-        keys,
-        past=np.empty((depth, PAIRED_LANES)),
-        lateness=np.empty((depth, RUNS), np.int64),
-        latest=np.empty(RUNS, np.int64),
-        held=np.empty(PAIRED_LANES),
-    )
-
-
-def _thrusters(campaign: Campaign, drawn: DrawnRuns, first: int, n: int) -> parts.Thrusters:
-    delays, matrix = np.zeros(RUNS, np.int64), np.zeros((RUNS, 9))
-    delays[:n] = drawn.delays[first : first + n]
-    for s in range(n):
-        matrix[s] = drawn.thrust(first + s).ravel()
-    return parts.Thrusters(delays, matrix, np.empty((campaign.config.most_delay + 1, PAIRED_LANES)))
-
-
-def _waves(campaign: Campaign, drawn: Floats) -> parts.Waves:
-    """Return the disturbance of runs whose share, phase and frequency (3, n) were drawn."""
-    scenario, (share, phase, frequency) = campaign.scenario, drawn
-    n, harmonics = len(share), scenario.disturbance.harmonics
-    constant, waves = np.zeros((3, RUNS)), np.zeros((len(harmonics), 3, RUNS))
-    for axis, nominal in enumerate(scenario.disturbance.constant_n):
-        constant[axis, :n] = nominal * (1.0 + share)
-    for wave, h in zip(waves, harmonics, strict=True):
-        wave[0, :n] = h.amplitude_n * (1.0 + share)
-        wave[1, :n] = h.angular_rate_rad_s * (1.0 + frequency)
-        wave[2, :n] = h.phase_rad + phase
-    return parts.Waves(
-        scenario.times_s[:-1],
-        constant,
-        waves,
-        np.array(['xyz'.index(h.axis) for h in harmonics], np.int64),
-        np.array([h.function == 'sin' for h in harmonics], np.bool_),
-    )
+    starts = np.zeros((RUNS, 6))
+    starts[: len(drawn.numbers)] = drawn.starts
+    parts = [part for kind in kinds() if (part := kind.make(batch)) is not None]
+    return Runs(starts[:, [0, 1, 3, 4]], starts[:, [2, 5]], tuple(parts))

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import CwStep, Vector
-from rpo_core.world import cw
-from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.thrusters import rotation
+from rpo_core.kernels import Vector
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
 from rpo_nav.sensors import Sensors
@@ -56,9 +50,12 @@ DIMENSIONS = sum(QUANTITIES[name].components for name in _DRAWN)
 
 _HYPERCUBE, _RUN, _NOISE, _OWN = 0, 1, 2, 3  # first words of the spawn keys of the seed sequences
 
-PARAMETERS = (
+STARTS = (
     *(f'initial_{axis}_m' for axis in 'xyz'),
     *(f'initial_v{axis}_m_s' for axis in 'xyz'),
+)
+PARAMETERS = (
+    *STARTS,
     'mass_kg',
     *(f'thrust_share_{axis}' for axis in 'xyz'),
     *(f'misalignment_{axis}_rad' for axis in 'xyz'),
@@ -70,63 +67,37 @@ PARAMETERS = (
     'orbit_radius_m',
     'delay_ticks',
 )
-"""Columns of `DrawnRuns.parameters`."""
+"""Columns of `DrawnRuns.parameters` of every campaign; the state at the start comes first."""
 
 
 class DrawnRuns(NamedTuple):
     """The draws of some runs.
 
     numbers : (n,) int
-    parameters : (n, 24), see `PARAMETERS`
+    names : of the columns, `PARAMETERS` and those `ON_THEIR_OWN` that are dispersed
+    parameters : (n, columns)
     keys : (n, 2) int, of noise and message faults
-    own : name -> (n,) deviation, of the quantities `ON_THEIR_OWN` that are dispersed
     """
 
     numbers: Ints
+    names: tuple[str, ...]
     parameters: Floats
     keys: Ints
-    own: Mapping[str, Floats] = MappingProxyType({})
 
     @property
     def starts(self) -> Floats:
         """Initial states (n, 6) [m, m/s], target LVLH."""
-        return self.parameters[:, :6]
+        return self.parameters[:, : len(STARTS)]
 
-    @property
-    def masses_kg(self) -> Floats:
-        """Masses (n,)."""
-        return self.parameters[:, 6]
+    def column(self, name: str) -> Floats:
+        """Return what was drawn (n,) of one name."""
+        return self.parameters[:, self.names.index(name)]
 
-    @property
-    def biases(self) -> Floats:
-        """Navigation biases (n, 6) [m, m/s]."""
-        return self.parameters[:, 13:19]
-
-    @property
-    def delays(self) -> Ints:
-        """Delays (n,) [ticks]."""
-        return self.parameters[:, 23].astype(np.int64)
-
-    def step(self, index: int, scenario: Scenario) -> CwStep:
-        """Exact step of the relative dynamics of a run."""
-        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
-        return cw.discretise(mean_motion, float(self.parameters[index, 6]), scenario.dt_s)
-
-    def holding_force_n(self, index: int, scenario: Scenario) -> Vector:
-        """Force (3,) [N] that holds the chaser of a run at the goal."""
-        mean_motion = cw.mean_motion(float(self.parameters[index, 22]), scenario.body)
-        mass_kg = float(self.parameters[index, 6])
-        return cw.holding_force_n(scenario.goal_position_m, mean_motion, mass_kg)
-
-    def thrust(self, index: int) -> Floats:
-        """Matrix (3, 3) from saturated to applied force: shares of each axis, then misalignment."""
-        shares, misalignment = self.parameters[index, 7:10], self.parameters[index, 10:13]
-        return rotation(misalignment) * (1.0 + shares)
-
-    def disturbance(self, index: int, nominal: Disturbance) -> Disturbance:
-        """Disturbance of a run."""
-        share, phase, frequency = self.parameters[index, 19:22].tolist()
-        return nominal.varied(share, phase_rad=phase, frequency_share=frequency)
+    def some(self, chosen: slice | list[int]) -> DrawnRuns:
+        """Return some of the runs."""
+        return DrawnRuns(
+            self.numbers[chosen], self.names, self.parameters[chosen], self.keys[chosen]
+        )
 
 
 def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
@@ -167,13 +138,13 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
             off('delay_ticks'),
         ]
     )
-    own = {
-        name: _deviations(found, _own_draws(campaign, name, numbers))
-        for name in ON_THEIR_OWN
-        if (found := config.dispersions.get(name)) is not None
-    }
-    parameters = np.column_stack([parameters, *own.values()])
-    return DrawnRuns(numbers, parameters, _keys(campaign, numbers), own)
+    names = parameters_of(config)
+    own = [
+        _deviations(config.dispersions[name], _own_draws(campaign, name, numbers))
+        for name in names[len(PARAMETERS) :]
+    ]
+    parameters = np.column_stack([parameters, *own])
+    return DrawnRuns(numbers, names, parameters, _keys(campaign, numbers))
 
 
 def _deviations(found: Dispersion, u: Floats) -> Floats:

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_montecarlo.cluster import pool
-from rpo_montecarlo.engine.cases import Case
-from rpo_montecarlo.engine.drawn import DrawnCase
+from rpo_montecarlo.engine.cases import Case, DrawnCase
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
 

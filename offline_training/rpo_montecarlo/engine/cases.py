@@ -17,7 +17,9 @@ from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks
 from rpo_core.world.disturbance import Disturbance
 from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.judged import JudgedTogether
-from rpo_montecarlo.engine.parts import RUNS, Goal, Plant, Runs
+from rpo_montecarlo.engine.lanes import RUNS
+from rpo_montecarlo.engine.parts import disturbance, dynamics, goal, thrusters
+from rpo_montecarlo.engine.tick import Part, Runs
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,11 +72,6 @@ class Case(JudgedTogether):
         late = window_ticks(self.longer, self.late_s)
         return Windows(judged.ticks, judged.tail, self.longer.ticks, late, self.arrival_m)
 
-    @property
-    def plant(self) -> Plant:
-        """What all starts share."""
-        return Plant(self.base.max_force_n, self.base.dt_s, self.base.step)
-
     @cached_property
     def forces(self) -> Floats:
         """Disturbances (k, horizon, 3) [N]; (k, 1, 3) where there are none."""
@@ -95,18 +92,17 @@ class Case(JudgedTogether):
 
     def paired(self) -> Iterator[Runs]:
         """Yield all starts, `RUNS` at a time; runs beyond the last start rest at the target."""
-        table, shared = None, len(self.disturbances) == 1
+        pushed, shared = None, len(self.disturbances) == 1
         for first in range(0, len(self.starts), RUNS):
             starts = self.starts[first : first + RUNS]
             states = np.zeros((RUNS, 6))
             states[: len(starts)] = starts
-            if table is None or not shared:
+            if pushed is None or not shared:
                 d = np.zeros((RUNS, *self.forces.shape[1:]))
                 d[: len(starts)] = self.forces[self.disturbance[first : first + RUNS]]
-                table = np.ascontiguousarray(np.hstack([d[:, :, axis].T for axis in range(3)]))
-            planar, vertical = states[:, [0, 1, 3, 4]].copy(), states[:, [2, 5]].copy()
-            goal = _goal(self.base, RUNS, RUNS)
-            yield Runs(planar, vertical, table=table, goal=goal)
+                pushed = disturbance.table_part(np.hstack([d[:, :, axis].T for axis in range(3)]))
+            planar, vertical = states[:, [0, 1, 3, 4]], states[:, [2, 5]]
+            yield Runs(planar, vertical, (pushed, *_parts(self.base, RUNS, RUNS)))
 
     def scenarios(self) -> Iterator[Scenario]:
         """Yield every start as a scenario with the duration of the horizon."""
@@ -119,12 +115,16 @@ class Case(JudgedTogether):
             )
 
 
-def _goal(base: Scenario, planar: int, vertical: int) -> Goal | None:
-    """Return the goal of a scenario, for so many planar and vertical loops."""
-    if base.goal is None:
-        return None
-    loops = [planar, planar, vertical]
-    return Goal(*(np.repeat(values, loops) for values in base.goal))
+def _parts(base: Scenario, planar: int, vertical: int) -> list[Part]:
+    """Return goal, limit and motion of a scenario, for so many planar and vertical loops."""
+    made = [
+        thrusters.limit_part(2 * planar + vertical, base.max_force_n),
+        dynamics.alike_part(planar, vertical, base.step),
+    ]
+    if base.goal is not None:
+        loops = [planar, planar, vertical]
+        made.append(goal.part_of(*(np.repeat(v, loops) for v in base.goal), from_truth=True))
+    return made
 
 
 def _crossed(case: Case, *, odd: bool) -> Crossed | None:
@@ -140,7 +140,7 @@ def _crossed(case: Case, *, odd: bool) -> Crossed | None:
             starts = np.where((first < 0.0)[:, None], -starts, starts) + 0.0
         keyed = np.column_stack([starts, case.disturbance])
         rows, which = np.unique(keyed, axis=0, return_inverse=True)
-        return np.ascontiguousarray(rows[:, :-1]), rows[:, -1].astype(np.int64), which.ravel()
+        return rows[:, :-1], rows[:, -1].astype(np.int64), which.ravel()
 
     planar, pushed, which_planar = distinct([0, 1, 3, 4])
     vertical, lifted, which_vertical = distinct([2, 5])
@@ -148,9 +148,41 @@ def _crossed(case: Case, *, odd: bool) -> Crossed | None:
         return None
     d = case.forces
     table = np.hstack([d[pushed, :, 0].T, d[pushed, :, 1].T, d[lifted, :, 2].T])
-    goal = _goal(case.base, len(planar), len(vertical))
-    runs = Runs(planar, vertical, table=np.ascontiguousarray(table), goal=goal)
+    parts = _parts(case.base, len(planar), len(vertical))
+    runs = Runs(planar, vertical, (disturbance.table_part(table), *parts))
     return Crossed(runs, which_planar * len(vertical) + which_vertical)
+
+
+@dataclass(frozen=True)
+class DrawnCase(JudgedTogether):
+    """Flights that were drawn: each has a start, mass, disturbance, thrusters and navigation.
+
+    base : the scenario of which they are variations
+    starts : (n, 6) states; masses_kg : (n,)
+    batches : they, 40 runs each; lanes beyond the last run rest at the target
+    windows : in ticks
+    together : whether rows have the columns of `judged.VALUES` too; those of `thrusters.THRUST` are
+        the last ones where thrusters fire in pulses or spend propellant
+    """
+
+    name: str
+    base: Scenario
+    starts: Floats
+    masses_kg: Floats
+    batches: tuple[Runs, ...]
+    windows: Windows
+    together: bool = False
+
+    @property
+    def spends(self) -> bool:
+        """Whether it is counted what thrusters spend: pulses, or propellant."""
+        own = self.base.thrusters
+        return own is not None and bool(own.pulses or own.propellant)
+
+    @property
+    def columns(self) -> int:
+        """Columns of a row."""
+        return super().columns + (len(thrusters.THRUST) if self.spends else 0)
 
 
 def case_of_set(

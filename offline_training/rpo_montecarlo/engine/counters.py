@@ -5,17 +5,26 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core.judge import metrics
-from rpo_core.judge.metrics import AxisSums, fill_row, larger, last_outside, with_square
+from rpo_core.judge.metrics import (
+    AxisSums,
+    Windows,
+    fill_row,
+    larger,
+    last_outside,
+    with_square,
+)
 from rpo_core.kernels import norm
-from rpo_montecarlo.engine.lanes import compiled
-from rpo_montecarlo.engine.parts import (
+from rpo_montecarlo.engine.lanes import (
     BEFORE,
     EFFORT,
     ENERGY,
     FORCE,
-    GOAL,
     LATE_F,
     LATE_R,
     LATE_V,
@@ -23,99 +32,113 @@ from rpo_montecarlo.engine.parts import (
     RUNS,
     SEEN_R,
     SLEW,
+    STRIDE,
     SUM_R,
     SUM_V,
     R,
     V,
+    compiled,
 )
+from rpo_montecarlo.engine.parts import goal
+from rpo_montecarlo.engine.tick import COMMANDED, COUNTED, MOVED, Part, Runs, table_of
+
+Floats = NDArray[np.float64]
 
 COLUMNS = len(metrics.UNITS)
 """Columns of a row of metrics."""
 
-
-@compiled
-def begin_forces(w, n, tick, thrusters):  # type: ignore[no-untyped-def]
-    """Make the first effective command its own predecessor: the step from rest is not counted."""
-    if tick == 0:
-        for s in range(n):
-            w[BEFORE + s] = w[FORCE + s]
-    if thrusters is None:
-        return
-    if tick < len(thrusters.queue):
-        for axis in range(3):
-            for s in range(RUNS):
-                lane = axis * RUNS + s
-                late = tick <= thrusters.delays[s]
-                w[BEFORE + lane] = w[FORCE + lane] if late else w[BEFORE + lane]
+PLANAR, VERTICAL, ARE_PAIRED, TICKS, TAIL, HORIZON, LATE, ARRIVAL_M, GOAL = range(9)
+"""Places in the table: loops, and whether they are pairs; the fields of `Windows`; the goal [m] of
+each lane, or nothing."""
 
 
 @compiled
-def count_force(w, n, tick, windows):  # type: ignore[no-untyped-def]
+def count_force(w, m, t, tick):  # type: ignore[no-untyped-def]
     """Count row FORCE: the saturated, delayed command, before the errors of the thrusters."""
-    if tick < windows.ticks:
+    n = 2 * int(t[PLANAR]) + int(t[VERTICAL])
+    if tick < t[TICKS]:
         for s in range(n):
             force = w[FORCE + s]
             w[ENERGY + s] = with_square(w[ENERGY + s], force)
             w[EFFORT + s] += abs(force)
             w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s])
             w[BEFORE + s] = force
-    if tick >= windows.horizon - windows.late:
+    if tick >= t[HORIZON] - t[LATE]:
         for s in range(n):
             w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s])
 
 
 @compiled
-def count_state(w, n, tick, windows, goal):  # type: ignore[no-untyped-def]
-    """Count rows R, less the goal, and V, after the step of a tick."""
-    if goal is None:
-        _count_state(w, n, tick, windows, R)
-        return
-    for s in range(n):
-        w[SEEN_R + s] = w[R + s] - w[GOAL + s]
-    _count_state(w, n, tick, windows, SEEN_R)
+def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Count rows R, less the goal, and V, after the step of a tick.
 
-
-@compiled
-def _count_state(w, n, tick, windows, r):  # type: ignore[no-untyped-def]
-    if tick < windows.ticks:
+    Squared norms of the tail stay in the memory for `finish_crossed`; those of pairs are added up.
+    """
+    p, q, r = int(t[PLANAR]), int(t[VERTICAL]), R
+    n = 2 * p + q
+    if len(t) > GOAL:
+        r = SEEN_R
         for s in range(n):
-            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s], windows.arrival_m)
-    if tick >= windows.horizon - windows.late:
+            w[SEEN_R + s] = w[R + s] - t[GOAL + s]
+    if tick < t[TICKS]:
+        arrival_m = t[ARRIVAL_M]
+        for s in range(n):
+            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s], arrival_m)
+    if tick >= t[HORIZON] - t[LATE]:
         for s in range(n):
             w[LATE_R + s] = larger(w[LATE_R + s], w[r + s])
             w[LATE_V + s] = larger(w[LATE_V + s], w[V + s])
-
-
-@compiled
-def keep_norms(w, p, q, tick, windows, norms, goal):  # type: ignore[no-untyped-def]
-    """Keep squared norms of the tail for `finish_crossed`, or add up those of paired runs.
-
-    With a goal, `count_state` has left the positions less the goal in row SEEN_R.
-    """
-    if not windows.ticks - windows.tail <= tick < windows.ticks:
+    row = tick - int(t[TICKS] - t[TAIL])
+    if row < 0 or tick >= t[TICKS]:
         return
-    if goal is None:
-        _keep_norms(w, p, q, tick, windows, norms, R)
-    else:
-        _keep_norms(w, p, q, tick, windows, norms, SEEN_R)
-
-
-@compiled
-def _keep_norms(w, p, q, tick, windows, norms, r):  # type: ignore[no-untyped-def]
-    if norms is None:
+    if t[ARE_PAIRED] > 0.0:
         for s in range(RUNS):
             y, z = s + RUNS, s + 2 * RUNS
             w[SUM_R + s] += norm(w[r + s], w[r + y], w[r + z])
             w[SUM_V + s] += norm(w[V + s], w[V + y], w[V + z])
         return
-    row = tick - (windows.ticks - windows.tail)
+    distances, speeds = m[STRIDE * row :], m[STRIDE * (int(t[TAIL]) + row) :]
     for i in range(p):
-        norms[0, row, i] = w[r + i] * w[r + i] + w[r + p + i] * w[r + p + i]
-        norms[1, row, i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
+        distances[i] = w[r + i] * w[r + i] + w[r + p + i] * w[r + p + i]
+        speeds[i] = w[V + i] * w[V + i] + w[V + p + i] * w[V + p + i]
     for i in range(q):
         s = 2 * p + i
-        norms[0, row, p + i] = w[r + s] * w[r + s]
-        norms[1, row, p + i] = w[V + s] * w[V + s]
+        distances[p + i] = w[r + s] * w[r + s]
+        speeds[p + i] = w[V + s] * w[V + s]
+
+
+def counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
+    """Return the part that counts.
+
+    norms : (2, tail, lanes) room for squared distances and speeds; None where loops are pairs
+    """
+    planar, vertical = len(runs.planar), len(runs.vertical)
+    goals = [goal.position_of(part) for part in runs.parts if part.name == 'goal']
+    table = table_of(planar, vertical, norms is None, windows, *goals)
+    memory = np.zeros(0) if norms is None else norms.reshape(-1)
+    return Part('counters', ((COUNTED, count_force), (MOVED, count_state)), table, memory)
+
+
+@compiled
+def keep_trace(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Keep states and commands of all ticks."""
+    n, ticks = int(t[0]), int(t[1])
+    states, forces = m[2 * n * tick :], m[2 * n * (ticks + 1) + n * tick :]
+    for s in range(n):
+        states[2 * s] = w[R + s]
+        states[2 * s + 1] = w[V + s]
+        forces[s] = w[FORCE + s]
+
+
+class Trace:
+    """Room for the states (N + 1, lanes, 2), r and v, and commands (N + 1, lanes) of a flight."""
+
+    def __init__(self, ticks: int, lanes: int) -> None:
+        memory = np.empty(3 * (ticks + 1) * lanes)
+        states, forces = np.split(memory, [2 * (ticks + 1) * lanes])
+        self.states: Any = states.reshape(ticks + 1, lanes, 2)
+        self.forces: Any = forces.reshape(ticks + 1, lanes)
+        self.part = Part('trace', ((COMMANDED, keep_trace),), table_of(lanes, ticks), memory)
 
 
 @compiled
@@ -144,21 +167,21 @@ def _sum_norms(w, p, vertical, tail, norms):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def finish_crossed(p, q, plant, mass, windows, w, norms, rows):  # type: ignore[no-untyped-def]
+def finish_crossed(p, q, dt, mass, tail, w, norms, rows):  # type: ignore[no-untyped-def]
     """Pair every planar with every vertical loop: rows of metrics (P * Q, columns), z fastest."""
     for j in range(q):
         z = 2 * p + j
-        _sum_norms(w, p, p + j, windows.tail, norms)
+        _sum_norms(w, p, p + j, tail, norms)
         for i in range(p):
-            _finish(w, i, p + i, z, windows.tail, plant.dt, mass, rows[i * q + j])
+            _finish(w, i, p + i, z, tail, dt, mass, rows[i * q + j])
 
 
 @compiled
-def finish_paired(plant, masses, windows, w, rows, final):  # type: ignore[no-untyped-def]
+def finish_paired(dt, masses, tail, w, rows, final):  # type: ignore[no-untyped-def]
     """Fill rows of metrics (n, columns) and final states (n, 6) of the first n runs."""
     for s in range(len(rows)):
         y, z = s + RUNS, s + 2 * RUNS
-        _finish(w, s, y, z, windows.tail, plant.dt, masses[s], rows[s])
+        _finish(w, s, y, z, tail, dt, masses[s], rows[s])
         for axis in range(3):
             final[s, axis] = w[R + axis * RUNS + s]
             final[s, 3 + axis] = w[V + axis * RUNS + s]

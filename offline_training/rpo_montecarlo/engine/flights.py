@@ -7,22 +7,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.control.controller_file import ControllerFile
 from rpo_core.files.scenario import SET_SECTIONS, Scenario, ScenarioSet
 from rpo_guidance.plan import Guidance
-from rpo_montecarlo.engine import lanes, parts, tick
+from rpo_montecarlo.engine import lanes
 from rpo_montecarlo.engine.cases import Case, Crossed, case_of_set
-from rpo_montecarlo.engine.judged import make_trace
-from rpo_montecarlo.engine.parts import Control, Navigation, Runs
-from rpo_montecarlo.engine.plans import guiding_of
-from rpo_montecarlo.engine.population import population_of
-from rpo_montecarlo.engine.simulator import Scratch
+from rpo_montecarlo.engine.counters import Trace
+from rpo_montecarlo.engine.parts.approach import guiding_of
+from rpo_montecarlo.engine.parts.control import Control, control_of
+from rpo_montecarlo.engine.parts.navigation import errors_part
 from rpo_montecarlo.engine.support import announce, why_not
-
-Floats = NDArray[np.float64]
+from rpo_montecarlo.engine.tick import Batch, Runs
+from rpo_montecarlo.engine.tick import fly as fly_lanes
 
 
 def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iterator[Flight]:
@@ -44,47 +43,39 @@ def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iter
 def _fuzzy(
     controller: FuzzyController, case: Case, crossed: Crossed, members: list[Scenario]
 ) -> Iterator[Flight]:
-    law = population_of(controller).law(0, controller.system.samples)
-    norms = Scratch(case.windows.tail).norms
-    states, forces = _fly(case, crossed.runs, Control(law), norms)
+    trace = _fly(case, crossed.runs, control_of(controller))
     for scenario, at in zip(members, crossed.lanes.tolist(), strict=True):
-        yield _flight(scenario, states, forces, at)
+        yield _flight(scenario, trace, at)
 
 
 def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> Iterator[Flight]:
-    if isinstance(controller, FuzzyController):
-        law = population_of(controller).law(0, controller.system.samples)
-        control = Control(law)
-    else:
+    control = control_of(controller)
+    if isinstance(controller, ControllerFile):
         controller.refuse_other_ticks(case.base.dt_s)
-        control = Control(None, controller.law)  # type: ignore[attr-defined]
     for first, runs in enumerate(case.paired()):
-        some = members[first * parts.RUNS : (first + 1) * parts.RUNS]
-        guiding = guiding_of(some, [scenario.start for scenario in some])
+        some = members[first * lanes.RUNS : (first + 1) * lanes.RUNS]
+        starts = np.array([scenario.start for scenario in some])
+        nothing = np.zeros((len(some), 2), np.int64)
+        guiding = guiding_of(Batch(case.base, starts, some.__getitem__, {}, nothing, {}))
         if guiding is not None:
-            runs = runs._replace(navigation=_perfect(), guiding=guiding)
-        states, forces = _fly(case, runs, control, None)
-        lanes_of = parts.paired_lanes(len(some)).tolist()
+            parts = [part for part in runs.parts if part.name != 'goal']
+            perfect = errors_part(np.zeros((6, lanes.RUNS)))
+            runs = runs._replace(parts=(*parts, perfect, guiding))
+        trace = _fly(case, runs, control)
+        lanes_of = lanes.paired_lanes(len(some)).tolist()
         for scenario, at in zip(some, lanes_of, strict=True):
-            yield _flight(scenario, states, forces, at)
+            yield _flight(scenario, trace, at)
 
 
-def _perfect() -> Navigation:
-    """Return navigation without errors."""
-    return Navigation(np.zeros((parts.RUNS, 6)), np.zeros(2), np.zeros((2, parts.RUNS), np.int64))
+def _fly(case: Case, runs: Runs, control: Control) -> Trace:
+    ticks = case.longer.ticks
+    trace = Trace(ticks, runs.lanes)
+    fly_lanes(runs, [control.part(runs), trace.part], ticks, lanes.make_scratch())
+    return trace
 
 
-def _fly(case: Case, runs: Runs, control: Control, norms: Floats | None) -> tuple[Floats, Floats]:
-    """Return states (N+1, lanes, 2) and commands (N+1, lanes) of loops."""
-    n = 2 * len(runs.planar) + len(runs.vertical)
-    states, forces = make_trace(case.longer.ticks, n)
-    w = lanes.make_scratch(parts.ROWS)
-    tick.fly(runs, control, case.plant, case.windows, w, norms, (states, forces))
-    return states, forces
-
-
-def _flight(scenario: Scenario, states: Floats, forces: Floats, at: list[int]) -> Flight:
+def _flight(scenario: Scenario, trace: Trace, at: list[int]) -> Flight:
     """Return the flight of three lanes: x, y, z."""
-    whole = np.hstack([states[:, at, 0], states[:, at, 1]])
+    whole = np.hstack([trace.states[:, at, 0], trace.states[:, at, 1]])
     disturbances = scenario.disturbance.over(scenario.times_s)
-    return Flight(scenario, whole, forces[:, at], disturbances)
+    return Flight(scenario, whole, trace.forces[:, at], disturbances)

@@ -3,14 +3,14 @@
 """What is required of the three axes of a flight together, from the states of its lanes.
 
 `counters` counts axis by axis, and keeps no flight. For a norm over time, for a contact and for the
-last state, the states of all lanes are kept (`tick.fly`, trace) and read three at a time: the bits
+last state, the states of all lanes are kept (`counters.Trace`) and read three at a time: the bits
 of `rpo_core.judge.verdicts`.
 """
 
 from __future__ import annotations
 
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,6 @@ from rpo_core.judge.requirements import ROWS
 from rpo_core.kernels import norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
-from rpo_montecarlo.engine.parts import LEVELS
-from rpo_montecarlo.engine.tick import push_by_waves
 
 Floats = NDArray[np.float64]
 
@@ -107,7 +105,7 @@ def _judge(states, lanes, goal, judged, rows):  # type: ignore[no-untyped-def]
 def judge(states: Floats, lanes: NDArray[np.int64], scenario: Scenario, judged: Judged) -> Floats:
     """Return rows (n, len(VALUES)) of flights.
 
-    states : (N + 1, lanes, 2) r and v, as `tick.fly` keeps them
+    states : (N + 1, lanes, 2) r and v, as `counters.Trace` has them
     lanes : (n, 3) the lanes x, y, z of each flight
     """
     rows = np.zeros((len(lanes), len(VALUES)))
@@ -117,22 +115,6 @@ def judge(states: Floats, lanes: NDArray[np.int64], scenario: Scenario, judged: 
     return rows
 
 
-@compiled
-def levels(w, waves, found):  # type: ignore[no-untyped-def]
-    """Fill the largest |disturbance| [N] of an axis (n,) of the paired runs that have flown.
-
-    waves : theirs; its last time is the end of the flight, at which nothing was pushed
-    """
-    push_by_waves(w, len(waves.times) - 1, waves)
-    for s in range(len(found)):
-        found[s] = w[LEVELS + s]
-
-
 def arrival_s(scenario: Scenario, outside: Floats) -> Floats:
     """Return the times [s] of the last ticks outside; infinite where that is the end."""
     return np.where(outside == scenario.ticks, inf, outside * scenario.dt_ns / NANOSECONDS)
-
-
-def make_trace(ticks: int, lanes: int) -> Any:
-    """Return room for the states and commands of a number of lanes, as `tick.fly` takes it."""
-    return np.empty((ticks + 1, lanes, 2)), np.empty((ticks + 1, lanes))

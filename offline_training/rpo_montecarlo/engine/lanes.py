@@ -1,9 +1,15 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fuzzy inference in lanes: many axes of one controller side by side, the bits of the kernel.
+"""Lanes: the rows of the scratch, and fuzzy inference over them with the bits of the kernel.
 
-The scratch is one flat array of rows of `STRIDE` lanes. Every inner loop runs over lanes, which the
-compiler turns into SIMD. Each lane does the arithmetic of `rpo_core.kernels.infer` in its order:
+Under Clohessy-Wiltshire z is decoupled from x and y, and a fuzzy controller acts axis by axis. So
+runs are planar (x, y) and vertical (z) loops; their axes are lanes x..., y..., z... of the scratch,
+one flat array of rows of `STRIDE` lanes. Every inner loop runs over lanes, which the compiler turns
+into SIMD. Either every planar loop is crossed with every vertical one (a set of starts has few
+distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and a run may have
+parts that couple axes or differ from run to run.
+
+In the inference each lane does the arithmetic of `rpo_core.kernels.infer` in its order:
 the centroid's eight partial sums one after the other, padded with zero grades where the samples end
 (adding +0 changes no bit).
 """
@@ -13,6 +19,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core.kernels import LANES, jit, memberships
 from rpo_core.kernels.jit import Kernel
@@ -31,8 +38,27 @@ TERMS = 7
 E_R, E_V, OUTPUT, MOMENT, AREA = (row * STRIDE for row in range(5))
 GRADES = 5 * STRIDE  # 5 rows of position, 5 of velocity grades
 STRENGTHS = 15 * STRIDE  # 5 rows
-FIRST_FREE = 20
-"""Rows from this on are for `parts`."""
+
+# True state; what the controller sees; what navigation found; the command on its way to a force;
+# the saturated command of the tick before; the disturbance; the mass.
+R, V, SEEN_R, SEEN_V, KNOWN_R, KNOWN_V, FORCE, BEFORE, PUSH, MASS = (
+    (20 + row) * STRIDE for row in range(10)
+)
+# What `counters` counts.
+SUM_R, SUM_V, ENERGY, EFFORT, SLEW, LATE_R, LATE_V, LATE_F, OUTSIDE = (
+    (30 + row) * STRIDE for row in range(9)
+)
+ROWS = 39
+
+RUNS = 40
+"""Paired runs side by side: whole SIMD registers, and three axes fit into a row."""
+
+PAIRED_LANES = 3 * RUNS
+
+
+def paired_lanes(count: int) -> NDArray[np.int64]:
+    """Return the lanes (count, 3) x, y, z of the first paired runs."""
+    return np.arange(count)[:, None] + RUNS * np.arange(3)
 
 
 def compiled(function: Kernel) -> Kernel:
@@ -45,7 +71,7 @@ class Law(NamedTuple):
 
     scales : (3,) position [m], velocity [m/s], force [N]
     functions : (15,) p1-p15
-    rules : (25,) int, row = velocity word, column = position word
+    rules : (25,) codes 0..4, row = velocity word, column = position word
     samples, z, sp, lp : (8 * terms,) positive output samples and their grades, padded with zeros
     """
 
@@ -65,12 +91,12 @@ def make_law(samples: int) -> Law:
     padded = np.zeros(LANES * terms)
     padded[:half] = np.arange(1, half + 1) / half
     grades = np.zeros((3, LANES * terms))
-    return Law(np.zeros(3), np.zeros(15), np.zeros(25, np.int64), padded, *grades)
+    return Law(np.zeros(3), np.zeros(15), np.zeros(25), padded, *grades)
 
 
-def make_scratch(rows: int = FIRST_FREE) -> Any:
-    """Return the scratch (rows * STRIDE,) of one worker."""
-    return np.zeros(rows * STRIDE)
+def make_scratch() -> Any:
+    """Return the scratch of one worker."""
+    return np.zeros(ROWS * STRIDE)
 
 
 @compiled
@@ -108,7 +134,7 @@ def fire(w, n, rules):  # type: ignore[no-untyped-def]
         velocity = w[GRADES + (5 + row) * STRIDE :][:STRIDE]
         for column in range(5):
             position = w[GRADES + column * STRIDE :][:STRIDE]
-            strengths = w[STRENGTHS + rules[5 * row + column] * STRIDE :][:STRIDE]
+            strengths = w[STRENGTHS + int(rules[5 * row + column]) * STRIDE :][:STRIDE]
             for s in range(n):
                 grade = position[s]
                 strength = velocity[s]

@@ -12,7 +12,6 @@ import os
 import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +19,20 @@ from numpy.typing import NDArray
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.control.fuzzy import DEFAULT_SAMPLES
-from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import row_of
 from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.baselines import Baseline
-from rpo_montecarlo.engine import counters, lanes, parts, tick
-from rpo_montecarlo.engine.cases import Case, Crossed
-from rpo_montecarlo.engine.drawn import DrawnCase, with_own_memory
-from rpo_montecarlo.engine.judged import VALUES, judge, make_trace
+from rpo_montecarlo.engine import counters, lanes
+from rpo_montecarlo.engine.cases import Case, Crossed, DrawnCase
+from rpo_montecarlo.engine.counters import Trace, counting
+from rpo_montecarlo.engine.judged import VALUES, judge
+from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
+from rpo_montecarlo.engine.parts.control import Control, control_of, fuzzy_control
+from rpo_montecarlo.engine.parts.thrusters import spent_of
 from rpo_montecarlo.engine.population import Population, population_of
 from rpo_montecarlo.engine.support import announce, why_not
-from rpo_montecarlo.engine.worlds import THRUST
+from rpo_montecarlo.engine.tick import Runs
+from rpo_montecarlo.engine.tick import fly as fly_lanes
 
 Floats = NDArray[np.float64]
 Candidates = Population | Sequence[Controller]
@@ -40,11 +42,11 @@ class Scratch(threading.local):
     """What a thread writes while it flies.
 
     w : rows of lanes; pairs : metrics of all pairs of loops
-    norms : (2, tail, lanes) squared distances and speeds, see `tick.fly`
+    norms : (2, tail, lanes) squared distances and speeds, see `counters.counting`
     """
 
     def __init__(self, tail: int) -> None:
-        self.w = lanes.make_scratch(parts.ROWS)
+        self.w = lanes.make_scratch()
         self.pairs = np.empty((lanes.STRIDE**2, counters.COLUMNS))
         self.norms = np.empty((2, tail, lanes.STRIDE))
 
@@ -94,85 +96,76 @@ class Simulator:
         return found
 
     def _fly_controller(self, controller: Controller, case: Case, rows: Floats) -> None:
-        reason = why_not(case.base, controller)
+        reason = why_not(case.base, controller, ())
         if reason:
             announce(reason)
             _fly_singly(controller, case, rows)
         elif isinstance(controller, FuzzyController):
             self._fly_fuzzy(population_of(controller), 0, controller.system.samples, case, rows)
         elif isinstance(controller, Baseline):
-            self._fly_baseline(controller, case, rows)
+            controller.refuse_other_ticks(case.base.dt_s)
+            crossed = case.half if controller.alike else None
+            control = control_of(controller, paired=crossed is None)
+            self._fly_case(control, case, crossed, rows)
 
     def _fly_fuzzy(
         self, population: Population, index: int, samples: int, case: Case, rows: Floats
     ) -> None:
         crossed = case.half if population.is_odd(index) else case.full
-        control = parts.Control(population.law(index, samples))
+        self._fly_case(fuzzy_control(population.law(index, samples)), case, crossed, rows)
+
+    def _fly_case(
+        self, control: Control, case: Case, crossed: Crossed | None, rows: Floats
+    ) -> None:
         if crossed is None:
             self._fly_paired(control, case, rows)
-        else:
-            self._fly_crossed(control, case, crossed, rows)
-
-    def _fly_baseline(self, baseline: Baseline, case: Case, rows: Floats) -> None:
-        baseline.refuse_other_ticks(case.base.dt_s)
-        crossed = case.half if baseline.alike else None
-        if crossed is None:
-            self._fly_paired(parts.Control(None, baseline.law), case, rows)
-        else:
-            self._fly_crossed(parts.Control(axes=baseline.law), case, crossed, rows)
-
-    def _fly_crossed(
-        self, control: parts.Control, case: Case, crossed: Crossed, rows: Floats
-    ) -> None:
+            return
         w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
-        p, q = len(crossed.runs.planar), len(crossed.runs.vertical)
-        judged = case.judged
-        trace: Any = None if judged is None else make_trace(case.windows.horizon, 2 * p + q)
-        tick.fly(crossed.runs, control, case.plant, case.windows, w, norms, trace)
-        counters.finish_crossed(p, q, case.plant, case.base.mass_kg, case.windows, w, norms, pairs)
+        runs, windows, judged = crossed.runs, case.windows, case.judged
+        more = [control.part(runs), counting(runs, windows, norms)]
+        trace = None if judged is None else Trace(windows.horizon, runs.lanes)
+        fly_lanes(runs, [*more, *([trace.part] if trace else [])], windows.horizon, w)
+        p, q = len(runs.planar), len(runs.vertical)
+        dt_s, mass_kg = case.base.dt_s, case.base.mass_kg
+        counters.finish_crossed(p, q, dt_s, mass_kg, windows.tail, w, norms, pairs)
         rows[:, : counters.COLUMNS] = pairs[crossed.pairs]
-        if judged is not None:
-            rows[:, counters.COLUMNS :] = judge(trace[0], crossed.lanes, case.base, judged)
+        if judged is not None and trace is not None:
+            rows[:, counters.COLUMNS :] = judge(trace.states, crossed.lanes, case.base, judged)
 
-    def _fly_paired(self, control: parts.Control, case: Case | DrawnCase, rows: Floats) -> None:
+    def _fly_paired(self, control: Control, case: Case | DrawnCase, rows: Floats) -> None:
         """Fly starts `RUNS` at a time: any number of them."""
-        w, judged, columns = self._scratch.w, case.judged, counters.COLUMNS
-        counted, final = np.empty((parts.RUNS, columns)), np.empty((parts.RUNS, 6))
-        trace: Any = None
-        if judged is not None:
-            trace = make_trace(case.windows.horizon, parts.PAIRED_LANES)
+        w, judged, windows, columns = self._scratch.w, case.judged, case.windows, counters.COLUMNS
+        counted, final = np.empty((RUNS, columns)), np.empty((RUNS, 6))
+        trace = None if judged is None else Trace(windows.horizon, PAIRED_LANES)
         masses_kg = np.full(len(rows), case.base.mass_kg)
-        batches: Iterable[parts.Runs]
+        batches: Iterable[Runs]
         if isinstance(case, DrawnCase):
-            masses_kg, batches = case.masses_kg, map(with_own_memory, case.batches)
+            masses_kg, batches = case.masses_kg, case.batches
         else:
             batches = case.paired()
-        for first, runs in zip(range(0, len(rows), parts.RUNS), batches, strict=True):
-            tick.fly(runs, control, case.plant, case.windows, w, None, trace)
-            some = slice(first, first + parts.RUNS)
+        for first, runs in zip(range(0, len(rows), RUNS), batches, strict=True):
+            more = [control.part(runs), counting(runs, windows, None)]
+            more += [trace.part] if trace else []
+            memories = fly_lanes(runs, more, windows.horizon, w)
+            some = slice(first, first + RUNS)
             n = len(rows[some])
             counters.finish_paired(
-                case.plant, masses_kg[some], case.windows, w, counted[:n], final[:n]
+                case.base.dt_s, masses_kg[some], windows.tail, w, counted[:n], final[:n]
             )
             rows[some, :columns] = counted[:n]
-            if judged is not None:
+            if judged is not None and trace is not None:
                 judged_to = columns + len(VALUES)
                 rows[some, columns:judged_to] = judge(
-                    trace[0], parts.paired_lanes(n), case.base, judged
+                    trace.states, paired_lanes(n), case.base, judged
                 )
-            if runs.valves is not None:
-                rows[some, -len(THRUST) :] = runs.valves.memory[:n, THRUST]
+            spent = spent_of(memories.get('thrusters'))
+            for at, name in enumerate(spent, -len(spent)):
+                rows[some, at] = spent[name][:n]
 
-    def _control(self, candidates: Candidates, index: int) -> parts.Control:
+    def _control(self, candidates: Candidates, index: int) -> Control:
         if isinstance(candidates, Population):
-            return parts.Control(candidates.law(index, self.samples))
-        controller = candidates[index]
-        if isinstance(controller, Baseline):
-            return parts.Control(None, controller.law)
-        if isinstance(controller, FuzzyController):
-            law = population_of(controller).law(0, controller.system.samples)
-            return parts.Control(law)
-        raise InputError(f'the engine does not know controller {controller.name}')
+            return fuzzy_control(candidates.law(index, self.samples))
+        return control_of(candidates[index])
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

@@ -9,41 +9,50 @@ import threading
 from collections.abc import Collection
 
 from rpo_core.chain.stage import section_of
-from rpo_core.control.controller import Controller, FuzzyController
+from rpo_core.control.controller import Controller
+from rpo_core.files import plugins
 from rpo_core.files.scenario import Scenario
-from rpo_ctrl.baselines import Baseline
-from rpo_guidance.plan import HOLD, Guidance
-from rpo_safety.settings import Assurance
+from rpo_montecarlo.engine.parts import (
+    approach,
+    control,
+    disturbance,
+    dynamics,
+    goal,
+    link,
+    navigation,
+    thrusters,
+)
+from rpo_montecarlo.engine.tick import KINDS, Kind
+
+PARTS = (navigation, approach, goal, control, link, thrusters, disturbance, dynamics)
+"""The modules that register themselves."""
 
 _announced: set[str] = set()
 _lock = threading.Lock()
 
 
-IN_PAIRS = ('dynamics', 'thrusters', 'sensors', 'estimator', 'guidance', 'assurance')
-"""Sections that the engine knows where every run has its own lanes, in campaigns."""
+def kinds() -> list[Kind]:
+    """Return all that is registered; loads the plug-ins first."""
+    plugins.load()
+    return KINDS
 
 
-def why_not(scenario: Scenario, controller: Controller, known: Collection[str] = ()) -> str:
+def why_not(
+    scenario: Scenario, controller: Controller, known: Collection[str] | None = None
+) -> str:
     """Return why the engine cannot fly a controller through a scenario; '' if it can.
 
-    The engine knows the errors of thrusters and navigation that campaigns disperse, but of the
-    sections of a scenario only those `known`.
+    known : sections that are flown; None: all that are registered, as in campaigns
     """
-    kinds = [kind for kind in (FuzzyController, Baseline) if isinstance(controller, kind)]
-    if not kinds or type(controller).stage is not kinds[0].stage:
+    if not control.is_known(controller):
         return f'controller {controller.name} has a stage of its own'
-    names = [section_of(settings).name for settings in scenario.sections]
-    for name in names:
-        if name not in known:
+    registered = {kind.section: kind for kind in kinds()}
+    for settings in scenario.sections:
+        name = section_of(settings).name
+        if name not in (registered if known is None else known):
             return f'scenario {scenario.name} has a section `{name}`'
-    plan = scenario.section(Guidance)
-    if plan is not None and any(leg.kind == HOLD for leg in plan.legs):
-        return f'scenario {scenario.name} has a plan with holds'
-    assurance = scenario.section(Assurance)
-    if assurance is not None and assurance.abort is not None:
-        return f'scenario {scenario.name} has an abort table'
-    if assurance is not None and assurance.sigmas > 0.0 and 'estimator' in names:
-        return f'scenario {scenario.name} has runtime assurance that follows an estimator'
+        if reason := registered[name].refuse(scenario):
+            return f'scenario {scenario.name} has {reason}'
     return ''
 
 

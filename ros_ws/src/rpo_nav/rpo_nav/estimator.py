@@ -26,16 +26,20 @@ from rpo_core.wire.interfaces import PREVIOUS_COMMAND
 from rpo_core.world import cw
 from rpo_nav.filter_kernels import (
     BASE,
-    COUNTS,
+    COMMANDS,
     LAST_ACCEPTED,
     LAST_RESET,
     NOW,
     REJECTED,
     RESETS,
+    SQUARE,
+    STATES,
     TESTED,
-    Filter,
-    Memory,
+    TESTS,
+    UNITS,
+    X,
     estimate,
+    slots_of,
 )
 from rpo_nav.sensor_kernels import MEASURED, three_normals
 from rpo_nav.sensors import Sensors
@@ -112,35 +116,37 @@ def gate(numbers: int, sigmas: float) -> float:
     return numbers * root * root * root
 
 
-def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Filter:
-    """Return the filter of a scenario as the kernels read it."""
+def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
+    """Return what the filter of a scenario is told, a table of `rpo_nav.filter_kernels`."""
     n, units = settings.states, sensors.units
     rows = np.array([unit.row(scenario.dt_s) for unit in units])
     rows[:, :5] *= settings.noise_scale
     first, second = (three_normals(0, i, _START, *sensors.noise_key) for i in range(2))
     sigmas = [settings.position_sigma_m] * 3 + [settings.velocity_sigma_m_s] * 3
     draws = zip(scenario.start, sigmas, (*first, *second), strict=True)
-    start = [value + sigma * draw for value, sigma, draw in draws] + [0.0] * (n - 6)
-    disturbed = [settings.disturbance_sigma_n] * (n - 6)
+    start = [value + sigma * draw for value, sigma, draw in draws] + [0.0] * 3
+    disturbed = [settings.disturbance_sigma_n] * 3
     again = [settings.position_sigma_m] * 3 + [settings.restart_velocity_sigma_m_s] * 3
     mass_kg = settings.mass_kg or scenario.mass_kg
     step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
     delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
-    return Filter(
+    told = [
         n,
-        step,
-        as_table(_process_noise(settings, step, mass_kg, scenario.dt_s)),
-        as_table(start),
-        as_table(_diagonal([*sigmas, *disturbed])),
-        as_table(_diagonal([*again, *disturbed])),
-        as_table(rows),
-        as_table([gate(numbers, settings.gate_sigmas) for numbers in range(7)]),
-        float(scenario.max_force_n),
+        scenario.max_force_n,
         delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
         settings.restart_after,
         max(unit.latency_ticks for unit in units),
-        1,
-    )
+        1,  # the covariance is wanted
+        len(units),
+        *step,
+        *(gate(numbers, settings.gate_sigmas) for numbers in range(7)),
+        *start,
+        *_process_noise(settings, step, mass_kg, scenario.dt_s),
+        *_diagonal([*sigmas, *disturbed]),
+        *_diagonal([*again, *disturbed]),
+        *rows.ravel(),
+    ]
+    return as_table(told)
 
 
 def _diagonal(sigmas: list[float]) -> list[float]:
@@ -149,33 +155,29 @@ def _diagonal(sigmas: list[float]) -> list[float]:
 
 
 def _process_noise(settings: Estimator, step: CwStep, mass_kg: float, dt_s: float) -> list[float]:
-    """Return Q (n * n): white acceleration, held for a tick; the walk of the disturbance."""
-    n, zero = settings.states, (0.0,) * 6
+    """Return Q (81,): white acceleration, held for a tick; the walk of the disturbance."""
+    zero = (0.0,) * 6
     density = settings.acceleration_noise_m_s1_5 * mass_kg
     variance = density * density / dt_s
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     columns = [cw_step(zero, force, step) for force in unit]
-    noise = [0.0] * (n * n)
+    noise = [0.0] * SQUARE
     for i in range(6):
         for j in range(6):
             shared = 0.0
             for column in columns:
                 shared += column[i] * column[j]
-            noise[n * i + j] = variance * shared
+            noise[STATES * i + j] = variance * shared
     walk = settings.disturbance_walk_n_s0_5
-    for i in range(6, n):
-        noise[n * i + i] = walk * walk * dt_s
+    for i in range(6, STATES):
+        noise[STATES * i + i] = walk * walk * dt_s
     return noise
 
 
-def memory_of(f: Filter) -> Memory:
-    """Return the memory of a filter that has not begun."""
-    n, sensors = f.n, len(f.sensors)
-    slots = f.newest + f.delay + 2
-    shapes = (n, n * n, n, n * n, 3 * n + n * n, (slots, 3), (slots, sensors, MEASURED + 1))
-    tables: Any = [as_table(np.zeros(shape)) for shape in shapes]
-    tables += [as_table(np.full(COUNTS, -1), np.int64), as_table(np.zeros((sensors, TESTED)))]
-    return Memory(*tables)
+def memory_of(f: Any) -> Any:
+    """Return the memory of a filter that has not begun, a table of `rpo_nav.filter_kernels`."""
+    numbers = slots_of(f) * (3 + (MEASURED + 1) * int(f[UNITS]))
+    return as_table([-1.0] * X + [0.0] * (COMMANDS - X + numbers))
 
 
 class EstimatorStage(Stage):
@@ -190,8 +192,9 @@ class EstimatorStage(Stage):
         self.inputs = (PREVIOUS_COMMAND, *sensors.signals)
         self.filter = filter_of(settings, sensors, scenario)
         self._silent_ticks = 10 * max(unit.period_ticks for unit in sensors.units)
-        self._measured = as_table(np.zeros((len(sensors.units), MEASURED)))
-        if settings.states == 9:
+        self._states = settings.states
+        self._measured = as_table(np.zeros(MEASURED * len(sensors.units)))
+        if self._states == STATES:
             self.outputs = (*self.outputs, interfaces.ESTIMATED_DISTURBANCE)
         self.reset()
 
@@ -205,49 +208,50 @@ class EstimatorStage(Stage):
         The covariances are those of position [m^2] and of velocity [m^2/s^2], 3 x 3 each.
         """
         command, *measurements = inputs
-        for row, values in zip(self._measured, measurements, strict=True):
-            row[0] = float(values[6] >= 0.0)
-            row[1:7] = values[:6]
+        for i, values in enumerate(measurements):
+            self._measured[MEASURED * i] = float(values[6] >= 0.0)
+            self._measured[MEASURED * i + 1 : MEASURED * (i + 1)] = values[:6]
         estimate(tick, command, self._measured, self.filter, self.memory)
-        y, s, n = self.memory.y, self.memory.s, self.filter.n
-        state = tuple(map(float, y[:6]))
+        y = list(map(float, self.memory[X : X + STATES + SQUARE]))
         blocks = [(i, j) for at in (0, 3) for i in range(at, at + 3) for j in range(at, at + 3)]
-        found = (state, tuple(float(s[n * i + j]) for i, j in blocks))
-        return found if n == 6 else (*found, tuple(map(float, y[6:9])))
+        found = (tuple(y[:6]), tuple(y[STATES + STATES * i + j] for i, j in blocks))
+        return found if self._states == 6 else (*found, tuple(y[6:STATES]))
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Whole covariance (n, n) of the newest estimate; SI units."""
-        n = self.filter.n
-        return np.array(self.memory.s).reshape(n, n)
+        n, table = self._states, self.memory[X + STATES : X + STATES + SQUARE]
+        return np.array(table).reshape(STATES, STATES)[:n, :n]
 
     @property
     def innovations(self) -> list[list[float]]:
         """Per sensor, innovations over sigma of what was measured newly; empty if nothing was."""
-        return [list(map(float, row[2 : 2 + int(row[0])])) for row in self.memory.tested]
+        rows = [TESTED + TESTS * i for i in range(int(self.filter[UNITS]))]
+        ends = [row + 2 + int(self.memory[row]) for row in rows]
+        tested = zip(rows, ends, strict=True)
+        return [list(map(float, self.memory[row + 2 : end])) for row, end in tested]
 
     def trouble(self) -> str:
         """Return what is wrong, for /diagnostics; '' if nothing is."""
-        counts = self.memory.counts
-        if counts[RESETS] > 0:
+        if self.restarts > 0:
             return (
-                f'the estimator diverged: it was restarted {counts[RESETS]} times, the last time '
-                f'at tick {counts[LAST_RESET]}'
+                f'the estimator diverged: it was restarted {self.restarts} times, the last time '
+                f'at tick {int(self.memory[LAST_RESET])}'
             )
-        silent = counts[BASE] - counts[LAST_ACCEPTED]
-        if counts[NOW] >= 0 and silent > self._silent_ticks:
+        silent = int(self.memory[BASE] - self.memory[LAST_ACCEPTED])
+        if self.memory[NOW] >= 0 and silent > self._silent_ticks:
             return f'the estimator is coasting: no measurement was taken for {silent} ticks'
         return ''
 
     @property
     def rejected(self) -> int:
         """How many measurements were rejected."""
-        return max(0, int(self.memory.counts[REJECTED]))
+        return max(0, int(self.memory[REJECTED]))
 
     @property
     def restarts(self) -> int:
         """How often it was restarted."""
-        return max(0, int(self.memory.counts[RESETS]))
+        return max(0, int(self.memory[RESETS]))
 
 
 def _sensors_of(scenario: Any) -> Sensors:

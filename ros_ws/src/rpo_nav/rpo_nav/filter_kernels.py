@@ -3,20 +3,27 @@
 """The Kalman filter, number by number: + - * / sqrt and comparisons, in the order written.
 
 The state has six numbers, position [m] and velocity [m/s] in target LVLH, or nine with a constant
-disturbance force [N]. A covariance is an n x n table, row after row, always symmetric.
+disturbance force [N]. A covariance is a 9 x 9 table, row after row, always symmetric; without a
+disturbance its last rows and columns are not used.
 
-A measurement is taken number by number (they are independent in the frame of the line of sight), in
-Joseph's form (`rpo_nav.kalman`).
+A measurement is taken number by number (they are independent in the frame of the line of sight).
+An update is in Joseph's form: P - K h' P, then the same from the other side, plus K r K'. Source:
+Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.2
+and 10.4.
+
+A filter is two flat tables, f of what it is told and m of what it remembers: a view of a part of a
+table costs a compiled kernel more than an update does.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from math import sqrt
+from typing import Any
 
-from rpo_core.kernels import CwStep, Vector, saturate
+from rpo_core.kernels import CwStep, Vector, cw_step, saturate, unpacked
 from rpo_core.kernels.jit import inlined, kernel
-from rpo_nav.kalman import step_covariance, step_state, update
 from rpo_nav.sensor_kernels import (
+    COLUMNS,
     CROSS_SHARE,
     HAS_RANGE,
     HAS_VELOCITY,
@@ -31,80 +38,123 @@ from rpo_nav.sensor_kernels import (
     sight,
 )
 
+STATES = 9
+SQUARE = STATES * STATES
+
+N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS = range(7)
+STEP, GATES, START = 7, 33, 40
+PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in range(4))
+"""Places in what a filter is told: 6 or 9 states; limit of the thrusters [N]; ticks from a command
+to its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
+sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
+faster); number of sensors. Then the exact step of the relative dynamics for one tick (26,), the
+largest NIS of so many numbers (7,), the state at the start (9,), covariances (81,) that a tick
+adds, at the start, and after a restart; the columns of each sensor as the filter takes it."""
+
 NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
-"""Places in `Memory.counts`."""
-
-COUNTS = 9
-
-TESTED = 8
-"""Numbers kept of the newest measurement of a sensor: how many were tested (0: none came), the sum
-of their squares (NIS), and each innovation over its sigma."""
-
-
-class Filter(NamedTuple):
-    """What the filter is told of the world.
-
-    n : 6 or 9 states
-    step : exact step of the relative dynamics for one tick
-    noise : (n * n) covariance that a tick adds
-    start, spread : (n) state and (n * n) covariance at the start
-    again : (n * n) covariance after a restart
-    sensors : (sensors, columns) as `rpo_nav.sensor_kernels` has them
-    gates : (7) largest NIS of so many numbers
-    limit_n : of the thrusters; delay : ticks from a command to its force
-    patience : so many rejected measurements in a row restart the filter; 0: none do
-    newest : largest latency of a sensor in ticks
-    full : 1 if the covariance of the newest tick is wanted; 0 if the state alone, which is faster
-    """
-
-    n: int
-    step: CwStep
-    noise: Any
-    start: Any
-    spread: Any
-    again: Any
-    sensors: Any
-    gates: Any
-    limit_n: float
-    delay: int
-    patience: int
-    newest: int
-    full: int
-
-
-class Memory(NamedTuple):
-    """What the filter remembers.
-
-    x, p : state and covariance at the tick up to which all measurements have come
-    y, s : those of the newest tick
-    work : (3 n + n * n) scratch
-    commands : (slots, 3) newest commands; pending : (slots, sensors, 8) newest measurements, each
-        with the tick it was taken at
-    counts : whole numbers, see NOW and others
-    tested : (sensors, 8) of the newest measurement of each sensor
-    """
-
-    x: Any
-    p: Any
-    y: Any
-    s: Any
-    work: Any
-    commands: Any
-    pending: Any
-    counts: Any
-    tested: Any
+BOTH = STATES + SQUARE
+X, SETTLED, KEPT = (9 + BOTH * i for i in range(3))
+P, WORK, GAINS = X + STATES, KEPT + BOTH, KEPT + BOTH + STATES
+TESTED, MOST_SENSORS, TESTS = WORK + 2 * STATES, 4, 8
+COMMANDS = TESTED + MOST_SENSORS * TESTS
+"""Places in what a filter remembers: counts; then, each a state and its covariance, that of the
+newest tick (X, P), of the tick up to which all measurements have come, and before a measurement;
+scratch. Of the newest measurement of each sensor 8 numbers: how many were tested (0: none came),
+the sum of their squares (NIS), each innovation over its sigma. Then the newest commands, 3 numbers
+in a slot, and the newest measurements, 8 of each sensor in a slot, with the tick each was taken
+at."""
 
 
 @inlined
-def _take(x: Any, p: Any, n: int, found: Any, sensor: Any, work: Any, tested: Any) -> None:
-    """Take the numbers of a measurement; fill the row of their innovations."""
-    distance, ux, uy, uz = sight(x[0], x[1], x[2])
+def slots_of(f: Any) -> int:
+    """Return how many commands are remembered."""
+    return int(f[NEWEST]) + int(f[DELAY]) + 2
+
+
+@inlined
+def _pending(tick: int, i: int, f: Any) -> int:
+    """Return the place of what sensor i measured at a tick."""
+    slots, count = slots_of(f), int(f[UNITS])
+    return COMMANDS + 3 * slots + (MEASURED + 1) * (count * (tick % slots) + i)
+
+
+@kernel
+def step_state(m: Any, n: int, force: Vector, step: CwStep) -> None:
+    """Move the state by one tick under a force (3,) [N]."""
+    fx, fy, fz = force
+    if n == STATES:
+        fx, fy, fz = fx + m[X + 6], fy + m[X + 7], fz + m[X + 8]
+    moved = cw_step((m[X], m[X + 1], m[X + 2], m[X + 3], m[X + 4], m[X + 5]), (fx, fy, fz), step)
+    m[X], m[X + 1], m[X + 2], m[X + 3], m[X + 4], m[X + 5] = moved
+
+
+@inlined
+def _step_line(m: Any, i: int, n: int, step: CwStep) -> None:
+    """Move a row (n = 1) or a column (n = 9) of a table as `step_state` moves a state."""
+    j, k, q, r, s = i + n, i + 2 * n, i + 3 * n, i + 4 * n, i + 5 * n
+    force = (m[i + 6 * n], m[i + 7 * n], m[i + 8 * n])
+    m[i], m[j], m[k], m[q], m[r], m[s] = cw_step((m[i], m[j], m[k], m[q], m[r], m[s]), force, step)
+
+
+@kernel
+def step_covariance(m: Any, step: CwStep, f: Any) -> None:
+    """Replace the covariance P by F P F' + Q."""
+    for column in range(STATES):
+        _step_line(m, P + column, STATES, step)
+    for row in range(6):  # a disturbance stays: so do the rows of it
+        _step_line(m, P + STATES * row, 1, step)
+    for i in range(SQUARE):
+        m[P + i] += f[PROCESS_NOISE + i]
+    _mirror(m)
+
+
+@inlined
+def _mirror(m: Any) -> None:
+    """Make the covariance symmetric: what is right of the diagonal counts."""
+    for row in range(1, STATES):
+        for column in range(row):
+            m[P + STATES * row + column] = m[P + STATES * column + row]
+
+
+@inlined
+def _shown(h: Vector, m: Any, at: int) -> float:
+    """Return what a measurement shows of three numbers."""
+    return h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2]
+
+
+@kernel
+def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> float:
+    """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma."""
+    row = P + STATES * first  # P is symmetric: rows are faster than columns
+    for i in range(STATES):
+        m[WORK + i] = h[0] * m[row + i] + h[1] * m[row + STATES + i] + h[2] * m[row + 18 + i]
+    at = WORK + first
+    spread = variance + h[0] * m[at] + h[1] * m[at + 1] + h[2] * m[at + 2]
+    innovation = measured - _shown(h, m, X + first)
+    for i in range(STATES):
+        m[GAINS + i] = m[WORK + i] / spread
+        m[X + i] += m[GAINS + i] * innovation
+    share = spread - variance  # h' P h
+    for a in range(STATES):
+        gain, row = m[GAINS + a], P + STATES * a
+        rest, noise = m[WORK + a] - gain * share, gain * variance  # of (I - K h') P h; K r
+        for b in range(STATES):
+            other = m[GAINS + b]
+            m[row + b] = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
+    _mirror(m)
+    return innovation / sqrt(spread)
+
+
+@kernel
+def _take(m: Any, found: int, sensor: Any, tested: int) -> int:
+    """Take the numbers of a measurement, and return how many; fill its tests."""
+    distance, ux, uy, uz = sight(m[X], m[X + 1], m[X + 2])
     first, second = across(ux, uy, uz)
-    mx, my, mz = found[1], found[2], found[3]
+    mx, my, mz = m[found + 1], m[found + 2], m[found + 3]
     if sensor[HAS_RANGE] == 0.0:  # a direction: the point at the distance that is expected
         mx, my, mz = distance * mx, distance * my, distance * mz
-    at = 2
-    tested[1] = 0.0
+    at = tested + 2
+    m[tested + 1] = 0.0
     for number in range(6):
         if (number == 0 and sensor[HAS_RANGE] == 0.0) or (
             number >= 3 and sensor[HAS_VELOCITY] == 0.0
@@ -120,188 +170,166 @@ def _take(x: Any, p: Any, n: int, found: Any, sensor: Any, work: Any, tested: An
                 1.0 if number == 4 else 0.0,
                 1.0 if number == 5 else 0.0,
             )
-            vx, vy, vz = found[4], found[5], found[6]
+            vx, vy, vz = m[found + 4], m[found + 5], m[found + 6]
             floor, share = sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE]
         sigma = larger(floor, share * distance)
         value = h[0] * vx + h[1] * vy + h[2] * vz
-        begin = 3 if number >= 3 else 0
-        tested[at] = update(x, p, n, begin, h, value, sigma * sigma, work)
-        tested[1] += tested[at] * tested[at]
+        m[at] = update(m, 3 if number >= 3 else 0, h, value, sigma * sigma)
+        m[tested + 1] += m[at] * m[at]
         at += 1
-    tested[0] = float(at - 2)
+    m[tested] = float(at - tested - 2)
+    return at - tested - 2
 
 
-@inlined
-def _accept(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memory, i: int) -> bool:
+@kernel
+def _accept(m: Any, found: int, sensor: Any, f: Any, i: int) -> bool:
     """Take a measurement unless its NIS is too large; return whether it was taken."""
-    work, kept = m.work, 2 * n
-    for j in range(n):
-        work[kept + j] = x[j]
-    for j in range(n * n):
-        work[kept + n + j] = p[j]
-    tested = m.tested[i]
-    _take(x, p, n, found, sensor, work, tested)
-    gate = f.gates[int(tested[0])]
-    if gate <= 0.0 or tested[1] <= gate:
+    for j in range(BOTH):
+        m[KEPT + j] = m[X + j]
+    tested = TESTED + TESTS * i
+    gate = f[GATES + _take(m, found, sensor, tested)]
+    if gate <= 0.0 or m[tested + 1] <= gate:
         return True
-    for j in range(n):
-        x[j] = work[kept + j]
-    for j in range(n * n):
-        p[j] = work[kept + n + j]
+    for j in range(BOTH):
+        m[X + j] = m[KEPT + j]
     return False
 
 
-@inlined
-def _restart(x: Any, p: Any, n: int, found: Any, sensor: Any, f: Filter, m: Memory) -> None:
+@kernel
+def _restart(m: Any, found: int, sensor: Any, f: Any) -> None:
     """Begin again with what was measured: P is large again, the disturbance is zero."""
-    for j in range(n * n):
-        p[j] = f.again[j]
-    for j in range(6, n):
-        x[j] = 0.0
-    if sensor[HAS_RANGE] != 0.0:
-        for j in range(3):
-            x[j] = found[1 + j]
-    if sensor[HAS_VELOCITY] != 0.0:
-        for j in range(3):
-            x[3 + j] = found[4 + j]
-    m.counts[IN_A_ROW] = 0
-    m.counts[RESETS] += 1
-    m.counts[LAST_RESET] = m.counts[NOW]
+    for j in range(SQUARE):
+        m[P + j] = f[AGAIN + j]
+    for j in range(3):
+        m[X + 6 + j] = 0.0
+        if sensor[HAS_RANGE] != 0.0:
+            m[X + j] = m[found + 1 + j]
+        if sensor[HAS_VELOCITY] != 0.0:
+            m[X + 3 + j] = m[found + 4 + j]
+    m[IN_A_ROW] = 0.0
+    m[RESETS] += 1.0
+    m[LAST_RESET] = m[NOW]
 
 
-@inlined
-def _advance(tick: int, x: Any, p: Any, f: Filter, m: Memory, last: bool, full: bool) -> None:
-    """Move a state to a tick, and take what was measured at that tick.
+@kernel
+def _advance(tick: int, step: CwStep, f: Any, m: Any, last: bool, full: bool) -> None:
+    """Move the state to a tick, and take what was measured at that tick.
 
     last : whether all measurements of the tick have come; they are counted then, and only then
     full : with its covariance; otherwise nothing may be measured at the tick
     """
-    n, slots = f.n, len(m.commands)
-    if tick > m.counts[ORIGIN]:
-        c = m.commands[(tick - 1 - f.delay) % slots]
-        step_state(x, n, (c[0], c[1], c[2]), f.step)
+    if tick > m[ORIGIN]:
+        c = COMMANDS + 3 * ((tick - 1 - int(f[DELAY])) % slots_of(f))
+        step_state(m, int(f[N]), (m[c], m[c + 1], m[c + 2]), step)
         if full:
-            step_covariance(p, n, f.step, f.noise)
-    waiting = m.pending[tick % slots]
-    for i in range(len(f.sensors)):
-        found = waiting[i]
-        if found[0] == 0.0 or found[MEASURED] != tick:
+            step_covariance(m, step, f)
+    for i in range(int(f[UNITS])):
+        found = _pending(tick, i, f)
+        if m[found] == 0.0 or m[found + MEASURED] != tick:
             continue
-        sensor = f.sensors[i]
-        taken = _accept(x, p, n, found, sensor, f, m, i)
+        sensor = f[SENSORS + COLUMNS * i : SENSORS + COLUMNS * (i + 1)]
+        taken = _accept(m, found, sensor, f, i)
         if not last:
             continue
         if taken:
-            m.counts[ACCEPTED] += 1
-            m.counts[IN_A_ROW] = 0
-            m.counts[LAST_ACCEPTED] = tick
+            m[ACCEPTED] += 1.0
+            m[IN_A_ROW] = 0.0
+            m[LAST_ACCEPTED] = tick
         else:
-            m.counts[REJECTED] += 1
-            m.counts[IN_A_ROW] += 1
-            if f.patience > 0 and m.counts[IN_A_ROW] >= f.patience:
-                _restart(x, p, n, found, sensor, f, m)
+            m[REJECTED] += 1.0
+            m[IN_A_ROW] += 1.0
+            if f[PATIENCE] > 0.0 and m[IN_A_ROW] >= f[PATIENCE]:
+                _restart(m, found, sensor, f)
 
 
-@inlined
-def _settle(tick: int, f: Filter, m: Memory) -> None:
+@kernel
+def _settle(tick: int, step: CwStep, f: Any, m: Any) -> None:
     """Move the base to the newest tick of which no more measurements will come."""
-    if tick - f.newest > m.counts[BASE]:
-        m.counts[BASE] += 1
-        _advance(m.counts[BASE], m.x, m.p, f, m, True, True)
+    for j in range(BOTH):
+        m[X + j] = m[SETTLED + j]
+    if tick - int(f[NEWEST]) > m[BASE]:
+        m[BASE] += 1.0
+        _advance(int(m[BASE]), step, f, m, True, True)
+        for j in range(BOTH):
+            m[SETTLED + j] = m[X + j]
 
 
-@inlined
-def _keep(tick: int, command: Vector, measured: Any, f: Filter, m: Memory) -> None:
+@kernel
+def _keep(tick: int, command: Vector, measured: Any, step: CwStep, f: Any, m: Any) -> None:
     """Keep the command of the tick before, and what arrives at this one."""
-    slots = len(m.commands)
-    for t in range(m.counts[NOW] + 1, tick + 1):  # of missing ticks, the command is held
-        line = m.commands[(t - 1) % slots]
+    for t in range(int(m[NOW]) + 1, tick + 1):  # of missing ticks, the command is held
+        line = COMMANDS + 3 * ((t - 1) % slots_of(f))
         for axis in range(3):
-            line[axis] = saturate(command[axis], f.limit_n)
-        for i in range(len(f.sensors)):
-            m.pending[t % slots][i][0] = 0.0
-        m.counts[NOW] = t
+            m[line + axis] = saturate(command[axis], f[LIMIT])
+        for i in range(int(f[UNITS])):
+            m[_pending(t, i, f)] = 0.0
+        m[NOW] = t
         if t < tick:
-            _settle(t, f, m)
-    for i in range(len(f.sensors)):
-        taken = tick - int(f.sensors[i][LATENCY])
-        if measured[i][0] != 0.0 and taken >= m.counts[ORIGIN]:
-            slot = m.pending[taken % slots][i]
+            _settle(t, step, f, m)
+    for i in range(int(f[UNITS])):
+        taken = tick - int(f[SENSORS + COLUMNS * i + LATENCY])
+        if measured[MEASURED * i] != 0.0 and taken >= m[ORIGIN]:
+            slot = _pending(taken, i, f)
             for j in range(MEASURED):
-                slot[j] = measured[i][j]
-            slot[MEASURED] = float(taken)
+                m[slot + j] = measured[MEASURED * i + j]
+            m[slot + MEASURED] = taken
 
 
 @kernel
-def _is_finite(x: Any, n: int) -> bool:
-    finite = True
-    for i in range(n):
-        finite = finite and x[i] - x[i] == 0.0
-    return finite
-
-
-@kernel
-def begin(tick: int, f: Filter, m: Memory) -> None:
+def begin(tick: int, f: Any, m: Any) -> None:
     """Begin with the start at a tick."""
-    n = f.n
-    for j in range(n):
-        m.x[j] = f.start[j]
-    for j in range(n * n):
-        m.p[j] = f.spread[j]
-    for j in range(COUNTS):
-        m.counts[j] = 0
-    m.counts[NOW] = m.counts[BASE] = tick - 1
-    m.counts[ORIGIN] = m.counts[LAST_ACCEPTED] = tick
-    m.counts[LAST_RESET] = -1
-    for line in m.commands:
-        for axis in range(3):
-            line[axis] = 0.0
-    for row in m.pending:
-        for slot in row:
-            slot[0] = 0.0
+    for j in range(STATES):
+        m[SETTLED + j] = f[START + j]
+    for j in range(SQUARE):
+        m[SETTLED + STATES + j] = f[SPREAD + j]
+    for j in range(X):
+        m[j] = 0.0
+    m[NOW] = m[BASE] = tick - 1
+    m[ORIGIN] = m[LAST_ACCEPTED] = tick
+    m[LAST_RESET] = -1.0
+    for j in range(COMMANDS, COMMANDS + (3 + (MEASURED + 1) * int(f[UNITS])) * slots_of(f)):
+        m[j] = 0.0
 
 
 @kernel
-def estimate(tick: int, command: Vector, measured: Any, f: Filter, m: Memory) -> None:
-    """Take a tick: fill `m.y` and `m.s` with the estimate of its state.
+def estimate(tick: int, command: Vector, measured: Any, f: Any, m: Any) -> None:
+    """Take a tick: fill the newest state and covariance of the memory, from place X.
 
     command : (3,) [N] of the tick before
-    measured : (sensors, 7) that arrived at this tick
+    measured : (7 sensors,) that arrived at this tick
 
     Measurements come late. The base is moved once, to the newest tick whose measurements have all
     come; from there to this tick the motion, and what has come already, are computed anew. So each
     measurement is taken at the tick it belongs to.
     """
-    if m.counts[ORIGIN] < 0:
+    step = unpacked(f, STEP, 1)
+    if m[ORIGIN] < 0.0:
         begin(tick, f, m)
-    for row in m.tested:
-        row[0] = 0.0
-    _keep(tick, command, measured, f, m)
-    _settle(tick, f, m)
-    n = f.n
-    for j in range(n):
-        m.y[j] = m.x[j]
-    for j in range(n * n):
-        m.s[j] = m.p[j]
-    full = f.full != 0
-    for t in range(m.counts[BASE] + 1, tick + 1):
-        for i in range(len(f.sensors)):
-            found = m.pending[t % len(m.commands)][i]
-            full = full or (found[0] != 0.0 and found[MEASURED] == t)
-    for t in range(m.counts[BASE] + 1, tick + 1):
-        _advance(t, m.y, m.s, f, m, False, full)
-    if not _is_finite(m.y, n) or not _is_finite(m.s, n * n):
+    for i in range(int(f[UNITS])):
+        m[TESTED + TESTS * i] = 0.0
+    _keep(tick, command, measured, step, f, m)
+    _settle(tick, step, f, m)
+    full, base = f[FULL] != 0.0, int(m[BASE])
+    for t in range(base + 1, tick + 1):
+        for i in range(int(f[UNITS])):
+            found = _pending(t, i, f)
+            full = full or (m[found] != 0.0 and m[found + MEASURED] == t)
+    for t in range(base + 1, tick + 1):
+        _advance(t, step, f, m, False, full)
+    wrong = 0
+    for j in range(BOTH):
+        wrong += m[X + j] - m[X + j] != 0.0
+    if wrong > 0:
         _begin_again(tick, f, m)
 
 
 @kernel
-def _begin_again(tick: int, f: Filter, m: Memory) -> None:
+def _begin_again(tick: int, f: Any, m: Any) -> None:
     """Restart from the start: the numbers ran out of range."""
-    resets = m.counts[RESETS]
+    resets = m[RESETS]
     begin(tick + 1, f, m)
-    m.counts[RESETS], m.counts[LAST_RESET] = resets + 1, tick
-    n = f.n
-    for j in range(n * n):
-        m.p[j] = m.s[j] = f.again[j]
-    for j in range(n):
-        m.y[j] = m.x[j]
+    m[RESETS], m[LAST_RESET] = resets + 1.0, tick
+    for j in range(SQUARE):
+        m[SETTLED + STATES + j] = f[AGAIN + j]
+    for j in range(BOTH):
+        m[X + j] = m[SETTLED + j]

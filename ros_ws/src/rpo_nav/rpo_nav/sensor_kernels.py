@@ -33,6 +33,10 @@ MEASURED = 7
 NO_DIRECTION_M = 1e-9
 """Closer to the target than this, the line of sight is taken to be along V-bar."""
 
+SENSORS, SLOTS, OUTAGES, KEY, UNITS = 0, 1, 2, 3, 5
+"""Places in the table of `sense`: how many sensors, slots of a queue, and numbers of the outages of
+a sensor; the key (2,); the columns of the first sensor."""
+
 FIRST, SECOND, OUTLYING, WALKING = range(4)  # blocks of random words of a tick
 
 
@@ -85,11 +89,14 @@ def three_normals(tick: int, block: int, stream: int, k0: int, k1: int) -> Vecto
 
 
 @kernel
-def is_due(tick: int, sensor: Any, outages: Any) -> bool:
-    """Return whether a sensor measures at a tick: its period, and no outage [first, end)."""
+def is_due(tick: int, sensor: Any, s: Any, first: int) -> bool:
+    """Return whether a sensor measures at a tick: its period, and no outage [begin, end).
+
+    s : table of `sense`, with the outages of the sensor from place `first`
+    """
     due = tick % int(sensor[PERIOD]) == 0
-    for i in range(0, len(outages), 2):
-        due = due and not outages[i] <= tick < outages[i + 1]
+    for i in range(first, first + int(s[OUTAGES]), 2):
+        due = due and not s[i] <= tick < s[i + 1]
     return due
 
 
@@ -120,18 +127,18 @@ def scattered(
 
 @kernel
 def sample(
-    tick: int, state: State, walked: Vector, sensor: Any, stream: int, k0: int, k1: int, out: Any
+    tick: int, state: State, sensor: Any, stream: int, k0: int, k1: int, walk: int, m: Any, at: int
 ) -> None:
-    """Fill the measurement (7,) of a true state.
+    """Fill the measurement (7,) of a true state, from place `at` of the memory of `sense`.
 
-    walked : (3,) [m] part of the bias that is a random walk
+    walk : place in the memory of the part (3,) [m] of the bias that is a random walk
 
     The noise has one sigma along the line of sight, another across it; both grow with distance.
     """
-    out[0] = 0.0
-    x = state[0] + sensor[BIAS_X] + walked[0]
-    y = state[1] + sensor[BIAS_Y] + walked[1]
-    z = state[2] + sensor[BIAS_Z] + walked[2]
+    m[at] = 0.0
+    x = state[0] + sensor[BIAS_X] + m[walk]
+    y = state[1] + sensor[BIAS_Y] + m[walk + 1]
+    z = state[2] + sensor[BIAS_Z] + m[walk + 2]
     distance, ux, uy, uz = sight(x, y, z)
     axis = (sensor[AXIS_X], sensor[AXIS_Y], sensor[AXIS_Z])
     if not looks(ux, uy, uz, axis, sensor[COSINE]):
@@ -150,46 +157,46 @@ def sample(
         x, y, z = x + size * ox, y + size * oy, z + size * oz
     if sensor[HAS_RANGE] == 0.0:
         _, x, y, z = sight(x, y, z)
-    out[0], out[1], out[2], out[3] = 1.0, x, y, z
-    out[4], out[5], out[6] = 0.0, 0.0, 0.0
+    m[at], m[at + 1], m[at + 2], m[at + 3] = 1.0, x, y, z
+    m[at + 4], m[at + 5], m[at + 6] = 0.0, 0.0, 0.0
     if sensor[HAS_VELOCITY] != 0.0:
         n4, n5 = normal_pair(e, f)
         sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
-        out[4] = state[3] + sigma * n3
-        out[5] = state[4] + sigma * n4
-        out[6] = state[5] + sigma * n5
+        m[at + 4] = state[3] + sigma * n3
+        m[at + 5] = state[4] + sigma * n4
+        m[at + 6] = state[5] + sigma * n5
 
 
 @kernel
-def sense(
-    tick: int, state: State, sensors: Any, outages: Any, k0: int, k1: int,
-    walk: Any, queue: Any, out: Any,
-) -> None:  # fmt: skip
-    """Fill the measurements (sensors, 7) that arrive at a tick.
+def sense(tick: int, state: State, s: Any, m: Any) -> None:
+    """Fill the measurements that arrive at a tick, `MEASURED` numbers of each sensor.
 
-    outages : (sensors, 2 m) ticks, first and end of each
-    walk : (sensors, 4) the random walk of each bias [m], and the tick up to which it is summed
-    queue : (sensors, slots, 8) measurements on their way, each with its tick
+    s : table, its places SENSORS and others, then columns of each sensor, then its outages, in
+        ticks, first and end of each
+    m : memory: the measurements, from 0; of each sensor, the random walk of its bias (3,) [m], and
+        the tick up to which it is summed; then measurements on their way, each with its tick
     """
-    for i in range(len(sensors)):
-        sensor, slots = sensors[i], len(queue[i])
-        while sensor[WALK] > 0.0 and walk[i][3] < tick:
-            walk[i][3] += 1.0
-            n0, n1, n2 = three_normals(int(walk[i][3]), WALKING, i + 1, k0, k1)
-            walk[i][0] += sensor[WALK] * n0
-            walk[i][1] += sensor[WALK] * n1
-            walk[i][2] += sensor[WALK] * n2
-        slot = queue[i][tick % slots]
-        slot[0], slot[MEASURED] = 0.0, float(tick)
-        if is_due(tick, sensor, outages[i]):
-            walked = (walk[i][0], walk[i][1], walk[i][2])
-            sample(tick, state, walked, sensor, i + 1, k0, k1, slot)
+    count, slots, k0, k1 = int(s[SENSORS]), int(s[SLOTS]), int(s[KEY]), int(s[KEY + 1])
+    for i in range(count):
+        sensor = s[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
+        walk = MEASURED * count + 4 * i
+        while sensor[WALK] > 0.0 and m[walk + 3] < tick:
+            m[walk + 3] += 1.0
+            n0, n1, n2 = three_normals(int(m[walk + 3]), WALKING, i + 1, k0, k1)
+            m[walk] += sensor[WALK] * n0
+            m[walk + 1] += sensor[WALK] * n1
+            m[walk + 2] += sensor[WALK] * n2
+        queue = (MEASURED + 4) * count + (MEASURED + 1) * slots * i
+        slot = queue + (MEASURED + 1) * (tick % slots)
+        m[slot], m[slot + MEASURED] = 0.0, float(tick)
+        if is_due(tick, sensor, s, UNITS + COLUMNS * count + int(s[OUTAGES]) * i):
+            sample(tick, state, sensor, i + 1, k0, k1, walk, m, slot)
         taken = tick - int(sensor[LATENCY])
-        found = queue[i][taken % slots]
-        out[i][0] = 0.0
-        if taken >= 0 and found[MEASURED] == taken:
+        found, out = queue + (MEASURED + 1) * (taken % slots), MEASURED * i
+        m[out] = 0.0
+        if taken >= 0 and m[found + MEASURED] == taken:
             for j in range(MEASURED):
-                out[i][j] = found[j]
+                m[out + j] = m[found + j]
 
 
 @kernel

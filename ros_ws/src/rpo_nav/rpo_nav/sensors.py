@@ -29,8 +29,8 @@ from rpo_core.files.validation import (
 from rpo_core.kernels import Vector, sin_cos
 from rpo_core.kernels.jit import as_table
 from rpo_core.wire import interfaces
-from rpo_core.world.navigation import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
-from rpo_nav.sensor_kernels import COLUMNS, MEASURED, describe, sense
+from rpo_core.world.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
+from rpo_nav.sensor_kernels import COLUMNS, MEASURED, UNITS, describe, sense
 
 MAX_SENSORS = 4
 MAX_LATENCY_TICKS = 100
@@ -193,31 +193,27 @@ class Sensors:
 
 
 class Sensing:
-    """Sensors and their memory as tables, for the kernels.
-
-    rows : (sensors, columns); outages : (sensors, 2 m) ticks, padded with zeros
-    walk, queue, out : see `rpo_nav.sensor_kernels.sense`
-    """
+    """Sensors and their memory, tables of `rpo_nav.sensor_kernels.sense`."""
 
     def __init__(self, settings: Sensors, scenario: Any) -> None:
-        self.key = settings.noise_key
         units = settings.units
-        self.rows = as_table([unit.row(scenario.dt_s) for unit in units])
-        most = max(len(unit.outages_s) for unit in units)
-        ticks = np.zeros((len(units), 2 * most), dtype=np.int64)
-        for row, unit in zip(ticks, units, strict=True):
-            times = [time for pair in unit.outages_s for time in pair]
-            row[: len(times)] = [first_tick(time, scenario) for time in times]
-        self.outages = as_table(ticks, np.int64)
-        self.slots = max(unit.latency_ticks for unit in units) + 1
+        self.rows = [unit.row(scenario.dt_s) for unit in units]
+        self._slots = max(unit.latency_ticks for unit in units) + 1
+        outages = 2 * max(len(unit.outages_s) for unit in units)
+        table: list[float] = [len(units), self._slots, outages, *settings.noise_key]
+        for row in self.rows:
+            table += row
+        for unit in units:
+            ticks = [first_tick(time, scenario) for pair in unit.outages_s for time in pair]
+            table += [*ticks, *[0] * (outages - len(ticks))]
+        self.table = as_table(table)
         self.reset()
 
     def reset(self) -> None:
         """Forget what is on its way."""
         count = len(self.rows)
-        self.walk = as_table([(0.0, 0.0, 0.0, -1.0)] * count)
-        self.queue = as_table(np.full((count, self.slots, MEASURED + 1), -1.0))
-        self.out = as_table(np.zeros((count, MEASURED)))
+        walks, queues = [0.0, 0.0, 0.0, -1.0], [-1.0] * (MEASURED + 1) * self._slots
+        self.memory = as_table([0.0] * MEASURED * count + walks * count + queues * count)
 
 
 def first_tick(time_s: float, scenario: Any) -> int:
@@ -244,10 +240,11 @@ class SensorsStage(Stage):
     def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
         """Return the measurement (24,) of each sensor; see `sensor_kernels.describe`."""
         s = self._sensing
-        sense(tick, inputs[0], s.rows, s.outages, *s.key, s.walk, s.queue, s.out)
+        sense(tick, inputs[0], s.table, s.memory)
         found = []
-        for sensor, measured in zip(s.rows, s.out, strict=True):
-            describe(sensor, measured, self._message)
+        for i in range(len(s.rows)):
+            sensor = s.table[UNITS + COLUMNS * i : UNITS + COLUMNS * (i + 1)]
+            describe(sensor, s.memory[MEASURED * i : MEASURED * (i + 1)], self._message)
             found.append(tuple(map(float, self._message)))
         return tuple(found)
 

@@ -7,6 +7,7 @@ The imports of a node take most of a second, so this module imports almost nothi
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import signal
@@ -16,6 +17,18 @@ from itertools import takewhile
 from types import FrameType
 
 EXIT_BAD_INPUT = 2
+
+LONGEST_END_S = 20.0
+"""Longest time for the middleware and the interpreter to end, once a node has closed its files."""
+
+
+def end_in_time() -> None:
+    """Let the process end within LONGEST_END_S, whatever its threads do.
+
+    A recorder that had closed its log was once seen to use the processor for ever: a thread of the
+    middleware did not stop. Such a process says where each thread is, and ends with exit code 1.
+    """
+    faulthandler.dump_traceback_later(LONGEST_END_S, exit=True)
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:
@@ -39,6 +52,7 @@ def start(module: str) -> int:
             raise
         print(sentence, file=sys.stderr)
         return EXIT_BAD_INPUT
+    end_in_time()
     gc.freeze()  # else the interpreter collects the objects of numba at exit, which takes seconds
     return code
 

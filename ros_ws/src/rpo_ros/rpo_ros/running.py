@@ -9,6 +9,7 @@ environment does not open listens on the loopback interface only.
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import os
 import signal
@@ -40,7 +41,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from rpo_core.files.validation import InputError, shown
 from rpo_core.wire.cdr import CdrError
-from rpo_ros.entry_point import EXIT_BAD_INPUT
+from rpo_ros.entry_point import EXIT_BAD_INPUT, end_in_time
 
 LONGEST_S = 1e9
 """Longest period of a timer: 32 years. rclpy's nanoseconds overflow at 292."""
@@ -243,6 +244,8 @@ def spin(
             executor.spin_once(timeout_sec=_POLL_S)
     for node in nodes:
         node.close()
+    end_in_time()
+    for node in nodes:
         executor.remove_node(node)
     executor.shutdown(timeout_sec=1.0)
     return stop.name
@@ -291,10 +294,12 @@ def run(
             print(error, file=sys.stderr)
         return EXIT_BAD_INPUT
     finally:
+        end_in_time()
         # Also those that did not get ready: destroyed by Python at its end, they may crash it.
         for node in set(FlightNode.alive) - others:
             node.destroy_node()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()  # a caller may have more to do
         stop.ignore()
 
 

@@ -27,7 +27,7 @@ from rpo_safety.corridor import in_corridor
 from rpo_safety.guard import Proof
 from rpo_safety.kernels import Guard, closing, speed_limit
 from rpo_safety.limit_checker import LimitChecker, Rule
-from rpo_safety.manoeuvre import World
+from rpo_safety.manoeuvre import PathModel
 
 ARM, INHIBIT, RESUME = 'arm', 'inhibit', 'resume'
 COMMANDS = (ARM, INHIBIT, RESUME, HOLD, RETREAT, DRIFT, ABORT)
@@ -99,7 +99,7 @@ class AbortMachine:
             cw.discretise(n, guard.mass_kg, seconds) for seconds in (self._dt_s, manoeuvre.STEP_S)
         )
         self._burn_error_m_s = disturbance_n / guard.mass_kg * manoeuvre.RESPONSE_S + BURN_DONE_M_S
-        self._world = World(
+        self._world = PathModel(
             n, guard.mass_kg, guard.limit_n, table.stuck_s, table.stuck_s + BURN_S,
             table.orbits * 2.0 * pi / n, table.drag_m_s2, 0.0, BURN_DONE_M_S,
         )  # fmt: skip
@@ -295,7 +295,7 @@ class AbortMachine:
         radius = seen.guard.port_m if inside else self.keep_out_m
         return f'to {norm(*found.velocity_m_s):.2g} m/s, {clear} of {radius:g} m at the worst'
 
-    def _known(self, guard: Guard) -> World:
+    def _known(self, guard: Guard) -> PathModel:
         """Return what a path is computed with: the velocity is known as well as it is now."""
         return self._world._replace(error_m_s=guard.here_m_s + self._burn_error_m_s)
 

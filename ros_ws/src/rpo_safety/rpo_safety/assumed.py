@@ -13,7 +13,7 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.navigation import Navigation
+from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import IDENTITY, Thrusters
 from rpo_safety.settings import Assurance
 

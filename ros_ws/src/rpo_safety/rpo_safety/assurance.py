@@ -148,7 +148,7 @@ class AssuranceStage(Stage):
         if self.abort is not None:
             self.abort.take_event(tick, state)
 
-    def told(self) -> list[tuple[int, str]]:
+    def decided(self) -> list[tuple[int, str]]:
         """Return what the abort table decided: tick and state of each change."""
         changes = self.abort.changes if self.abort is not None else []
         return [(change.tick, change.state) for change in changes]

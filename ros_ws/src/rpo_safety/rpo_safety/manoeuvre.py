@@ -43,7 +43,7 @@ DIRECTIONS: tuple[Vector, ...] = tuple(
 """The axes of target LVLH, and the diagonals between them."""
 
 
-class World(NamedTuple):
+class PathModel(NamedTuple):
     """What a path is computed with.
 
     n_rad_s, mass_kg, limit_n : mean motion, mass, largest |f| of an axis
@@ -66,7 +66,7 @@ class World(NamedTuple):
 
 
 @kernel
-def towards(state: State, wanted: Vector, response_s: float, w: World) -> Vector:
+def towards(state: State, wanted: Vector, response_s: float, w: PathModel) -> Vector:
     """Force [N] that brings a velocity to the wanted one, within the limit of each axis.
 
     It makes up for gravity and Coriolis, so that the wanted velocity is reached.
@@ -95,7 +95,7 @@ def reached(state: State, wanted: Vector, tolerance_m_s: float) -> bool:
 
 
 @kernel
-def nearest(state: State, w: World, floor_m: float) -> float:
+def nearest(state: State, w: PathModel, floor_m: float) -> float:
     """Least distance [m] of a drift to the target, to TOLERANCE_M; less than a floor: anything.
 
     The velocity across y is known to an error e, so the place to less than 1.5 e t and 4.3 e / n.
@@ -115,7 +115,7 @@ def nearest(state: State, w: World, floor_m: float) -> float:
 
 
 @kernel
-def drift_margin(state: State, w: World, floor_m: float) -> float:
+def drift_margin(state: State, w: PathModel, floor_m: float) -> float:
     """Least distance [m] of the drifts from a state whose velocity is known to an error."""
     x, y, z, vx, vy, vz = state
     found = 1e30
@@ -130,7 +130,7 @@ def drift_margin(state: State, w: World, floor_m: float) -> float:
 
 @kernel
 def burn_margin(
-    state: State, wanted: Vector, stuck: int, c: CwStep, w: World, floor_m: float
+    state: State, wanted: Vector, stuck: int, c: CwStep, w: PathModel, floor_m: float
 ) -> tuple[float, State]:
     """Least distance [m] while the thrusters bring the chaser to a velocity; its state after that.
 
@@ -156,7 +156,7 @@ def burn_margin(
 
 
 @kernel
-def margin(state: State, wanted: Vector, c: CwStep, w: World, floor_m: float) -> float:
+def margin(state: State, wanted: Vector, c: CwStep, w: PathModel, floor_m: float) -> float:
     """Least distance [m] of a manoeuvre and the drift after it, whichever thruster is stuck."""
     found = 1e30
     for stuck in range(7):
@@ -187,7 +187,7 @@ def choose(
     state: State,
     radius_m: float,
     c: CwStep,
-    w: World,
+    w: PathModel,
     fastest_m_s: float = SPEEDS_M_S[-1],
     only: Vector | None = None,
 ) -> Choice:

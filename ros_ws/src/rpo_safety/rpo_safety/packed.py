@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.kernels import CwStep, State, Vector
+from rpo_core.kernels import CwStep, State, Vector, unpacked
 from rpo_core.kernels.jit import COMPILED, kernel
 from rpo_safety.filters import assure
 from rpo_safety.kernels import Guard
@@ -22,11 +22,8 @@ Answer = tuple[float, float, float, int, int, float, float]
 @kernel
 def assure_packed(v: Any, t: Any) -> Answer:
     """`assure` of state, command, last force and mode (13,), CW step and guard (58,)."""
+    c = unpacked(t, 0, 1)
     # fmt: off
-    c = CwStep(
-        t[0], t[1], t[2], t[3], t[4], t[5], t[6], t[7], t[8], t[9], t[10], t[11], t[12], t[13],
-        t[14], t[15], t[16], t[17], t[18], t[19], t[20], t[21], t[22], t[23], t[24], t[25],
-    )
     g = Guard(
         t[26], t[27], t[28], t[29], t[30], t[31], t[32], t[33], t[34], t[35], t[36], t[37], t[38],
         t[39], t[40], t[41], t[42], t[43], t[44], t[45], t[46], int(t[47]), t[48], t[49], t[50],

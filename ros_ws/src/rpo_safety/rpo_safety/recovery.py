@@ -12,7 +12,7 @@ from math import sqrt
 
 from rpo_core.kernels import State, Vector, norm
 from rpo_safety.kernels import Guard, closing, speed_limit
-from rpo_safety.manoeuvre import World, towards
+from rpo_safety.manoeuvre import PathModel, towards
 
 RESPONSE_S = 2.0
 """Time constant of the velocity."""
@@ -33,14 +33,14 @@ PASSING_M = 3.0
 """A retreat passes the keep-out sphere by so much."""
 
 
-def holding(state: State, point_m: Vector | None, w: World) -> Vector:
+def holding(state: State, point_m: Vector | None, w: PathModel) -> Vector:
     """Return the force (3,) [N] that stops the chaser (None), or keeps it at a point (3,) [m]."""
     if point_m is None:
         return towards(state, (0.0, 0.0, 0.0), RESPONSE_S, w)
     return towards(state, to_point(state, point_m, HOLD_M_S), RESPONSE_S, w)
 
 
-def retreating(state: State, point_m: Vector, radius_m: float, w: World, g: Guard) -> Vector:
+def retreating(state: State, point_m: Vector, radius_m: float, w: PathModel, g: Guard) -> Vector:
     """Return the force (3,) [N] towards a point (3,) [m], around a sphere about the target."""
     speed = min(LIMIT_SHARE * speed_limit(closing(state)[0], g), RETREAT_M_S)
     wanted = to_point(state, point_m, speed)

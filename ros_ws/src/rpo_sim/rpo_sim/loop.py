@@ -44,7 +44,7 @@ class Loop(FlightNode):
 
     @property
     @abstractmethod
-    def held(self) -> bool:
+    def waits_for_recorder(self) -> bool:
         """Whether a tick in lockstep must wait for the recorder."""
 
     @property

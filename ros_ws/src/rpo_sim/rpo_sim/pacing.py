@@ -93,7 +93,7 @@ class LockstepPacing(Pacing):
 
     def on_answer(self) -> None:
         """Pass the tick if all answers are in and it is time."""
-        if self.plant.missing or not self.loop.moving or self.loop.held:
+        if self.plant.missing or not self.loop.moving or self.loop.waits_for_recorder:
             return
         if self._overdue or self._timer is None or self.loop.stepping:
             self._pass()
@@ -101,7 +101,7 @@ class LockstepPacing(Pacing):
     def on_pace(self) -> None:
         """Pass the tick, or note that it is overdue."""
         if self.loop.moving:
-            self._overdue = bool(self.plant.missing) or self.loop.held
+            self._overdue = bool(self.plant.missing) or self.loop.waits_for_recorder
             if not self._overdue:
                 self._pass()
 

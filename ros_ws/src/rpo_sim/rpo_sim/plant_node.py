@@ -104,7 +104,7 @@ class PlantNode(Loop):
         return self.plant.tick
 
     @property
-    def held(self) -> bool:
+    def waits_for_recorder(self) -> bool:
         """Whether the recorder must catch up first."""
         return self.recorder.behind(self.tick)
 

@@ -61,7 +61,7 @@ class RecorderWatch:
     ) -> None:
         self._node, self._insist, self._run = node, insist, run
         self._on_progress, self._on_asked = on_progress, on_asked
-        self._held_s, self._impatient = 0.0, False
+        self._waited_from_s, self._impatient = 0.0, False
         self._known: dict[str, _Recorder] = {}
         self._in_sight, self._seen_s = 0, 0.0
         self._why = ''
@@ -87,7 +87,7 @@ class RecorderWatch:
         """Expect another recorder: a new run begins."""
         self._known.clear()
         self._why, self.lost = '', False
-        self._held_s, self._impatient = 0.0, False
+        self._waited_from_s, self._impatient = 0.0, False
 
     def behind(self, tick: int) -> bool:
         """Return whether a recorder is so far behind a tick that it might lose messages.
@@ -103,11 +103,11 @@ class RecorderWatch:
             and tick - known.next_tick > interfaces.MOST_AHEAD_TICKS
         ]
         if not late or self._impatient:
-            self._held_s = 0.0
+            self._waited_from_s = 0.0
             return False
         now_s = time.monotonic()
-        self._held_s = self._held_s or now_s
-        if now_s - self._held_s > PATIENCE_S:
+        self._waited_from_s = self._waited_from_s or now_s
+        if now_s - self._waited_from_s > PATIENCE_S:
             self._impatient = True
             self._node.get_logger().warning('a recorder does not keep up: the run goes on')
         return not self._impatient

@@ -79,7 +79,7 @@ class Stage:
         """Return whether it steps at a tick without what it may miss; it gets zeros for that."""
         return False
 
-    def told(self) -> list[tuple[int, str]]:
+    def decided(self) -> list[tuple[int, str]]:
         """Return what `stage_status` says of its decisions so far: tick and state of each."""
         return []
 

@@ -248,7 +248,7 @@ class Scenario:
         tick, rest = divmod(stamp_ns - self.epoch_ns, self.dt_ns)
         return tick if rest == 0 and 0 <= tick <= self.ticks else None
 
-    @property
+    @cached_property
     def times_s(self) -> NDArray[np.float64]:
         """Times (N + 1,) [s] of the states."""
         return np.array([self.time_s(tick) for tick in range(self.ticks + 1)])

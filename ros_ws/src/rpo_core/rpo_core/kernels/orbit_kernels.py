@@ -31,7 +31,7 @@ _LN_2_A = (
 _LN_2_B = 1.9082149292705877e-10
 
 
-class World(NamedTuple):
+class Environment(NamedTuple):
     """What pulls at both spacecraft.
 
     mu : [m^3/s^2]; j2 : 3/2 J2 mu Re^2 [m^5/s^2], 0 without
@@ -84,7 +84,9 @@ def exponential(x: float) -> float:
 
 
 @inlined
-def pull(position: Vector, velocity: Vector, pole: Vector, inverse: float, w: World) -> Vector:
+def pull(
+    position: Vector, velocity: Vector, pole: Vector, inverse: float, w: Environment
+) -> Vector:
     """Acceleration (3,) [m/s^2] beside point-mass gravity: the body's J2, and drag.
 
     J2 as in Vallado, Fundamentals of Astrodynamics and Applications, equation 8-30, for any axes.
@@ -146,7 +148,7 @@ def gathered(a: State, b: State, c: State, d: State) -> State:
 
 
 @inlined
-def target_rate(s: State, w: World) -> State:
+def target_rate(s: State, w: Environment) -> State:
     """Return the derivative of the target's inertial state (6,); the body's pole is the z axis."""
     x, y, z, vx, vy, vz = s
     square = x * x + y * y + z * z
@@ -156,7 +158,7 @@ def target_rate(s: State, w: World) -> State:
 
 
 @inlined
-def target_step(s: State, a: State, h: float, w: World) -> State:
+def target_step(s: State, a: State, h: float, w: Environment) -> State:
     """Target's inertial state (6,) [m, m/s] a time h [s] later; a is its derivative now."""
     b = target_rate(moved(s, a, 0.5 * h), w)
     c = target_rate(moved(s, b, 0.5 * h), w)
@@ -165,7 +167,7 @@ def target_step(s: State, a: State, h: float, w: World) -> State:
 
 
 @inlined
-def orbit_row(s: State, w: World) -> tuple[float, ...]:
+def orbit_row(s: State, w: Environment) -> tuple[float, ...]:
     """Row of `COLUMNS` numbers of a target's inertial state (6,).
 
     LVLH turns about z by h / R^2, and about x by R a_z / h, where the acceleration a_z leaves the
@@ -200,7 +202,7 @@ def middle(s: State, rate: State, after: State, rate_after: State, h: float) -> 
 
 
 @kernel
-def fill_row(s: State, w: World, row: Any) -> None:
+def fill_row(s: State, w: Environment, row: Any) -> None:
     """Fill a row of the orbit (COLUMNS,)."""
     found = orbit_row(s, w)
     for j in range(COLUMNS):
@@ -208,7 +210,7 @@ def fill_row(s: State, w: World, row: Any) -> None:
 
 
 @kernel
-def fill_orbit(s: State, h: float, w: World, rows: NDArray[np.float64]) -> State:
+def fill_orbit(s: State, h: float, w: Environment, rows: NDArray[np.float64]) -> State:
     """Fill rows (2 n + 1, COLUMNS) of n steps of h [s], two for each; return the last state."""
     fill_row(s, w, rows[0])
     rate = target_rate(s, w)
@@ -222,7 +224,7 @@ def fill_orbit(s: State, h: float, w: World, rows: NDArray[np.float64]) -> State
 
 
 @inlined
-def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: World) -> State:
+def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: Environment) -> State:
     """Return the derivative of the chaser's state (x, y, z, ux, uy, uz).
 
     push : force over mass (3,) [m/s^2]
@@ -263,7 +265,14 @@ def relative_rate(s: State, push: Vector, lightness: float, o: Any, w: World) ->
 
 @inlined
 def relative_after(
-    s: State, push: Vector, lightness: float, begin: Any, middle: Any, end: Any, h: float, w: World
+    s: State,
+    push: Vector,
+    lightness: float,
+    begin: Any,
+    middle: Any,
+    end: Any,
+    h: float,
+    w: Environment,
 ) -> State:
     """Return the chaser's state (x, y, z, ux, uy, uz) a step of h [s] later.
 
@@ -299,7 +308,7 @@ def relative_step(
     first: int,
     steps: int,
     h: float,
-    w: World,
+    w: Environment,
 ) -> State:
     """Chaser's state (6,) [m, m/s], target LVLH, a tick of `steps` steps of h [s] later.
 

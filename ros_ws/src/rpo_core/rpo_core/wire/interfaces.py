@@ -169,6 +169,29 @@ class Interface:
         return Layout.of(self.type, self.frames, self.covariance or bool(self.rider))
 
 
+@dataclass(frozen=True)
+class Decimation:
+    """Periods counted from 1970: the first stamp in each is due.
+
+    So the sender, which knows no tick, and the reader of its log agree on what is due.
+
+    rate_hz : periods per second; 0: nothing is ever due
+    """
+
+    rate_hz: float
+
+    def period(self, stamp_ns: int) -> int:
+        """Return the number of the period that a stamp is in."""
+        length_ns = max(1, round(1_000_000_000 / self.rate_hz)) if self.rate_hz else 0
+        return stamp_ns // length_ns if length_ns else 0
+
+    def due(self, stamp_ns: int, before_ns: int | None) -> bool:
+        """Return whether a stamp is the first of its period, given the one before it."""
+        if not self.rate_hz:
+            return False
+        return before_ns is None or self.period(stamp_ns) != self.period(before_ns)
+
+
 _TABLE: dict[str, Interface] = {}
 
 

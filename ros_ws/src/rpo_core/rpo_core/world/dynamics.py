@@ -25,7 +25,7 @@ from rpo_core.files.codec import UNLESS_DEFAULT
 from rpo_core.files.validation import InputError, check_fields, choice, flag, real
 from rpo_core.kernels import State, orbit_kernels, sin_cos
 from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.orbit_kernels import World
+from rpo_core.kernels.orbit_kernels import Environment
 from rpo_core.wire.interfaces import CHASER_MASS, DISTURBANCE, RELATIVE_STATE, THRUST
 from rpo_core.world import cw
 
@@ -138,12 +138,12 @@ def _check(settings: Dynamics, scenario: Any) -> None:
         raise InputError('`dynamics.j2` needs a `body` with `j2`; got one whose `j2` is 0')
 
 
-def world_of(settings: Dynamics, scenario: Any) -> World:
+def environment_of(settings: Dynamics, scenario: Any) -> Environment:
     """Return what pulls at both spacecraft of a scenario."""
     body, drag = scenario.body, settings.drag
     oblate = 1.5 * body.j2 * body.mu_m3_s2 * body.equator_m * body.equator_m
     height_m = None if drag is None else drag.scale_height_m
-    return World(
+    return Environment(
         mu=body.mu_m3_s2,
         j2=oblate if settings.j2 else 0.0,
         density=drag.density_kg_m3 if drag else 0.0,
@@ -188,7 +188,7 @@ class TargetOrbit:
     dt_s : of a tick, which has `steps` steps
     """
 
-    def __init__(self, start: State, dt_s: float, steps: int, world: World) -> None:
+    def __init__(self, start: State, dt_s: float, steps: int, world: Environment) -> None:
         self.steps, self.world = steps, world
         self.step_s = dt_s / steps
         self.block_ticks = max(1, _BLOCK_STEPS // steps)
@@ -222,13 +222,13 @@ class TargetOrbit:
 
 
 @lru_cache(maxsize=8)
-def _orbit(start: State, dt_s: float, steps: int, world: World) -> TargetOrbit:
+def _orbit(start: State, dt_s: float, steps: int, world: Environment) -> TargetOrbit:
     return TargetOrbit(start, dt_s, steps, world)
 
 
 def orbit_of(settings: Dynamics, scenario: Any) -> TargetOrbit:
     """Return the target's orbit in a scenario; the same one for all its chains."""
-    start, world = target_start(settings, scenario), world_of(settings, scenario)
+    start, world = target_start(settings, scenario), environment_of(settings, scenario)
     return _orbit(start, scenario.dt_s, steps_per_tick(settings, scenario), world)
 
 

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A faulty link, without ROS: what becomes of each message that is sent over it.
 
-`Link` applies faults; which message a fault hits is drawn apart. `SeededLink` draws from a seed, a
-message at a time: the node `fault_injector` needs no ticks for it. Campaigns draw from (key, tick),
-so that runs can be flown in any order (`rpo_training`, `Channel`).
+`FaultyLink` applies faults; which message a fault hits is drawn apart. `SeededLink` draws from a
+seed, a message at a time: the node `fault_injector` needs no ticks for it. Campaigns draw from
+(key, tick), so that runs can be flown in any order (`rpo_montecarlo.campaign.faults`).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class _Held(Generic[Message]):
     out: list[tuple[Message, str]]
 
 
-class Link(Generic[Message]):
+class FaultyLink(Generic[Message]):
     """Passes messages on, or not, or otherwise.
 
     delay_messages : how many messages later a delayed one is passed on, >= 1
@@ -151,7 +151,7 @@ class Link(Generic[Message]):
         return out
 
 
-class SeededLink(Link[Message]):
+class SeededLink(FaultyLink[Message]):
     """A link whose faults are drawn as messages come; the same seed gives the same faults.
 
     Every message draws the same number of random numbers, one for each kind, whatever the rates:

@@ -15,17 +15,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
 
-from rpo_core.chain.decimation import Decimation
 from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import shown
 from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.interfaces import Decimation
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError, read_at_most
 from rpo_log.format import rosbag2, schemas
@@ -310,11 +309,6 @@ _MOST_RECORDS = 16
 Floats = NDArray[np.float64]
 
 
-class _Logged(NamedTuple):
-    tick: int
-    data: bytes
-
-
 class Decisions:
     """Compares decisions.mcap with the flight, block by block; raises LogError.
 
@@ -349,7 +343,7 @@ class Decisions:
         states : (n, 6) m, m/s that the controller saw: from the goal, or from the reference
         forces_n : (n, 3) N that it commanded; active : (n,) where it was switched on
         """
-        while self._waiting is not None and self._waiting.tick <= ticks[-1]:
+        while self._waiting is not None and self._waiting[0] <= ticks[-1]:
             tick, data = self._waiting
             row = int(np.searchsorted(ticks, tick))
             inputs = np.concatenate([states[row], forces_n[row]])
@@ -372,7 +366,7 @@ class Decisions:
         """
         found = [self._form.deviation(self._expected_records()), self._records.damage]
         if self._waiting is not None:
-            found.append(f'it has a decision of tick {self._waiting.tick}, after the end')
+            found.append(f'it has a decision of tick {self._waiting[0]}, after the end')
             for _ in self._messages:  # so that all of the file is hashed
                 pass
         if self._unknown:
@@ -391,7 +385,7 @@ class Decisions:
         before = self._base.stamp_ns(tick - 1) if tick else None
         return due.due(self._base.stamp_ns(tick), before)
 
-    def _read(self) -> Iterator[_Logged]:
+    def _read(self) -> Iterator[tuple[int, bytes]]:
         for number, message in enumerate(messages_of(self._records, self._form.take)):
             try:
                 stamp_ns = cdr.stamp_ns(message.data)
@@ -403,7 +397,7 @@ class Decisions:
             if message[:4] != (1, number, stamp_ns, stamp_ns):
                 raise self._bad(number, 'a message has another channel, number or time')
             self._ticks.append(tick)
-            yield _Logged(tick, message.data)
+            yield tick, message.data
 
     def _bad(self, number: int, why: str) -> LogError:
         return LogError(Fault.BAD_MESSAGE, self._records.path, f'decision {number}: {why}')

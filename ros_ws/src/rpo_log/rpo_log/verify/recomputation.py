@@ -348,7 +348,7 @@ class HeldForces:
 LATE_TICKS = 50
 
 
-class Told:
+class StatedDecisions:
     """Keeps the decisions that a log tells of, and compares them when all is recomputed."""
 
     def __init__(self, stages: Sequence[Recomputation], topic: str) -> None:
@@ -368,7 +368,7 @@ class Told:
     def difference(self) -> Difference | None:
         """Return the first decision in the log that the stage does not make."""
         for name, found in self._stages.items():
-            extra = Counter(self._logged[name]) - Counter(found.stage.told())
+            extra = Counter(self._logged[name]) - Counter(found.stage.decided())
             if extra and not found.gaps:
                 tick, state = min(extra)
                 return Difference(tick, self._topic, 'state', state, 'nothing', name)
@@ -381,7 +381,7 @@ class Told:
         """
         found = []
         for name, stage in self._stages.items():
-            missing = Counter(stage.stage.told()) - Counter(self._logged[name])
+            missing = Counter(stage.stage.decided()) - Counter(self._logged[name])
             tick, state = min(missing, default=(last, ''))
             if tick < last - LATE_TICKS and not stage.gaps:
                 found.append(f'{self._topic} does not say that {name} is {state} from tick {tick}')

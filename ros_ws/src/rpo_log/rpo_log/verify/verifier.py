@@ -51,7 +51,7 @@ from rpo_log.verify.recomputation import (
     PreviousSignals,
     Recomputation,
     StageStates,
-    Told,
+    StatedDecisions,
     events_ahead,
     held_ticks,
 )
@@ -112,7 +112,7 @@ class _Verifier:
         status = self.topics.get(interfaces.RUN_STATUS)
         self.statuses = Statuses(self.scenario, status, self.free)
         said = self.topics.get(interfaces.STAGE_STATUS)
-        self.told = Told(self.stages, said.name if said else interfaces.STAGE_STATUS)
+        self.stated = StatedDecisions(self.stages, said.name if said else interfaces.STAGE_STATUS)
         self.decisions = self._decisions(reader, controller)
         self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
         self._controller_known = known
@@ -180,7 +180,7 @@ class _Verifier:
             found += self._compare(block)
         found += [self.statuses.difference(event) for event in block.events]
         for event in block.events:
-            self.told.take(event)
+            self.stated.take(event)
         order = {row.name: index for index, row in enumerate(interfaces.rows())}
         return min(
             (d for d in found if d is not None),
@@ -375,26 +375,19 @@ def _verification(path: str | Path, trusted: Path | None) -> Verification:
         completeness.add(block)
         difference = verifier.first_difference(block)
         if difference is not None:
-            return Verification(
-                reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
-            )
-    difference = verifier.told.difference()
+            break
+    else:
+        difference = verifier.stated.difference()
+    ticks = completeness.last + 1
     if difference is not None:
-        return Verification(
-            reader.path, completeness.last + 1, difference, (), verifier.free, verifier.names
-        )
-    gaps = [
-        *completeness.gaps(reader.damage),
-        *verifier.gaps,
-        *verifier.told.gaps(completeness.last),
-    ]
+        return Verification(reader.path, ticks, difference, (), verifier.free, verifier.names)
+    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+    gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
     evidence.of_log(verifier.statuses, free=verifier.free)
-    answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, completeness.last + 1)
-    last = min(completeness.last, answered - 1)
-    evidence.of_decisions(verifier.decisions, last, verifier.free)
+    answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
+    evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
-    return evidence.verification(
-        completeness.last + 1, gaps, verifier.free, verifier.names, verifier.controllers.shares
-    )
+    shares = verifier.controllers.shares
+    return evidence.verification(ticks, gaps, verifier.free, verifier.names, shares)

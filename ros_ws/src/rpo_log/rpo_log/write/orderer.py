@@ -255,8 +255,8 @@ class TickOrderer:
         entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
             entry.early = True
-        elif self._newest[index] < tick <= self._latest:
-            self._newest[index] = tick
+        elif tick <= self._latest:
+            self._newest[index] = max(tick, self._newest[index])
             self._silent[index] = False
 
     def _add_different(self, index: int, tick: int, data: bytes) -> None:

@@ -11,9 +11,8 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from rpo_core.chain.decimation import Decimation
 from rpo_core.wire import cdr
-from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP
+from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP, Decimation
 from rpo_log.errors import LogError, cannot_write
 from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
 from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase

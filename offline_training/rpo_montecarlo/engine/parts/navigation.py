@@ -1,0 +1,195 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What controllers of flights side by side see: errors of navigation, or sensors and filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_core.kernels import measured
+from rpo_core.kernels.noise import six_normals
+from rpo_core.world.navigation_errors import Navigation
+from rpo_montecarlo.engine.lanes import (
+    FORCE,
+    PAIRED_LANES,
+    RUNS,
+    SEEN_R,
+    SEEN_V,
+    R,
+    V,
+    compiled,
+)
+from rpo_montecarlo.engine.tick import (
+    ADDED,
+    PASSED,
+    Batch,
+    Draw,
+    Kind,
+    Part,
+    register,
+    table_of,
+)
+from rpo_nav.estimator import Estimator, filter_of, memory_of
+from rpo_nav.filter_kernels import FULL, X, estimate
+from rpo_nav.sensor_kernels import sense
+from rpo_nav.sensors import NOISES, Sensing, Sensors
+
+Floats = NDArray[np.float64]
+
+NOISE_R, NOISE_V, KEYS = 0, 1, 2
+BIAS = KEYS + 2 * RUNS
+"""Places in the table of errors: 1 sigma of the noise [m], [m/s]; keys (2, 40); biases (6, 40)."""
+
+SIZES, OPPOSES, TABLES = 0, 4, 5
+"""Places in the table of estimators: sizes of the tables of a run's sensors and filter, and of
+their memories; whether commands oppose the disturbance that is estimated; those tables, run by run.
+The memory begins with the commands of the tick before (120,)."""
+
+NAMES = tuple(f'bias_{axis}' for axis in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
+_NOISES = ('navigation_position_noise_m', 'navigation_velocity_noise_m_s')
+
+
+@compiled
+def measure(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill rows SEEN: truth, bias and noise, which the memory has."""
+    sigma_r, sigma_v = t[NOISE_R], t[NOISE_V]
+    if sigma_r > 0.0 or sigma_v > 0.0:
+        for s in range(RUNS):
+            x = six_normals(tick, int(t[KEYS + s]), int(t[KEYS + RUNS + s]))
+            m[s], m[RUNS + s], m[2 * RUNS + s] = x[0], x[1], x[2]
+            m[3 * RUNS + s], m[4 * RUNS + s], m[5 * RUNS + s] = x[3], x[4], x[5]
+    for s in range(PAIRED_LANES):
+        w[SEEN_R + s] = measured(w[R + s], t[BIAS + s], sigma_r, m[s])
+        w[SEEN_V + s] = measured(w[V + s], t[BIAS + PAIRED_LANES + s], sigma_v, m[PAIRED_LANES + s])
+
+
+@compiled
+def _memories(m, t):  # type: ignore[no-untyped-def]
+    """Return the places of the memories of sensors and filters, and the size of each."""
+    sensors, filters = int(t[SIZES + 2]), int(t[SIZES + 3])
+    return PAIRED_LANES, PAIRED_LANES + RUNS * sensors, sensors, filters
+
+
+@compiled
+def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Fill rows SEEN with the estimates."""
+    a, b = int(t[SIZES]), int(t[SIZES + 1])
+    sensors, filters, c, d = _memories(m, t)
+    for s in range(RUNS):
+        y, z, told = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
+        state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
+        arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
+        sense(tick, state, told[:a], arrived)
+        estimate(tick, (m[s], m[y], m[z]), arrived, told[a:], memory)
+        w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
+        w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
+
+
+@compiled
+def oppose(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Subtract the disturbances that are estimated from row FORCE, where that is wanted."""
+    if t[OPPOSES] == 0.0:
+        return
+    _, filters, _, d = _memories(m, t)
+    for s in range(RUNS):
+        for axis in range(3):
+            w[FORCE + axis * RUNS + s] -= m[filters + d * s + X + 6 + axis]
+
+
+@compiled
+def remember(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Keep row FORCE, the commands of this tick, for the next one."""
+    for s in range(PAIRED_LANES):
+        m[s] = w[FORCE + s]
+
+
+def errors_part(biases: Floats, noise: tuple[float, ...] = (0.0, 0.0), keys: Any = None) -> Part:
+    """Return the part of biases (6, 40), noise [m], [m/s] and its keys (2, 40)."""
+    keys = np.zeros((2, RUNS)) if keys is None else keys
+    table = table_of(noise, keys, biases)
+    return Part('navigation', ((Place.SENSOR, measure),), table, np.zeros(6 * RUNS))
+
+
+def _errors(batch: Batch) -> Part | None:
+    if batch.base.section(Estimator) is not None:
+        return None
+    noise = tuple(batch.dispersed.get(name, (0.0,))[0] for name in _NOISES)
+    return errors_part(batch.columns(*NAMES), noise, batch.key_rows)
+
+
+def vary_errors(scenario: Scenario, draw: Draw) -> list[Any]:
+    """Return the errors of navigation of a run."""
+    if not any(name.startswith('navigation_') for name in draw.dispersed):
+        return []
+    x, y, z, vx, vy, vz = (draw.values[name] for name in NAMES)
+    noise_r, noise_v = (draw.dispersed.get(name, (0.0,))[0] for name in _NOISES)
+    return [Navigation((x, y, z), (vx, vy, vz), noise_r, noise_v, draw.key)]
+
+
+def estimators_of(batch: Batch) -> Part | None:
+    """Return the sensors and filters of runs; None where there is no estimator."""
+    if batch.base.section(Estimator) is None:
+        return None
+    sensing, filters = [], []
+    for s in batch.scenarios:
+        sensors, settings = s.section(Sensors), s.section(Estimator)
+        assert sensors is not None and settings is not None
+        sensing.append(Sensing(sensors, s))
+        filters.append(np.asarray(filter_of(settings, sensors, s)))
+        filters[-1][FULL] = 0.0
+    memories = [np.asarray(memory_of(f)) for f in filters]
+    longest = max(map(len, memories))
+    memories = [np.pad(m, (0, longest - len(m))) for m in memories]
+    tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
+    sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
+    rest = [0] * (RUNS - len(filters))  # lanes without a run are the first's
+    return Part(
+        'estimator',
+        ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
+        table_of(sizes, batch.base.compensated, *tables, *(tables[i] for i in rest)),
+        table_of(
+            np.zeros(PAIRED_LANES),
+            *(s.memory for s in sensing),
+            *(sensing[i].memory for i in rest),
+            *memories,
+            *(memories[i] for i in rest),
+        ),
+    )
+
+
+def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
+    """Return sensors and estimator of a run; the filter is told what is nominal."""
+    sensors, estimator = scenario.section(Sensors), scenario.section(Estimator)
+    if sensors is None:
+        return []
+    louder = 1.0 + draw.values.get('sensor_noise_share', 0.0)
+    bias = [draw.values.get(f'sensor_bias_{axis}_m', 0.0) for axis in 'xyz']
+    units = []
+    for unit in sensors.units:
+        changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
+        changed['scale_error'] = unit.scale_error + draw.values.get('sensor_scale_error', 0.0)
+        changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
+        units.append(replace(unit, **changed))
+    found: list[Any] = [replace(sensors, units=tuple(units), noise_key=draw.key)]
+    if estimator is not None:
+        told = replace(
+            estimator,
+            noise_scale=estimator.noise_scale / louder,
+            mass_kg=estimator.mass_kg or scenario.mass_kg,
+            delay_ticks=getattr(scenario.thrusters, 'delay_ticks', 0)
+            if estimator.delay_ticks < 0
+            else estimator.delay_ticks,
+        )
+        found.append(told)
+    return found
+
+
+register(Kind('', _errors, vary=vary_errors))
+register(Kind('sensors', lambda batch: None, vary=vary_sensors))
+register(Kind('estimator', estimators_of))

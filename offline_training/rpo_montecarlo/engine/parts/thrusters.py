@@ -1,0 +1,234 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Thrusters side by side: limit, delay, errors, pulses of valves, propellant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_core.judge import requirements
+from rpo_core.kernels import exerted_force, saturate
+from rpo_core.kernels.pulse_kernels import (
+    DELTA_V,
+    MEMORY,
+    OPENINGS,
+    SPENT,
+    Tank,
+    Valves,
+    burn,
+    fire,
+)
+from rpo_core.world.thrusters import (
+    Failure,
+    Thrusters,
+    rotation,
+    tank_of,
+    valve_names,
+    valves_of,
+)
+from rpo_montecarlo.engine.lanes import (
+    BEFORE,
+    FORCE,
+    MASS,
+    PAIRED_LANES,
+    RUNS,
+    compiled,
+)
+from rpo_montecarlo.engine.tick import LIMITED, Batch, Draw, Kind, Part, register, table_of
+
+Floats = NDArray[np.float64]
+
+THRUST = (DELTA_V, SPENT, OPENINGS)
+"""Places in the memory of a run's valves of what it has spent: delta-v, propellant, openings."""
+
+LANES, LIMIT, SLOTS, DELAYS = range(4)
+"""Places in the table of a limit: number of lanes, largest force [N], slots of the queue of
+commands, delay of each run [ticks]."""
+
+TANKS, REST = 0, 3 * RUNS
+"""Places in the table of valves and tanks: exhaust velocity, content and mass of each run; then the
+tick [s], or the valves: eight numbers that all runs share, the number of failures, and of each run
+`directions` and `failures` of `Valves`."""
+
+_SHARED = 8
+
+
+@compiled
+def limit(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Saturate row FORCE; replace it by the command of some ticks ago.
+
+    The first command that has an effect is its own predecessor: the step from rest does not count.
+    """
+    n, most, slots = int(t[LANES]), t[LIMIT], int(t[SLOTS])
+    for s in range(n):
+        w[FORCE + s] = saturate(w[FORCE + s], most)
+    if slots == 1:
+        if tick == 0:
+            for s in range(n):
+                w[BEFORE + s] = w[FORCE + s]
+        return
+    now = PAIRED_LANES * (tick % slots)
+    for s in range(PAIRED_LANES):
+        m[now + s] = w[FORCE + s]
+    for s in range(RUNS):
+        slot = PAIRED_LANES * ((tick + slots - int(t[DELAYS + s])) % slots)
+        for axis in range(3):
+            w[FORCE + axis * RUNS + s] = m[slot + axis * RUNS + s]
+            if tick <= t[DELAYS + s]:
+                w[BEFORE + axis * RUNS + s] = w[FORCE + axis * RUNS + s]
+
+
+def limit_part(lanes: int, limit_n: float, delays: Sequence[float] = ()) -> Part:
+    """Return the part of the largest force and of delays [ticks] of paired runs."""
+    slots = int(max(delays, default=0)) + 1
+    table, memory = table_of(lanes, limit_n, slots, delays), np.zeros(slots * PAIRED_LANES)
+    return Part('limit', ((LIMITED, limit),), table, memory)
+
+
+@compiled
+def exert(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Replace row FORCE by the force that thrusters with a matrix apply."""
+    for s in range(RUNS):
+        y, z = s + RUNS, s + 2 * RUNS
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = exerted_force(
+            t[s],
+            t[RUNS + s],
+            t[2 * RUNS + s],
+            t[3 * RUNS + s],
+            t[4 * RUNS + s],
+            t[5 * RUNS + s],
+            t[6 * RUNS + s],
+            t[7 * RUNS + s],
+            t[8 * RUNS + s],
+            w[FORCE + s],
+            w[FORCE + y],
+            w[FORCE + z],
+        )
+
+
+@compiled
+def _tank(t, s):  # type: ignore[no-untyped-def]
+    return Tank(t[TANKS + 3 * s], t[TANKS + 3 * s + 1], t[TANKS + 3 * s + 2])
+
+
+@compiled
+def burn_propellant(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Replace row FORCE, exerted without pulses, by what the tanks allow; fill row MASS.
+
+    The saturated command, which is counted already, is in row BEFORE.
+    """
+    for s in range(RUNS):
+        y, z, memory = s + RUNS, s + 2 * RUNS, m[MEMORY * s : MEMORY * (s + 1)]
+        force = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
+        command = (w[BEFORE + s], w[BEFORE + y], w[BEFORE + z])
+        force, w[MASS + s] = burn(force, command, memory, _tank(t, s), t[REST])
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+@compiled
+def fire_valves(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Replace row FORCE, the saturated command, by the mean force of pulses; fill row MASS."""
+    shared, count = t[REST : REST + _SHARED], int(t[REST + _SHARED])
+    number = int(shared[0])
+    on = m[MEMORY * RUNS :]
+    for s in range(RUNS):
+        y, z = s + RUNS, s + 2 * RUNS
+        a = REST + _SHARED + 1 + (3 * number + 5 * count) * s
+        b = a + 3 * number
+        valves = Valves(
+            number, int(shared[1]), shared[2], shared[3], shared[4], shared[5], shared[6],
+            shared[7], t[a:b].reshape(number, 3), t[b : b + 5 * count].reshape(count, 5),
+        )  # fmt: skip
+        command = (w[FORCE + s], w[FORCE + y], w[FORCE + z])
+        memory = m[MEMORY * s : MEMORY * (s + 1)]
+        force, w[MASS + s] = fire(tick, command, memory, valves, _tank(t, s), on)
+        w[FORCE + s], w[FORCE + y], w[FORCE + z] = force
+
+
+def thrust_matrix(values: Mapping[str, float]) -> Floats:
+    """Return the matrix (3, 3) from saturated to applied force: shares, then misalignment."""
+    shares = np.array([values[f'thrust_share_{axis}'] for axis in 'xyz'])
+    return rotation(np.array([values[f'misalignment_{axis}_rad'] for axis in 'xyz'])) * (
+        1.0 + shares
+    )
+
+
+def _limit_part(batch: Batch) -> Part:
+    delays = batch.columns('delay_ticks')[0]
+    return limit_part(PAIRED_LANES, batch.base.max_force_n, delays.tolist())
+
+
+def _part(batch: Batch) -> Part:
+    """Return the errors of thrusters; or their valves, which have the errors in them."""
+    thrusters = batch.base.thrusters
+    if thrusters is not None and thrusters.pulses:
+        return _valves_part(batch)
+    matrices = np.zeros((9, RUNS))
+    for s, values in enumerate(batch.values()):
+        matrices[:, s] = thrust_matrix(values).ravel()
+    if thrusters is None or not thrusters.propellant:
+        return Part('errors', ((Place.THRUSTERS, exert),), matrices.ravel())
+    table = table_of(matrices, _tanks(batch), batch.base.dt_s)
+    return Part('thrusters', ((Place.THRUSTERS, _exert_and_burn),), table, np.zeros(MEMORY * RUNS))
+
+
+@compiled
+def _exert_and_burn(w, m, t, tick):  # type: ignore[no-untyped-def]
+    exert(w, m, t, tick)
+    burn_propellant(w, m, t[9 * RUNS :], tick)
+
+
+def _tanks(batch: Batch) -> Floats:
+    """Return the tanks (40, 3); lanes without a run do not get lighter."""
+    tanks = np.ones((RUNS, 3))
+    tanks[: len(batch.starts)] = [tank_of(s.thrusters, s) for s in batch.scenarios]
+    return tanks
+
+
+def _valves_part(batch: Batch) -> Part:
+    made = []
+    for s in batch.scenarios:
+        assert s.thrusters is not None and s.thrusters.pulses is not None
+        made.append(valves_of(s.thrusters, s.thrusters.pulses, s))
+    one = made[0]
+    own = np.zeros((RUNS, 3 * one.number + 5 * len(one.failures)))
+    own[: len(made)] = [table_of(v.directions, v.failures) for v in made]
+    table = table_of(_tanks(batch), one[:_SHARED], len(one.failures), own)
+    memory = np.zeros(MEMORY * RUNS + one.number)
+    return Part('thrusters', ((Place.THRUSTERS, fire_valves),), table, memory)
+
+
+def spent_of(memory: Floats | None) -> dict[str, Floats]:
+    """Return what runs have spent, of the memory of valves and tanks: a requirement -> (40,)."""
+    if memory is None:
+        return {}
+    runs = memory[: MEMORY * RUNS].reshape(RUNS, MEMORY)
+    return {name: runs[:, at] for name, at in zip(requirements.THRUST, THRUST, strict=True)}
+
+
+def vary(scenario: Scenario, draw: Draw) -> list[Any]:
+    """Return the thrusters of a run: the scenario's, and what is dispersed of them."""
+    nominal, values = scenario.thrusters, draw.values
+    names = {'thrust_share', 'misalignment_deg', 'delay_ticks'}
+    if nominal is None and not names & set(draw.dispersed):
+        return []
+    x, y, z = (tuple(row) for row in thrust_matrix(values).tolist())
+    found = replace(
+        nominal or Thrusters(), matrix=(x, y, z), delay_ticks=int(values['delay_ticks'])
+    )
+    if found.pulses is not None and 'stuck_off_thruster' in values:
+        name = valve_names(found.pulses.count)[int(values['stuck_off_thruster'])]
+        failures = (*found.pulses.failures, Failure(thruster=name, stuck='off'))
+        found = replace(found, pulses=replace(found.pulses, failures=failures))
+    return [found]
+
+
+register(Kind('', _limit_part))
+register(Kind('thrusters', _part, vary=vary))

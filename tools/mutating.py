@@ -1,0 +1,151 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One frame for programs that change folders and look whether a checker is deceived.
+
+A case is drawn from its seed and number alone: it changes a copy of a true folder, and judges what
+the checker says of it. An outcome in capitals is a failure: something false was accepted, anything
+but one sentence came out, or it took more than 10 s of CPU time, or the process more than 1 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import random
+import resource
+import shutil
+import struct
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rpo_core.files.validation import InputError
+
+MOST_S = 10.0
+MOST_BYTES = 1 << 30
+
+Outcomes = Counter[tuple[str, str]]
+"""How often an outcome came; of a failure, with what was changed."""
+
+Work = Callable[[tuple[int, int]], Outcomes]
+"""Judges the cases from a first to before a last."""
+
+NOT_WRITTEN = (struct.error, OverflowError, KeyError, OSError, InputError, UnicodeError)
+"""What a writer raises that refuses a change."""
+
+
+class Case(ABC):
+    """Judges changed copies of one true folder."""
+
+    @abstractmethod
+    def change(self, rng: random.Random, scratch: Path) -> tuple[Path, str]:
+        """Return a changed copy of the folder, and what was changed."""
+
+    @abstractmethod
+    def outcome(self, folder: Path) -> str:
+        """Check a changed folder; return what came out, in capitals if it must not."""
+
+    def judge(self, seed: int, number: int, scratch: Path) -> tuple[str, str]:
+        """Return the outcome of a case: a word, and what was changed."""
+        rng = random.Random(f'{seed} {number}')
+        shutil.rmtree(scratch / 'case', ignore_errors=True)
+        (scratch / 'case').mkdir()
+        try:
+            folder, kind = self.change(rng, scratch / 'case')
+        except NOT_WRITTEN as error:
+            return 'not written', type(error).__name__
+        begun = time.process_time()
+        try:
+            outcome = self.outcome(folder)
+        except InputError as error:
+            outcome = 'refused' if '\n' not in str(error) else 'NOT ONE SENTENCE'
+        except Exception as error:  # whatever comes out is what these programs look for
+            outcome = f'TRACEBACK {type(error).__name__} {error}'
+        if time.process_time() - begun > MOST_S:
+            outcome = 'TOO SLOW'
+        if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 > MOST_BYTES:
+            outcome = 'TOO LARGE'
+        return outcome, kind
+
+
+def judge_cases(cases: Sequence[Case], seed: int, first: int, last: int, scratch: Path) -> Outcomes:
+    """Judge the cases from `first` to before `last`, in turn of each true folder."""
+    found = Outcomes()
+    for number in range(first, last):
+        outcome, kind = cases[number % len(cases)].judge(seed, number, scratch)
+        if failed := outcome.split()[0].isupper():
+            print(f'case {number}: {outcome}: {kind}', flush=True)
+        found[outcome, kind if failed else ''] += 1
+    return found
+
+
+def failures(found: Outcomes) -> int:
+    """Return how many cases failed."""
+    return sum(count for (outcome, _), count in found.items() if outcome.split()[0].isupper())
+
+
+def parser_of(description: str | None) -> argparse.ArgumentParser:
+    """Return a parser with the options of every such program: which cases, how many processes."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument('--cases', type=int, default=1000)
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--first', type=int, default=0, help='number of the first case')
+    parser.add_argument('--workers', type=int, default=1, help='processes')
+    return parser
+
+
+def judge_all(work: Work, options: argparse.Namespace, size: int) -> int:
+    """Judge all cases, print what came out; return the exit code.
+
+    work : gets the first case of a part and the one behind its last
+    size : cases of a part, each a task of a process
+    """
+    begun, end = time.monotonic(), options.first + options.cases
+    parts = [(first, min(first + size, end)) for first in range(options.first, end, size)]
+    found = Outcomes()
+    with multiprocessing.Pool(options.workers) as pool:
+        for part in pool.imap(work, parts):
+            found += part
+            print(f'{found.total()} of {options.cases} cases, {failures(found)} failures, '
+                  f'{time.monotonic() - begun:.0f} s', file=sys.stderr, flush=True)  # fmt: skip
+    outcomes: Counter[str] = Counter()
+    for (outcome, _), count in found.items():
+        outcomes[outcome] += count
+    for outcome, count in outcomes.most_common():
+        print(f'{count:8d}  {outcome}')
+    print(f'{failures(found)} failures in {options.cases} cases of seed {options.seed}')
+    return 1 if failures(found) else 0
+
+
+def flipped(rng: random.Random, data: bytes, at: int) -> bytes:
+    """Return bytes with one bit changed."""
+    return data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :]
+
+
+def replace_file(rng: random.Random, way: str, path: Path, other: Path, link: Path) -> None:
+    """Let something else be in the place of a file, in one of some ways.
+
+    other : file that it is exchanged with; link : what a link leads to
+    """
+    if way == 'swap':
+        content = path.read_bytes()
+        path.write_bytes(other.read_bytes())
+        other.write_bytes(content)
+    elif way == 'empty':
+        path.write_bytes(b'')
+    elif way == 'sparse':
+        os.truncate(path, rng.choice((1 << 36, 1 << 30)))
+    else:
+        path.unlink()
+        if way == 'link':
+            path.symlink_to(link)
+        elif way == 'pipe':
+            os.mkfifo(path)
+        elif way == 'folder':
+            path.mkdir()
