@@ -6,26 +6,19 @@ from __future__ import annotations
 
 import subprocess
 
-import pytest
 import yaml
 from std_srvs.srv import Trigger
 from steering import steering
 
 from rpo_core import files
 from rpo_log.read.run_log import read_run
-from tools.node_processes import executable, node_processes
+from tools.node_processes import executable
 
 NODES = {
     'controller': ('rpo_ctrl', 'fuzzy_controller'),
     'guidance': ('rpo_guidance', 'guidance'),
     'assurance': ('rpo_safety', 'assurance'),
 }
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def guarded(folder, duration_s, **abort):

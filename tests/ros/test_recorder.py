@@ -17,16 +17,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_run
-from tools.node_processes import node_processes
 
 KILL_BOUND = 0.95
 """Share of the ticks so far that is left after `kill -9`."""
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def start(ros, output, **parameters):

@@ -10,13 +10,6 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
-from tools.node_processes import node_processes
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 @pytest.mark.parametrize(
