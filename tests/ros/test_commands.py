@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import subprocess
 
+import pytest
 import yaml
 from std_srvs.srv import Trigger
 from steering import steering
