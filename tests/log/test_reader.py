@@ -25,7 +25,7 @@ from mcap.writer import Writer
 
 from rpo_core.wire import cdr
 from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.run import TimeBase
 from rpo_log.read import decode, stream
 from rpo_log.read.records import MAGIC, RECORD_HEAD
@@ -104,7 +104,7 @@ def test_in_chunks_of_another_writer(short_run, tmp_path):
             writer.add_metadata('rpo_run', short_run.base.to_record())
             channels = {}
             for topic in short_run.topics:
-                kind = schemas.definition({t.name: t for t in topics_of(short_run)}[topic].type)
+                kind = rosbag2.definition({t.name: t for t in topics_of(short_run)}[topic].type)
                 schema = writer.register_schema(kind.name, 'ros2msg', kind.text.encode())
                 channels[topic] = writer.register_channel(topic, 'cdr', schema, {})
             for topic, tick, data in short_run.messages:
@@ -255,7 +255,12 @@ def test_parts_of_different_runs(run, short_run, tmp_path):
 
 
 def hand_made(
-    path: Path, types: dict[str, str], messages=(), base=None, library='rpo_log/1'
+    path: Path,
+    types: dict[str, str],
+    messages=(),
+    base=None,
+    library='rpo_log/1',
+    chunk_messages=10**9,
 ) -> None:
     """Write a log of one's own: topics with their types, messages (topic, tick, time, data)."""
     file = McapFile(path, library=library)
@@ -263,10 +268,12 @@ def hand_made(
         file.add_metadata('rpo_run', base if isinstance(base, dict) else base.to_record())
     channels = {}
     for topic, kind in types.items():
-        schema = file.add_schema(kind, schemas.definition(kind).text.encode())
+        schema = file.add_schema(kind, rosbag2.definition(kind).text.encode())
         channels[topic] = file.add_channel(topic, schema, {})
-    for topic, tick, time, data in messages:
+    for number, (topic, tick, time, data) in enumerate(messages, 1):
         file.add_message(channels[topic], time, tick, data)
+        if number % chunk_messages == 0:
+            file.close_chunk()
     file.finish()
     file.close()
 
@@ -287,102 +294,60 @@ def force_at(tick: int):
     return FORCE, tick, stamp, cdr.encode_wrench(stamp, 'target_lvlh', [1.0] * 3)
 
 
-def test_missing_topic(tmp_path):
+def both(*ticks: int):
+    return [message for tick in ticks for message in (state_at(tick), force_at(tick))]
+
+
+def late(tick: int, shift_ns: int):
+    """Return a state that has the stamp of tick 3, as of a tick, logged so much later."""
+    topic, _, time, data = state_at(3)
+    return topic, tick, time + shift_ns, data
+
+
+ONLY_STATUS = cdr.encode_status(0, 'run', 'x', 'none', {'tick': '0'})
+# What is in the log, the fault, and what is said of it.
+HAND_MADE = {
+    'no command': (({STATE: ODOMETRY}, [state_at(0)]), Fault.MISSING_TOPIC,
+                   ('no topic control_force', '/relative_state')),
+    'another type': (({STATE: ODOMETRY, FORCE: ODOMETRY}, [state_at(0)]), Fault.WRONG_TYPE,
+                     (WRENCH, ODOMETRY)),
+    'two runs': (({**USUAL, '/beta/control_force': WRENCH}, [state_at(0)]), Fault.WRONG_TYPE,
+                 ('same role',)),
+    'no message': ((USUAL, []), Fault.EMPTY, ('holds no message',)),
+    'only statuses': (({**USUAL, STATUS: STATUS_TYPE}, [(STATUS, 0, BASE.epoch_ns, ONLY_STATUS)]),
+                      Fault.EMPTY, ('only statuses',)),
+    'no time base': ((USUAL, both(0), None), Fault.NOT_A_RUN, ('rpo_run',)),
+    'no tick length': ((USUAL, both(0), {'epoch_ns': '1', 'dt_ns': '0', 'last_tick': '3'}),
+                       Fault.NOT_A_RUN, ('rpo_run',)),
+    'half a time base': ((USUAL, both(0), {'epoch_ns': 'x'}), Fault.NOT_A_RUN, ('rpo_run',)),
+    'a newer format': ((USUAL, both(0), BASE, 'rpo_log/2'), Fault.NEWER, ('log format 2',)),
+    'a tick twice': ((USUAL, [*both(0), state_at(1), state_at(1)]), Fault.DUPLICATE_TICK,
+                     ('tick 1 of /relative_state twice',)),
+    'time backwards': ((USUAL, both(0, 1, 2, 1)), Fault.TIME_BACKWARDS,
+                       ('tick 1 of /relative_state comes after tick 2',)),
+    'another log time': ((USUAL, [*both(0), late(3, 1)]), Fault.BAD_STAMP, ('log time',)),
+    'a stamp of another tick': ((USUAL, [*both(0), late(4, 100_000_000)]), Fault.BAD_STAMP,
+                                ('tick 4 of /relative_state',)),
+    'half a message': ((USUAL, [state_at(0), (FORCE, 0, BASE.epoch_ns, force_at(0)[3][:-8])]),
+                       Fault.BAD_MESSAGE, ('tick 0 of /control_force', WRENCH)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('case', HAND_MADE)
+def test_what_is_wrong_with_a_log_is_said(tmp_path, case):
+    (types, messages, *more), fault, said = HAND_MADE[case]
     path = tmp_path / 'run.mcap'
-    hand_made(path, {STATE: ODOMETRY}, [state_at(0)], BASE)
-    said = refusal(path, Fault.MISSING_TOPIC)
-    assert 'no topic control_force' in said and '/relative_state' in said
-
-
-def test_other_message_types(tmp_path):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, {STATE: ODOMETRY, FORCE: ODOMETRY}, [state_at(0)], BASE)
-    said = refusal(path, Fault.WRONG_TYPE)
-    assert WRENCH in said and ODOMETRY in said
-
-
-def test_two_runs_in_one_log(tmp_path):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, {**USUAL, '/beta/control_force': WRENCH}, [state_at(0)], BASE)
-    assert 'same role' in refusal(path, Fault.WRONG_TYPE)
-
-
-def test_no_message(tmp_path):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, USUAL, [], BASE)
-    assert 'holds no message' in refusal(path, Fault.EMPTY)
-
-
-def test_only_statuses(tmp_path):
-    path = tmp_path / 'run.mcap'
-    said = cdr.encode_status(0, 'run', 'x', 'none', {'tick': '0'})
-    hand_made(path, {**USUAL, STATUS: STATUS_TYPE}, [(STATUS, 0, BASE.epoch_ns, said)], BASE)
-    assert 'only statuses' in refusal(path, Fault.EMPTY)
-
-
-@pytest.mark.parametrize(
-    'values', [{}, {'epoch_ns': '1', 'dt_ns': '0', 'last_tick': '3'}, {'epoch_ns': 'x'}]
-)
-def test_no_time_base(tmp_path, values):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, USUAL, [state_at(0), force_at(0)], values or None)
-    assert 'rpo_run' in refusal(path, Fault.NOT_A_RUN)
-
-
-def test_a_newer_format(tmp_path):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, USUAL, [state_at(0), force_at(0)], BASE, library='rpo_log/2')
-    assert 'log format 2' in refusal(path, Fault.NEWER)
-
-
-def test_a_tick_twice(tmp_path):
-    path = tmp_path / 'run.mcap'
-    hand_made(path, USUAL, [state_at(0), force_at(0), state_at(1), state_at(1)], BASE)
-    assert 'tick 1 of /relative_state twice' in refusal(path, Fault.DUPLICATE_TICK)
-
-
-def test_time_backwards(tmp_path):
-    path = tmp_path / 'run.mcap'
-    ticks = [0, 1, 2, 1]
-    hand_made(path, USUAL, [m for k in ticks for m in (state_at(k), force_at(k))], BASE)
-    assert 'tick 1 of /relative_state comes after tick 2' in refusal(path, Fault.TIME_BACKWARDS)
+    hand_made(path, types, messages, *(more or (BASE,)))
+    sentence = refusal(path, fault)
+    assert all(words in sentence for words in said), sentence
 
 
 @pytest.mark.parametrize('ticks', [[0, 1, 2, 3, 3], [0, 1, 2, 3, 2]])
 def test_order_across_chunks(tmp_path, ticks):
     path = tmp_path / 'run.mcap'
-    file = McapFile(path)
-    file.add_metadata('rpo_run', BASE.to_record())
-    channels = {}
-    for topic, kind in USUAL.items():
-        schema = file.add_schema(kind, schemas.definition(kind).text.encode())
-        channels[topic] = file.add_channel(topic, schema, {})
-    for tick in ticks:
-        for topic, number, time, data in (state_at(tick), force_at(tick)):
-            file.add_message(channels[topic], time, number, data)
-        file.close_chunk()
-    file.finish()
-    file.close()
+    hand_made(path, USUAL, both(*ticks), BASE, chunk_messages=2)
     expected = Fault.DUPLICATE_TICK if ticks[-1] == 3 else Fault.TIME_BACKWARDS
     refusal(path, expected)
-
-
-def test_a_stamp_that_is_not_its_ticks(tmp_path):
-    path = tmp_path / 'run.mcap'
-    topic, tick, time, data = state_at(3)
-    hand_made(path, USUAL, [state_at(0), force_at(0), (topic, tick, time + 1, data)], BASE)
-    assert 'log time' in refusal(path, Fault.BAD_STAMP)
-    path.unlink()
-    hand_made(path, USUAL, [state_at(0), force_at(0), (topic, 4, time + 100_000_000, data)], BASE)
-    assert 'tick 4 of /relative_state' in refusal(path, Fault.BAD_STAMP)
-
-
-def test_a_message_that_is_not_of_its_type(tmp_path):
-    path = tmp_path / 'run.mcap'
-    bad = force_at(0)[3][:-8]
-    hand_made(path, USUAL, [state_at(0), (FORCE, 0, BASE.epoch_ns, bad)], BASE)
-    said = refusal(path, Fault.BAD_MESSAGE)
-    assert 'tick 0 of /control_force' in said and WRENCH in said
 
 
 def test_missing_attachment(short_run, tmp_path):

@@ -13,16 +13,9 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world.link import CORRUPTIONS
 from rpo_log.read.run_log import read_run
-from tools.node_processes import node_processes
 
 CONTROLLER = 'handmade'
 FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.2}
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def remapped(name, **topics):

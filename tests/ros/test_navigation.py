@@ -34,12 +34,6 @@ def written(folder, **changes):
     return flown, path
 
 
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
-
-
 @pytest.mark.timeout(120)
 def test_the_nodes_fly_the_bits_of_the_core(ros, tmp_path):
     flown, path = written(tmp_path, estimator={'disturbance_sigma_n': 0.01})

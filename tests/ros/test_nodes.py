@@ -18,7 +18,6 @@ from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
-from tools.node_processes import node_processes
 
 NODES = {
     'plant': ('rpo_sim', {}),
@@ -27,12 +26,6 @@ NODES = {
     'recorder': ('rpo_log', {}),
 }
 RUDE = str(Path(__file__).with_name('rude_controller.py'))
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def rewritten(name: str, folder: Path, **changes: object) -> str:

@@ -14,13 +14,6 @@ from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
 from rpo_ros import conversions, names, qos
-from tools.node_processes import node_processes
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def test_only_the_plant_is_told_what_to_fly(ros):

@@ -17,16 +17,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_log.read.run_log import read_run
-from tools.node_processes import node_processes
 
 KILL_BOUND = 0.95
 """Share of the ticks so far that is left after `kill -9`."""
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def start(ros, output, **parameters):
@@ -65,6 +58,8 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     """At full speed; the log is whole, and the flight goes on when the recorder does."""
     output = ros.folder / 'run'

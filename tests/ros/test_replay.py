@@ -18,15 +18,8 @@ import rpo_core.files
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.read.stream import RunReader
 from rpo_log.replay_node import ReplayNode
-from tools.node_processes import node_processes
 
 LISTENER = str(Path(__file__).with_name('listener.py'))
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 @pytest.fixture(scope='module')

@@ -18,7 +18,6 @@ from rpo_log.errors import Fault, LogError
 from rpo_log.read.run_log import read_run
 from tools.node_cards import CARDS
 from tools.node_pages import tiny_log
-from tools.node_processes import node_processes
 
 LONGEST_S = 2.0
 SPEED = 40.0
@@ -28,12 +27,6 @@ trials = pytest.mark.parametrize(
     'trial', [pytest.param(0, marks=pytest.mark.every_landing), *range(1, 8)]
 )
 signals = pytest.mark.parametrize('number', SIGNALS, ids=lambda number: number.name)
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def check_log(folder: Path) -> None:

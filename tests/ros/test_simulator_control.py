@@ -10,15 +10,8 @@ from steering import steering
 
 from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
-from tools.node_processes import node_processes
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 @pytest.fixture

@@ -5,16 +5,9 @@
 import pytest
 
 from tools import trial
-from tools.node_processes import node_processes
 from tools.trials import soak
 
 SLOW = pytest.mark.slow
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 def rows(output):

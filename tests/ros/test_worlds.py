@@ -10,13 +10,6 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
 from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
-from tools.node_processes import node_processes
-
-
-@pytest.fixture
-def ros(ros_env, tmp_path):
-    with node_processes(ros_env, tmp_path) as started:
-        yield started
 
 
 @pytest.mark.parametrize(
@@ -67,6 +60,8 @@ def test_a_world_flies_against_the_wall_clock(ros):
     assert verify(output).difference is None
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
     output, flown = ros.folder / 'run', overrides.load('docking_leo', ['duration_s=40.0'])
     (ros.folder / 'short.yaml').write_text(scenario.dumps(flown))

@@ -231,8 +231,8 @@ def compare(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize('name', ['lqr', pytest.param('mpc', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['lqr', 'mpc'])
 def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monkeypatch):
     done = compare(name, 'drift', '--write', 'doc.md')
     assert done.exit_code == 0, done.output

@@ -27,8 +27,7 @@ from rpo_log.format import sums
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
 from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
-from rpo_log.write.statuses import PHASES, Claims
-from rpo_log.write.writer import RunLogWriter
+from rpo_log.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.parameters import declare

@@ -27,7 +27,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError, read_at_most
-from rpo_log.format import rosbag2, schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile, BagTopic
 from rpo_log.format.run import (
     CONTROLLER,
@@ -46,7 +46,7 @@ from rpo_log.format.sums import Digests
 from rpo_log.read.records import FileRecords
 from rpo_log.read.run_log import messages_of, parameters_of
 from rpo_log.read.stream import RunReader
-from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import Difference, Verification
 from rpo_log.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
 
@@ -278,7 +278,7 @@ def declarations(topics: Sequence[BagTopic]) -> Iterator[McapRecord]:
     for channel, topic in enumerate(topics, 1):
         if topic.type not in numbers:
             numbers[topic.type] = len(numbers) + 1
-            text = schemas.definition(topic.type).text
+            text = rosbag2.definition(topic.type).text
             yield Schema(numbers[topic.type], text.encode(), 'ros2msg', topic.type)
         yield Channel(channel, topic.name, 'cdr', topic.channel_metadata, numbers[topic.type])
 
