@@ -43,6 +43,7 @@ ALLOWED_SKIPS = {
     'tests/ros/test_two_hosts.py::*relay*': 'there is no /dev/net/tun',
 }
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # read when the first message module is imported
+os.environ['OPENBLAS_NUM_THREADS'] = '1'  # read with NumPy; threads that wait for work take time
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # `make test &`; processes would inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
 DOMAINS = range(1, 102)  # 0 is everybody's default; above 101 the ports are not safe on Linux

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import subprocess
 
+import pytest
 import yaml
 from std_srvs.srv import Trigger
 from steering import steering
@@ -74,6 +75,8 @@ def told(folder, stage):
     return [(e['state'], int(e['tick'])) for e in events if e['stage'] == stage]
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tmp_path):
     """go, hold, retreat, abort of guidance; arm, inhibit, hold, resume, abort of the table."""
     scenario, folder = guarded(tmp_path, 100.0), tmp_path / 'run'
@@ -119,6 +122,8 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tm
     assert code == 0 and 'recomputed: guidance, controller, assurance' in said, said
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
     """Killed in flight: with it goes the controller's command; assurance flies on alone."""
     scenario, folder = guarded(tmp_path, 25.0, hold_s=3.0, stuck_s=5.0), tmp_path / 'run'

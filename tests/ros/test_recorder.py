@@ -58,6 +58,8 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     """At full speed; the log is whole, and the flight goes on when the recorder does."""
     output = ros.folder / 'run'

@@ -7,7 +7,6 @@ from __future__ import annotations
 import re
 
 import pytest
-from test_report import refuse_optima
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -17,17 +16,10 @@ from rpo_core.files.scenario import ScenarioSet
 from rpo_log.verify import verify
 from tools.node_processes import node_processes
 
-QUICK = ('quick',)
 
-
+@pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    'name',
-    [
-        pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow)
-        for name in sorted(files.shipped('scenario'))
-    ],
-)
+@pytest.mark.parametrize('name', sorted(files.shipped('scenario')))
 def test_a_shipped_scenario_is_flown_verified_and_reported(name, ros_env, tmp_path, monkeypatch):
     found, flown = scenario.load(name), name
     if isinstance(found, ScenarioSet):  # one start of a set is flown at a time
@@ -43,8 +35,6 @@ def test_a_shipped_scenario_is_flown_verified_and_reported(name, ros_env, tmp_pa
         assert node.wait(600.0) == 0, node.output
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
-    if name in QUICK:
-        refuse_optima(monkeypatch)
     reported = CliRunner().invoke(app, ['report', str(folder)], env={'COLUMNS': '200'})
     assert reported.exit_code == 0, reported.output
     page = (folder / 'report/report.html').read_text(encoding='utf-8')

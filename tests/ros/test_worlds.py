@@ -60,6 +60,8 @@ def test_a_world_flies_against_the_wall_clock(ros):
     assert verify(output).difference is None
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
     output, flown = ros.folder / 'run', overrides.load('docking_leo', ['duration_s=40.0'])
     (ros.folder / 'short.yaml').write_text(scenario.dumps(flown))

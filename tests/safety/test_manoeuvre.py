@@ -57,15 +57,19 @@ def burnt(states, wanted, stuck, tick_s=0.1):
 
 
 def drifted(states, along):
-    """Return the least distances (n,) of drifts for two orbits, looked at every 4 s."""
+    """Return the least distances (n,) of drifts for two orbits, looked at every 4 s.
+
+    along : acceleration (n,) or scalar [m/s2], from outside
+    """
     seconds = 4.0
-    step = expm(A * seconds)[:6].T
-    outside = np.broadcast_to([0.0, along, 0.0], (len(states), 3))
-    nearest = np.linalg.norm(states[:, :3], axis=1)
+    step = expm(A * seconds).T
+    moving = np.zeros((len(states), 9))
+    moving[:, :6], moving[:, 7] = states, along
+    squared = np.full(len(states), np.inf)
     for _ in range(math.ceil(TWO_ORBITS / seconds)):
-        states = np.concatenate([states, outside], axis=1) @ step
-        nearest = np.minimum(nearest, np.linalg.norm(states[:, :3], axis=1))
-    return nearest
+        squared = np.minimum(squared, np.einsum('ni,ni->n', moving[:, :3], moving[:, :3]))
+        moving = moving @ step
+    return np.sqrt(squared)
 
 
 def shell(count, least, most, seed):
@@ -91,31 +95,33 @@ def chosen(states):
 
 def flown(states, wanted):
     """Return the least distance of the paths from each state, whatever is stuck, with drag."""
-    worst = np.full(len(states), np.inf)
+    worst, ends, drags = [], [], []
     for stuck in (None, *CASES):
         after, nearest = burnt(states, wanted, stuck)
-        worst = np.minimum(worst, nearest)
+        worst.append(nearest)
         for side in (-1.0, 1.0):
             off = after.copy()
             off[:, 4] += side * ERROR
             for along in (-DRAG, DRAG):
-                worst = np.minimum(worst, drifted(off, along))
-    return worst
+                ends.append(off)
+                drags.append(np.full(len(off), along))
+    far = drifted(np.concatenate(ends), np.concatenate(drags))
+    return np.min([*worst, *far.reshape(len(ends), -1)], axis=0)
 
 
 def test_what_is_clear_stays_out_whatever_is_stuck():
-    """600 random states and 200 of the shipped plan: no path of a clear manoeuvre enters."""
+    """200 random states and 50 of the shipped plan: no path of a clear manoeuvre enters."""
     flight = fly(AROUND, load_controller('allround'))
     outside = flight.states[np.linalg.norm(flight.positions_m, axis=1) > RADIUS]
-    plan = outside[:: len(outside) // 200][:200]
-    states = np.concatenate([shell(300, 10.0, 20.0, 1), shell(300, 20.0, 200.0, 2), plan])
+    plan = outside[:: len(outside) // 50][:50]
+    states = np.concatenate([shell(100, 10.0, 20.0, 1), shell(100, 20.0, 200.0, 2), plan])
     wanted, margins = chosen(states)
     worst = flown(states, wanted)
     clear = margins >= 0.0
     assert (worst[clear] >= RADIUS).all()
-    assert clear[300:600].all()  # from 20 m on there is always one
-    assert clear[:300].mean() > 0.97
-    assert clear[600:].mean() > 0.97
+    assert clear[100:200].all()  # from 20 m on there is always one
+    assert clear[:100].mean() > 0.97
+    assert clear[200:].mean() > 0.97
     # the margin is not idle talk: it is what the flights have, to a metre
     assert np.abs(worst[clear] - RADIUS - margins[clear]).max() < 5.0
 

@@ -104,6 +104,33 @@ def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     assert 'mine has a stage of its own: the engine does not know it' in said
 
 
+SIDE_BY_SIDE = """
+from rpo_montecarlo.campaign import config, run_batch, single
+campaign = config.load('campaign.yaml', controller='pd')
+columns = run_batch.fly_runs(campaign, 0, 45)
+for run in (0, 39, 44):
+    flight = single.fly_run(campaign, run)
+    assert flight.signals['lagged_force'].any()
+    assert [columns[name][run] for name in run_batch.FINAL] == flight.states[-1].tolist()
+print(columns['energy_n2s'].tolist())
+"""
+
+
+@pytest.mark.timeout(120)
+def test_its_lanes_have_the_bits_of_the_chain(folder, run):
+    """A campaign flies forty at once with the page's file, and run by run without it."""
+    (folder / 'check.py').write_text(SIDE_BY_SIDE)
+    campaign = folder / 'campaign.yaml'
+    campaign.write_text(campaign.read_text().replace('runs: 4', 'runs: 45'))
+    alone = run('RPO_PLUGINS=lag,integral python check.py').splitlines()
+    together = run('RPO_PLUGINS=lag,integral,lag_lanes python check.py').splitlines()
+    assert 'has a section `lag`: the engine does not know it' in '\n'.join(alone)
+    assert 'one by one' not in '\n'.join(together)
+    assert together[-1] in alone
+    pages = next(line for line in PAGE.read_text().splitlines() if 'runs/side_by_side' in line)
+    assert 'one by one' not in run(pages)
+
+
 def test_a_module_that_is_not_there_is_a_sentence(run):
     said = run('RPO_PLUGINS=nothing rpo simulate quick', code=2)
     assert "`RPO_PLUGINS`: No module named 'nothing'" in said

@@ -12,7 +12,7 @@ import pytest
 
 from rpo_core.files import scenario
 from rpo_montecarlo.engine import lanes
-from rpo_montecarlo.engine.parts import navigation
+from rpo_montecarlo.engine.parts import estimation
 from rpo_montecarlo.engine.tick import Batch
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, RESETS, X, estimate
@@ -65,7 +65,7 @@ def lost(truth, tick, run):
 def test_lanes_have_the_bits_of_the_kernels(case):
     flown = runs(*CASES[case], count=40)
     starts, keys = np.array([s.start for s in flown]), np.zeros((40, 2))
-    part = navigation.estimators_of(Batch(flown[0], starts, flown.__getitem__, {}, keys, {}))
+    part = estimation.estimators_of(Batch(flown[0], starts, flown.__getitem__, {}, keys, {}))
     m, t = part.memory.copy(), part.table
     sensing = [Sensing(s.section(Sensors), s) for s in flown]
     filters = [filter_of(s.section(Estimator), s.section(Sensors), s) for s in flown]
@@ -80,7 +80,7 @@ def test_lanes_have_the_bits_of_the_kernels(case):
         for axis in range(3):
             rows = slice(axis * 40, axis * 40 + 40)
             w[lanes.R :][rows], w[lanes.V :][rows] = truth[:, axis], truth[:, 3 + axis]
-        navigation.navigate(w, m, t, tick)
+        estimation.navigate(w, m, t, tick)
         for run, (s, f, own) in enumerate(zip(sensing, filters, memories, strict=True)):
             state = tuple(truth[run].tolist())
             sense(tick, state, s.table, s.memory)
@@ -92,5 +92,5 @@ def test_lanes_have_the_bits_of_the_kernels(case):
         command = rng.uniform(-0.7, 0.7, (40, 3))
         for axis in range(3):
             w[lanes.FORCE + axis * 40 :][:40] = command[:, axis]
-        navigation.remember(w, m, t, tick)
+        estimation.remember(w, m, t, tick)
     assert trouble == {False, True}

@@ -49,7 +49,7 @@ def codes(*words: object) -> tuple[int, int]:
     [
         'simulate paper_test --controller drift',
         'evaluate drift --scenario paper_test',
-        'explain allround --certify',
+        pytest.param('explain allround --certify', marks=pytest.mark.slow),
         'report drift',
     ],
 )

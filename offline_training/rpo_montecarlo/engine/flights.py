@@ -18,7 +18,7 @@ from rpo_montecarlo.engine.cases import Case, Crossed, case_of_set
 from rpo_montecarlo.engine.counters import Trace
 from rpo_montecarlo.engine.parts.approach import guiding_of
 from rpo_montecarlo.engine.parts.control import Control, control_of
-from rpo_montecarlo.engine.parts.navigation import errors_part
+from rpo_montecarlo.engine.parts.estimation import errors_part
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Batch, Runs
 from rpo_montecarlo.engine.tick import fly as fly_lanes

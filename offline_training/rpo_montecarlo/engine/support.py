@@ -17,14 +17,14 @@ from rpo_montecarlo.engine.parts import (
     control,
     disturbance,
     dynamics,
+    estimation,
     goal,
     link,
-    navigation,
     thrusters,
 )
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
-PARTS = (navigation, approach, goal, control, link, thrusters, disturbance, dynamics)
+PARTS = (estimation, approach, goal, control, link, thrusters, disturbance, dynamics)
 """The modules that register themselves."""
 
 _announced: set[str] = set()
