@@ -93,6 +93,7 @@ def shells(ros_env, tmp_path):
     opened.close()
 
 
+@pytest.mark.cpu_s(6)
 @pytest.mark.timeout(3 * DEADLINE_S)
 def test_the_readme_flies(shells):
     shells.one_after_the_other('ros2 run rpo_bringup')
