@@ -176,22 +176,25 @@ class Assurance:
     def of_zones(document: Any, zones: Zones) -> Mapping[str, Any]:
         """Return the fields that are as the zones of the scenario, unless the section has them.
 
-        Raises InputError where the corridor is not along an axis of LVLH from the target.
+        Raises InputError where it needs their corridor, and that is along no axis of LVLH.
         """
         found: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
-        if not isinstance(document, Mapping) or document.get('corridor') is None:
+        own = document.get('corridor') if isinstance(document, Mapping) else None
+        if not isinstance(own, Mapping):
             return found
         corridor = zones.corridor
-        along, (x, y, z) = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
-        if not corridor.from_m or not corridor.along or any((x, y, z)):
-            raise InputError(
-                '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
-                f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
-            )
-        found['corridor'] = {
+        along, off = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
+        known = {
             'along': corridor.along,
             'half_angle_deg': corridor.half_angle_deg,
             'port_m': along,
             'outer_m': corridor.from_m,
         }
+        if corridor.from_m and corridor.along and not any(off):
+            found['corridor'] = known
+        elif known.keys() - own.keys():
+            raise InputError(
+                '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
+                f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
+            )
         return found

@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -86,14 +86,10 @@ class Evidence:
         self._forms = {path: Form(path, most) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
         self._gaps: list[str] = []
-        self._faults: tuple[str, ...] = ()
-        self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._recomputed: list[str] = []
-        self._digested: tuple[str, ...] = ()
         self._unknown: list[str] = []
-        self._premises: dict[str, str] = {}
-        self._signed_by: str | None = None
-        self._signed: Mapping[str, str] = {}
+        self._read: dict[str, str] = {}  # digests of the files that were read, by name
+        self._found = Verification(reader.path, 0, None, ())
 
     def of_log(self, statuses: Statuses, free: bool) -> None:
         """Judge run_status, and the records of the log that are not messages."""
@@ -102,8 +98,8 @@ class Evidence:
         if free:
             self._unknown.append('when forces came')
         carried = self._reader.attachments
-        self._premises = {name: _sha256(data) for name, data in sorted(carried.items())}
-        self._premises['events'] = statuses.said
+        premises = {name: _sha256(data) for name, data in sorted(carried.items())}
+        self._found = replace(self._found, premises={**premises, 'events': statuses.said})
         self._unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
         if self._reader.damage:
             return
@@ -137,9 +133,9 @@ class Evidence:
         logs = {path.name: digest for path, digest in self._reader.digests.items()}
         self._read.update(logs)
         digests = Digests.of(folder, self._read)
-        self._faults = digests.faults
         proven = {*self._recomputed, *logs}
-        self._digested = tuple(name for name in digests.matched if name not in proven)
+        matched = tuple(name for name in digests.matched if name not in proven)
+        self._found = replace(self._found, faults=digests.faults, digested=matched)
         self._unknown += [name for name in digests.unlisted if name not in proven]
         self._unknown += [f'{name} {what}' for name, what in digests.others.items()]
         self._judge_signature(folder, trusted, digests)
@@ -159,7 +155,7 @@ class Evidence:
         elif unsigned:
             self._gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
         elif not digests.faults:
-            self._signed_by, self._signed = signer, digests.matched
+            self._found = replace(self._found, signed_by=signer, signed=digests.matched)
 
     def _take(self, gap: str, what: str) -> None:
         if gap:
@@ -176,10 +172,10 @@ class Evidence:
         controllers: tuple[str, ...],
     ) -> Verification:
         """Return all of it as the outcome of a flight without difference."""
-        return Verification(
-            self._reader.path, ticks, None, (*gaps, *self._gaps), free, stages, self._faults,
-            tuple(self._recomputed), self._digested, tuple(self._unknown), self._premises,
-            self._signed_by, self._signed, controllers,
+        return replace(
+            self._found, ticks=ticks, gaps=(*gaps, *self._gaps), free_running=free, stages=stages,
+            recomputed=tuple(self._recomputed), unknown=tuple(self._unknown),
+            controllers=controllers,
         )  # fmt: skip
 
 

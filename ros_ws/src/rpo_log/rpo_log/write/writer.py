@@ -76,10 +76,10 @@ class RunLogWriter:
         self.ignored: Counter[str] = Counter()
         self._closed = False
         self._synced_s = time.monotonic()
-        signals = [topic.signal for topic in self.topics]
-        self._status = signals.index(RUN_STATUS) if RUN_STATUS in signals else None
+        self._index = {topic.signal: index for index, topic in enumerate(self.topics)}
+        self._status = self._index.get(RUN_STATUS)
         events = frozenset(i for i, topic in enumerate(self.topics) if topic.is_event)
-        leader = signals.index(RELATIVE_STATE) if RELATIVE_STATE in signals else 0
+        leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self._orderer = TickOrderer(
             len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
@@ -101,8 +101,8 @@ class RunLogWriter:
 
     def report(self, tick: int, taken: Mapping[str, str]) -> None:
         """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
-        signals = {topic.signal: index for index, topic in enumerate(self.topics)}
-        by_index = {signals[name]: text for name, text in taken.items() if name in signals}
+        index = self._index
+        by_index = {index[name]: text for name, text in taken.items() if name in index}
         try:
             if self.failure is None and not self._closed:
                 self._orderer.report(tick, by_index)
@@ -178,9 +178,8 @@ class RunLogWriter:
     def _drop(self, data: bytes) -> None:
         """Expect no more of the topics that the plant goes on without."""
         for signal, tick in topics.dropped(cdr.decode_status(data)).items():
-            for index, topic in enumerate(self.topics):
-                if topic.signal == signal:
-                    self._orderer.drop(index, tick)
+            if signal in self._index:
+                self._orderer.drop(self._index[signal], tick)
 
     def close(self) -> RunSummary:
         """End the log and return what it holds; never raises."""
@@ -214,8 +213,8 @@ class RunLogWriter:
 
     def messages(self, signal: str, tick: int) -> Sequence[bytes]:
         """Return the different messages of a signal at a tick, if they came not long ago."""
-        signals = [topic.signal for topic in self.topics]
-        return self._orderer.messages(signals.index(signal), tick) if signal in signals else ()
+        index = self._index.get(signal)
+        return self._orderer.messages(index, tick) if index is not None else ()
 
     @property
     def next_tick(self) -> int:
@@ -229,22 +228,16 @@ class RunLogWriter:
         due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
+        owed = {name: count for name, count in counts.items() if name in due}
         return RunSummary(
             files=tuple(entry.path for entry, _ in self._files()),
             messages=dict(zip(counts, logged, strict=True)),
-            missing={
-                name: (c.missing, c.first_missing or 0)
-                for name, c in counts.items()
-                if c.missing and name in due
-            },
+            missing={n: (c.missing, c.first_missing or 0) for n, c in owed.items() if c.missing},
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
-            late={name: c.late for name, c in counts.items() if c.late and name in due},
+            late={name: c.late for name, c in owed.items() if c.late},
             foreign=self._foreign,
-            ignored={
-                **self.ignored,
-                **{name: c.ignored for name, c in counts.items() if c.ignored},
-            },
+            ignored={**self.ignored, **{n: c.ignored for n, c in counts.items() if c.ignored}},
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
             failure=self.failure,
         )
