@@ -185,7 +185,7 @@ def module_file(dotted: str) -> tuple[Path, list[str]]:
     folder = ROOT / 'ros_ws' / 'src' / top / top
     folder = folder if folder.is_dir() else ROOT / 'offline_training' / top
     folder = folder if folder.is_dir() else ROOT / top  # tools
-    while rest and (folder / rest[0]).is_dir():
+    while rest and any((folder / rest[0]).glob('*.py')):  # git leaves folders of bytecode behind
         folder = folder / rest.pop(0)
     if rest and (folder / f'{rest[0]}.py').is_file():
         return folder / f'{rest[0]}.py', rest[1:]
