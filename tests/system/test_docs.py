@@ -99,6 +99,8 @@ def test_make_targets_exist():
     for block, words in lines('make'):
         named = [word for word in words[1:] if '=' not in word]
         assert set(named) <= targets, f'{block.place}: {words}'
+    for page in PAGES:
+        assert set(re.findall(r'`make ([a-z-]+)', page.read_text())) <= targets, page.name
 
 
 # A block that begins with the name of a file is that file; tests/system/test_extend.py writes it.
