@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
 from rpo_core.wire import cdr, interfaces
-from rpo_log.format import schemas
+from rpo_log.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE
@@ -117,7 +117,7 @@ def test_status_as_rosbags_writes_it(level, name, text, hardware, values):
 @QUICK
 @given(st.lists(floats, min_size=6, max_size=6))
 def test_mcap_ros2_reads_the_same_bits(state):
-    definition = schemas.definition(ODOMETRY)
+    definition = rosbag2.definition(ODOMETRY)
     schema = Schema(1, definition.text.encode(), 'ros2msg', ODOMETRY)
     decode = DecoderFactory().decoder_for('cdr', schema)
     read = decode(cdr.encode_odometry(7, 'target_lvlh', 'chaser', state))

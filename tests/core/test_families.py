@@ -58,30 +58,36 @@ def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(l
     assert tuple(alone) == force == baseline_force(state, tick, law.law)
 
 
-def test_pace_is_the_bilinear_interpolation_of_its_table():
-    rows = np.vstack([np.zeros(len(PACE.pace_peaks)), PACE.forces_n])
-    grid = ([0.0, *PACE.distance_peaks_m], PACE.pace_peaks)
-    table = RegularGridInterpolator(grid, rows)
-    rng = np.random.default_rng(4)
-    for r, v in rng.uniform(-1, 1, (300, 2)) * np.array([150.0, 2.0]):
-        h = -np.sign(r) * v * PACE.lead_s
-        distance, pace = abs(r) + abs(h), h / (abs(r) + abs(h))
-        pull = float(table((min(distance, PACE.distance_peaks_m[-1]), pace)))
-        expected = np.clip(-np.sign(r) * pull, -0.5, 0.5)
-        assert PACE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
+def pace_of(r, v):
+    """Return distance and pace, by their definition."""
+    h = -np.sign(r) * v * PACE.lead_s
+    return abs(r) + abs(h), h / (abs(r) + abs(h))
 
 
-def test_more_words_is_the_bilinear_interpolation_of_its_table():
-    creeping, *_, fast = MORE.speed_peaks_m_s
-    speeds = np.array([-fast, -creeping, 0.0, *MORE.speed_peaks_m_s])
-    rows = np.vstack([-MORE.damping_n_s_m * speeds, MORE.forces_n])
-    table = RegularGridInterpolator(([0.0, *MORE.distance_peaks_m], speeds), rows)
-    rng = np.random.default_rng(4)
-    for r, v in rng.uniform(-1, 1, (300, 2)) * np.array([100.0, 1.5]):
-        closing = np.clip(-np.sign(r) * v, -fast, fast)
-        pull = float(table((min(abs(r), MORE.distance_peaks_m[-1]), closing)))
+CREEPING, *_, FAST = MORE.speed_peaks_m_s
+
+
+@pytest.mark.parametrize(
+    ('law', 'seconds', 'at', 'inputs'),
+    [
+        (PACE, PACE.pace_peaks, 0.0, pace_of),
+        (
+            MORE,
+            [-FAST, -CREEPING, 0.0, *MORE.speed_peaks_m_s],
+            -MORE.damping_n_s_m,
+            lambda r, v: (abs(r), np.clip(-np.sign(r) * v, -FAST, FAST)),
+        ),
+    ],
+    ids=['pace', 'more_words'],
+)
+def test_a_law_is_the_bilinear_interpolation_of_its_table(law, seconds, at, inputs):
+    forces = np.vstack([at * np.array(seconds), law.forces_n])
+    table = RegularGridInterpolator(([0.0, *law.distance_peaks_m], seconds), forces)
+    for r, v in np.random.default_rng(4).uniform(-1, 1, (300, 2)) * np.array([150.0, 2.0]):
+        distance, second = inputs(r, v)
+        pull = float(table((min(distance, law.distance_peaks_m[-1]), second)))
         expected = np.clip(-np.sign(r) * pull, -0.5, 0.5)
-        assert MORE.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
+        assert law.force_n((r, 0, 0), (v, 0, 0))[0] == pytest.approx(expected, abs=1e-12)
 
 
 def test_peaks_of_more_words_never_cross_in_a_search():

@@ -13,7 +13,7 @@ import random
 
 import pytest
 import yaml
-from core_documents import MISSING, PARSERS, changed, document, keys, name, with_harmonics
+from core_documents import MISSING, PARSERS, changed, document, keys, name, renamed, with_harmonics
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -61,7 +61,20 @@ DOCUMENTS = {
     ('scenario', 'paper_training'): document('scenario', 'paper_training'),
     ('scenario', 'harmonics'): one_harmonic(),
     ('scenario', 'hardware'): with_hardware(),
-    **{('controller', n): document('controller', n) for n in ('handmade', 'pd', 'lqr', 'mpc')},
+    **{
+        ('controller', n): document('controller', n)
+        for n in (
+            'handmade',
+            'pd',
+            'lqr',
+            'mpc',
+            'apf_smc',
+            'drift',
+            'pace',
+            'more_words',
+            'time_to_go',
+        )
+    },
     ('monitor', 'default'): document('monitor', 'default'),
 }
 IDS = [f'{kind} {which}' for kind, which in DOCUMENTS]
@@ -118,6 +131,15 @@ def test_every_missing_field_is_named(file, tmp_path):
         said = refusal(tmp_path, file[0], changed(data, path, MISSING))
         assert said is not None, f'{name(path)} may be missing'
         assert name(path) in said, said
+
+
+@each_file
+def test_every_unknown_field_is_named(file, tmp_path):
+    data = DOCUMENTS[file]
+    for path in fields(data):
+        wrong = f'{path[-1]}x'
+        said = refusal(tmp_path, file[0], renamed(data, path, wrong))
+        assert said is not None and (wrong in said or path == ('kind',)), said
 
 
 @each_file

@@ -143,7 +143,7 @@ def test_a_figure_of_a_run_is_a_number(wrong):
         (changed(RECORDER, asks_from='-1'), '`asks_from` must be a whole number'),
         (changed(PLANT_TICK, control_force='1.0 2.0'), '`control_force` must have 3 numbers'),
         (changed(PLANT_TICK, control_force='1.0 2.0 x'), '`control_force` must be a number'),
-        (changed(PLANT_TICK, force=''), '`signal` must be one of'),
+        (changed(PLANT_TICK, force=''), "'force' is no signal"),
         (changed(RECORDER, recorder=''), '`recorder` must be a text'),
         (RECORDER._replace(message='shut'), '`message` must be one of waiting'),
         (changed(MANIFEST, role=' '), '`role` must be a text'),

@@ -142,6 +142,9 @@ def test_assurance_needs_a_corridor_along_an_axis_through_the_target(changes):
     data['zones']['corridor'].update(changes)
     with pytest.raises(InputError, match=r'needs a `zones\.corridor`'):
         scenario.parse(data)
+    own = {'along': '+y', 'half_angle_deg': 10.0, 'port_m': 1.0, 'outer_m': 20.0}
+    data['assurance']['corridor'] = own  # of its own: those of the zones may be any
+    assert scenario.parse(data) == load_scenario('assured')
 
 
 @given(directions, st.floats(0.0, 19.0), st.floats(0.0, 2.0 * math.pi), st.floats(0.0, 2.0))

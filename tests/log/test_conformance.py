@@ -14,9 +14,11 @@ from log_runs import TOPICS
 from mcap import records as mcap_records
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_core.wire import interfaces
-from rpo_log.format import rosbag2, schemas
+from rpo_log.errors import Fault, LogError
+from rpo_log.format import rosbag2
 from rpo_log.tools.repair import repair
 from rpo_log.write.side_file import HealthLogWriter
 
@@ -105,7 +107,7 @@ def test_channels(log):
         kind = interfaces.find(name).type
         assert schemas_by_id[channel.schema_id] == kind
         assert channel.message_encoding == 'cdr'
-        assert channel.metadata['topic_type_hash'] == schemas.definition(kind).type_hash
+        assert channel.metadata['topic_type_hash'] == rosbag2.definition(kind).type_hash
 
 
 def test_offered_qos_profiles_are_those_of_version_9(log):
@@ -287,3 +289,36 @@ def test_the_run_record_holds_the_ticks(log, run):
         'dt_ns': str(run.base.dt_ns),
         'last_tick': str(run.base.last_tick),
     }
+
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = sorted({row.type for row in interfaces.rows()})
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_hash_is_that_of_the_type(name):
+    assert rosbag2.definition(name).type_hash == STORE.hash_rihs01(name)
+
+
+@pytest.mark.parametrize('name', TYPES)
+def test_text_defines_the_type_and_what_it_needs(name):
+    text = rosbag2.definition(name).text
+    parsed = get_types_from_msg(text, name)
+    theirs, _ = STORE.generate_msgdef(name, ros_version=2)
+    wanted = get_types_from_msg(theirs, name)
+    assert parsed.keys() == wanted.keys()
+    for dependency, (_, fields) in wanted.items():
+        assert parsed[dependency][1] == fields
+    headings = re.findall(r'^={80}\nMSG: (.*)$', text, re.MULTILINE)
+    assert len(headings) == len(set(headings)) == len(wanted) - 1
+
+
+def test_says_where_it_looked(monkeypatch, tmp_path):
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    monkeypatch.setattr('sys.prefix', str(tmp_path / 'prefix'))
+    rosbag2.definition.cache_clear()
+    with pytest.raises(LogError, match=r'Clock\.msg.*ROS environment') as found:
+        rosbag2.definition('rosgraph_msgs/msg/Clock')
+    rosbag2.definition.cache_clear()
+    assert found.value.fault is Fault.NO_DEFINITIONS
+    assert str(tmp_path) in str(found.value)

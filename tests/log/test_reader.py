@@ -25,7 +25,7 @@ from mcap.writer import Writer
 
 from rpo_core.wire import cdr
 from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.run import TimeBase
 from rpo_log.read import decode, stream
 from rpo_log.read.records import MAGIC, RECORD_HEAD
@@ -104,7 +104,7 @@ def test_in_chunks_of_another_writer(short_run, tmp_path):
             writer.add_metadata('rpo_run', short_run.base.to_record())
             channels = {}
             for topic in short_run.topics:
-                kind = schemas.definition({t.name: t for t in topics_of(short_run)}[topic].type)
+                kind = rosbag2.definition({t.name: t for t in topics_of(short_run)}[topic].type)
                 schema = writer.register_schema(kind.name, 'ros2msg', kind.text.encode())
                 channels[topic] = writer.register_channel(topic, 'cdr', schema, {})
             for topic, tick, data in short_run.messages:
@@ -268,7 +268,7 @@ def hand_made(
         file.add_metadata('rpo_run', base if isinstance(base, dict) else base.to_record())
     channels = {}
     for topic, kind in types.items():
-        schema = file.add_schema(kind, schemas.definition(kind).text.encode())
+        schema = file.add_schema(kind, rosbag2.definition(kind).text.encode())
         channels[topic] = file.add_channel(topic, schema, {})
     for number, (topic, tick, time, data) in enumerate(messages, 1):
         file.add_message(channels[topic], time, tick, data)

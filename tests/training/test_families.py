@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Training of families: bits of the engine, runs that go on, export, and explanations."""
+"""Training of families: runs that go on, export, and explanations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import fuzzylite as fl
 import numpy as np
 import pytest
 import yaml
-from campaign_documents import write_campaign
 from processes import repeated
 from typer.testing import CliRunner
 
@@ -26,9 +25,7 @@ from rpo_core.judge import metrics
 from rpo_ctrl.baseline_kernels import pace_inputs
 from rpo_judge.evaluation import comparison
 from rpo_judge.evaluation.comparison import Share
-from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine.cases import case_of_set
-from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_report import training
 from rpo_report.controller import report_of
@@ -55,43 +52,6 @@ def short(name, **changes):
     return override(
         family_training.config_of(name), [*SHORT, *(f'{k}={v}' for k, v in changes.items())]
     )
-
-
-# Bits.
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_lanes_of_distinct_loops_have_the_bits_of_the_core(name):
-    law = load_controller(name)
-    base = replace(TRAINING.base, duration_s=50.0)
-    case = case_of_set(replace(TRAINING, base=base), horizon_s=60.0, late_s=10.0)
-    with Simulator([case], 1) as simulator:
-        (rows,) = simulator.fly([law])
-    for index in (0, 107, 215):
-        start = tuple(case.starts[index, :3].tolist())
-        scenario = replace(base, initial_position_m=start, duration_s=60.0)
-        expected = metrics.row_of(fly(scenario, law), case.windows)
-        np.testing.assert_array_equal(rows[0, index], expected)
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_a_dispersed_run_has_the_bits_of_the_core(name, tmp_path):
-    campaign = config.load(write_campaign(tmp_path, controller=name))
-    found = run_batch.fly_runs(campaign, 0, 42)
-    for number in (0, 41):
-        final = [found[column][number] for column in run_batch.FINAL]
-        np.testing.assert_array_equal(final, single.fly_run(campaign, number).states[-1])
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_flights_of_a_set_have_the_bits_of_the_core(name):
-    law = load_controller(name)
-    some = replace(TRAINING, base=replace(TRAINING.base, duration_s=20.0))
-    for index, flight in enumerate(flights_of(law, some)):
-        if index in (3, 200):
-            own = fly(flight.scenario, law)
-            np.testing.assert_array_equal(flight.states, own.states)
-            np.testing.assert_array_equal(flight.forces_n, own.forces_n)
 
 
 # Training.

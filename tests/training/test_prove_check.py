@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from proofs import small_proof
 
 from rpo_proof import cells, check, check_sets, sets
 from rpo_proof.cells import Prover
@@ -147,8 +146,8 @@ class Bench:
 
 
 @pytest.fixture(scope='module')
-def bench(tmp_path_factory):
-    return Bench(small_proof(tmp_path_factory.mktemp('proof') / 'proof'))
+def bench(sound):
+    return Bench(sound)
 
 
 def missed(bench, kind, count):

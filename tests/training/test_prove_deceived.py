@@ -28,14 +28,8 @@ from rpo_proof.claims import values_of
 from rpo_proof.folder import TEXTS, Folder, cells_of, write_arrays
 from rpo_proof.problem import Problem, Settings
 from rpo_report.proof import report_of
-from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, proof_of, run_cases
+from tools.mutate_proofs import KINDS, SAMPLE, ProofCase, run_cases
 from tools.mutating import failures
-
-
-@pytest.fixture(scope='module')
-def proofs(tmp_path_factory):
-    """A small proof of each kind; one claim of the first is refuted."""
-    return {kind: proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof') for kind in KINDS}
 
 
 @pytest.fixture

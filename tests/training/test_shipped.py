@@ -62,6 +62,10 @@ def test_a_file_is_as_good_as_it_says(name):
     recorded = controller.provenance['targets']
     assert {what: reached[what] for what in recorded} == recorded
     assert controller.provenance['starts_that_miss'] == {'speed': 0, 'slew': 0, 'arrival': 0}
+    assert found.asked[0] == name
+    assert [target for target in found.targets() if not target.holds] == []
+    told = controller.provenance.get('arithmetic', {'pinned': True})
+    assert told['pinned'] is (name not in UNPINNED), 'its command makes it again, or it says so'
 
 
 def test_the_default_is_good_everywhere():
@@ -99,13 +103,6 @@ def test_world_meets_its_world_and_saves_valves():
         assert world[name].mean() < 0.96 * default[name].mean()
 
 
-@pytest.mark.parametrize('name', SHIPPED)
-def test_a_shipped_controller_reaches_every_target_of_its_own(name):
-    found = assess(load_controller(name))
-    assert found.asked[0] == name
-    assert [target for target in found.targets() if not target.holds] == []
-
-
 def test_the_default_is_asked_for_every_question_and_trained_for_less_energy():
     asked = {name: assessment.SHIPPED[name] for name in (DEFAULT_CONTROLLER, 'trained')}
     assert all(found.questions == ('Q3', 'Q4', 'Q5') for found in asked.values())
@@ -124,12 +121,6 @@ def test_targets_follow_the_numbers_and_not_the_name():
     found = assess(own).targets()
     assert all(target.limit is not None for target in found)
     assert 'those of any controller' in assess(own).verdict()
-
-
-@pytest.mark.parametrize('name', SHIPPED)
-def test_a_file_that_its_command_does_not_make_again_says_so(name):
-    told = load_controller(name).provenance.get('arithmetic', {'pinned': True})
-    assert told['pinned'] is (name not in UNPINNED)
 
 
 @pytest.mark.parametrize('name', ['allround', 'paper_ga', 'robust', 'trained'])

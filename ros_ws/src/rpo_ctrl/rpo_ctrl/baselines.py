@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Annotated, Any, ClassVar
 
@@ -51,7 +51,7 @@ class Model:
     orbit_radius_m: float
     mass_kg: cw.Mass
     dt_s: cw.TickLength
-    body: Annotated[Any, cw.body_of] = field(default=cw.EARTH, metadata=codec.UNLESS_DEFAULT)
+    body: Annotated[Any, cw.body_of] = codec.unless_default(cw.EARTH)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -9,15 +9,24 @@ first one at the state of the chaser. After the last leg the reference stays whe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files import codec
-from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import unless_default
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, Name, check_fields, choice, real, shown, vector3
+from rpo_core.files.validation import (
+    InputError,
+    Name,
+    check_fields,
+    choice,
+    optional,
+    real,
+    shown,
+    vector3,
+)
 from rpo_core.judge.zones import NO_CORRIDOR, Corridor, Zone, Zones
 from rpo_core.kernels import Vector
 
@@ -37,16 +46,13 @@ _velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_M_S)
 _time = partial(real, unit='s', least=0.0, most=1e6)
 _some_time = partial(real, unit='s', above=0.0, most=1e6)
 _speed = partial(real, unit='m/s', least=1e-6, most=10.0)
+_way = partial(real, unit='m', least=0.0, most=100.0)
 _some_mass = partial(real, unit='kg', above=0.0, most=1e6)
 
 
-def _optional(name: str, value: Any, check: Any) -> Any:
-    return None if value is None else check(name, value)
-
-
-Point = Annotated[Vector | None, partial(_optional, check=_position)]
-Time = Annotated[float | None, partial(_optional, check=_some_time)]
-Speed = Annotated[float | None, partial(_optional, check=_speed)]
+Point = Annotated[Vector | None, partial(optional, check=_position)]
+Time = Annotated[float | None, partial(optional, check=_some_time)]
+Speed = Annotated[float | None, partial(optional, check=_speed)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +79,7 @@ class Leg:
     duration_s: Time = None
     corridor_s: Time = None
     burn_s: Time = None
-    ease_s: Time = field(default=None, metadata=UNLESS_DEFAULT)
+    ease_s: Time = unless_default(None)
     speed_m_s: Speed = None
     end_speed_m_s: Annotated[float, partial(real, unit='m/s', least=0.0, most=10.0)] = 0.0
     dwell_s: Annotated[float, _time] = 0.0
@@ -157,12 +163,8 @@ class Guidance:
     abort_offset_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e3)] = 40.0
     abort_s: Annotated[float, _some_time] = 300.0
     force_share: Annotated[float, partial(real, unit='', least=1e-6, most=1.0)] = 0.6
-    past_port_m: Annotated[float, partial(real, unit='m', least=0.0, most=100.0)] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    mass_kg: Annotated[float | None, partial(_optional, check=_some_mass)] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
+    past_port_m: Annotated[float, _way] = unless_default(0.0)
+    mass_kg: Annotated[float | None, partial(optional, check=_some_mass)] = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)

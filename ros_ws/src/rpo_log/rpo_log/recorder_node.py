@@ -26,9 +26,8 @@ from rpo_log.format import run as run_log
 from rpo_log.format import sums
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
-from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
-from rpo_log.write.statuses import PHASES, Claims
-from rpo_log.write.writer import RunLogWriter
+from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
+from rpo_log.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.parameters import declare
@@ -299,6 +298,11 @@ class RecorderNode(FlightNode):
             self._decisions = DecisionLogWriter(self.folder, self._decision_topic, base, rate_hz)
         self.log = log
 
+    @property
+    def _beside(self) -> list[SideFile]:
+        """The files beside the log."""
+        return [file for file in (self._health_log, self._decisions) if file is not None]
+
     def _patient(self) -> bool:
         """Return whether manifests may still come, by the wall clock: states come any number."""
         since = self._commanded_s
@@ -309,8 +313,7 @@ class RecorderNode(FlightNode):
             return
         summary = self.log.close()
         faults = [self._write_run_info(summary), self._seal()]
-        beside = filter(None, (self._health_log, self._decisions))
-        faults += [f'{file.name} ended early: {file.failure}' for file in beside if file.failure]
+        faults += [f'{f.name} ended early: {f.failure}' for f in self._beside if f.failure]
         log, sentence = self.get_logger(), f'{summary.sentence()}: {self.folder}'
         log.info(sentence) if summary.whole else log.error(sentence)
         for fault in filter(None, faults):
@@ -322,7 +325,7 @@ class RecorderNode(FlightNode):
 
     def _write_run_info(self, summary: run_log.RunSummary) -> str:
         """Write what depends on the wall clock and the machine; return why not, '' if done."""
-        for beside in filter(None, (self._health_log, self._decisions)):
+        for beside in self._beside:
             beside.close()
         phase, tick = self._end[:2] if self._end else ('interrupted', NEVER)
         facts = {
@@ -370,7 +373,7 @@ class RecorderNode(FlightNode):
             values = {'messages': 0, 'backlog': len(self._early), 'lost': 0}
             return health.OK, f'waiting for {self._wants}', values
         summary = self.log.summary
-        failures = [summary.failure, *(f.failure for f in (self._health_log, self._decisions) if f)]
+        failures = [summary.failure, *(file.failure for file in self._beside)]
         failure = next(filter(None, failures), '')
         messages = sum(summary.messages.values())
         values = {

@@ -8,7 +8,7 @@ It reads the measurements and the force that was commanded one tick before. Its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from math import sqrt
 from typing import Annotated, Any
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
-from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, flag, real, whole
 from rpo_core.kernels import CwStep, cw_step
 from rpo_core.kernels.jit import as_table
@@ -80,13 +80,9 @@ class Estimator:
     gate_sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = 5.0
     restart_after: Annotated[int, partial(whole, least=0, most=1_000_000)] = 20
     restart_velocity_sigma_m_s: Annotated[float, partial(_above, unit='m/s')] = 1.0
-    mass_kg: Annotated[float, partial(_least, unit='kg')] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = field(
-        default=-1, metadata=UNLESS_DEFAULT
-    )
-    compensate: Annotated[bool, flag] = field(default=False, metadata=UNLESS_DEFAULT)
+    mass_kg: Annotated[float, partial(_least, unit='kg')] = unless_default(0.0)
+    delay_ticks: Annotated[int, partial(whole, least=-1, most=1000)] = unless_default(-1)
+    compensate: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -66,7 +66,7 @@ class Seen(NamedTuple):
     reference : (6,) [m, m/s], empty without guidance
     sigma_m, sigma_m_s : of the estimate, 0.0 without an estimator
     intervened : whether the filter changed the command of the tick before
-    acting_n : (3,) force [N] that the chaser had since the tick before, as far as is known
+    applied_n : (3,) force [N] that the chaser had since the tick before, as far as is known
     enclosed : whether the chaser is inside the corridor
     guard : numbers of the filter, with the errors that the estimate has now
     """
@@ -77,7 +77,7 @@ class Seen(NamedTuple):
     sigma_m: float
     sigma_m_s: float
     intervened: bool
-    acting_n: Vector
+    applied_n: Vector
     enclosed: bool
     guard: Guard
 
@@ -238,7 +238,7 @@ class AbortMachine:
     def _unexplained_n(self, seen: Seen) -> float:
         if self._before is None:
             return 0.0
-        expected = cw_step(self._before, seen.acting_n, self._step)
+        expected = cw_step(self._before, seen.applied_n, self._step)
         change = [a - b for a, b in zip(seen.state[3:], expected[3:], strict=True)]
         return norm(*change) * self.guard.mass_kg / self._dt_s
 

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.chain.stage import Place, section_of
-from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import unless_default
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, check_fields, choice, flag, real, vector3, whole
 from rpo_core.kernels import Vector
@@ -78,7 +78,7 @@ class AbortTable:
 
     table: tuple[Row, ...]
     armed: Annotated[bool, flag] = True
-    retreat_m: Annotated[Vector | None, _retreat] = field(default=None, metadata=UNLESS_DEFAULT)
+    retreat_m: Annotated[Vector | None, _retreat] = unless_default(None)
     hold_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)] = 120.0
     drag_m_s2: Annotated[float, partial(real, unit='m/s^2', least=0.0, most=1.0)] = 1.2e-6
     stuck_s: Annotated[float, partial(real, unit='s', least=0.0, most=1e3)] = 30.0

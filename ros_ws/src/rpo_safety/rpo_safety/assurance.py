@@ -136,7 +136,7 @@ class AssuranceStage(Stage):
         """Forget the forces on their way: a flight begins."""
         self._line: deque[Vector] = deque([ZERO] * self.delay_ticks)
         self._last: Vector = ZERO
-        self._acting: Vector = ZERO  # what the chaser got in the tick before
+        self._applied: Vector = ZERO  # what the chaser got in the tick before
         self._mode = UNKNOWN
         self._level = 0
         self.decision: Decision | None = None
@@ -203,7 +203,7 @@ class AssuranceStage(Stage):
         force = (fx, fy, fz)
         if self.abort is not None:
             self.abort.spend(force)
-            self._acting = self._line[0] if self.delay_ticks else force
+            self._applied = self._line[0] if self.delay_ticks else force
         if self.memory_ticks is None:
             self._mode, self._last = mode, force
             if self.delay_ticks:
@@ -241,7 +241,7 @@ class AssuranceStage(Stage):
         missed = machine.missed(tick)
         seen = Seen(
             inputs[0], state, () if missed else reference, *sigmas,
-            decision is not None and bool(decision.constraint), self._acting, enclosed, self.guard,
+            decision is not None and bool(decision.constraint), self._applied, enclosed, self.guard,
         )  # fmt: skip
         own = machine.step(tick, seen)
         return ZERO if own is None and missed else own

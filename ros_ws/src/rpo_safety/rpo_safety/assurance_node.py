@@ -37,7 +37,7 @@ class AssuranceNode(PlaceNode):
     what = ('assuring', 'runtime assurance')
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        self._acting = ''
+        self._constraint = ''
         self._decision: Decision | None = None
         self.interventions = 0
         self._stage: AssuranceStage | None = None
@@ -55,7 +55,7 @@ class AssuranceNode(PlaceNode):
 
     def new_run(self) -> None:
         """Forget the run before."""
-        self._acting, self._decision = '', None
+        self._constraint, self._decision = '', None
         self.interventions, self._said = 0, 0
         super().new_run()
 
@@ -84,9 +84,9 @@ class AssuranceNode(PlaceNode):
 
     def _publish(self, decision: Decision) -> None:
         self._decision = decision
-        if decision.constraint == self._acting:
+        if decision.constraint == self._constraint:
             return
-        self._acting = decision.constraint
+        self._constraint = decision.constraint
         self.interventions += bool(decision.constraint)
         level = health.WARN if decision.constraint else health.OK
         self._status.publish(

@@ -6,14 +6,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files import codec
-from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import unless_default
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, check_fields, choice, real
+from rpo_core.files.validation import InputError, check_fields, choice, optional, real
 from rpo_core.judge.requirements import DIRECTIONS
 from rpo_core.judge.zones import Cone, Zone, Zones, along_and_across, tangent
 from rpo_core.world.disturbance import MAX_FORCE_N
@@ -24,14 +24,6 @@ FILTERS = (LEAST_CHANGE, SIMPLEX)
 
 _metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_M)
 _speed = partial(real, unit='m/s', least=0.0, most=1e3)
-
-
-def _optional(name: str, value: Any, unit: str, most: float) -> float | None:
-    return None if value is None else real(name, value, unit, least=0.0, most=most)
-
-
-def _positive(name: str, value: Any, unit: str, most: float) -> float | None:
-    return None if value is None else real(name, value, unit, above=0.0, most=most)
 
 
 @dataclass(frozen=True)
@@ -111,8 +103,12 @@ def _corridor_of(name: str, value: Any) -> Passage | None:
     return codec.from_mapping(Passage, name, value)
 
 
-_some_metres = partial(_optional, unit='m', most=MAX_POSITION_M)
-_some_speed = partial(_optional, unit='m/s', most=1e3)
+Metres = Annotated[float | None, partial(optional, unit='m', least=0.0, most=MAX_POSITION_M)]
+MetresPerSecond = Annotated[float | None, partial(optional, unit='m/s', least=0.0, most=1e3)]
+Newtons = Annotated[float | None, partial(optional, unit='N', least=0.0, most=MAX_FORCE_N)]
+Slew = Annotated[float | None, partial(optional, unit='N/s', above=0.0, most=MAX_FORCE_N)]
+Share = Annotated[float | None, partial(optional, least=0.0, most=1.0)]
+Kilograms = Annotated[float | None, partial(optional, unit='kg', above=0.0, most=1e6)]
 
 
 @dataclass(frozen=True)
@@ -121,9 +117,8 @@ class Assurance:
 
     filter : the command with the least change, or the backup law where it would break a limit
     speed : preset or own limit of the speed by range
-    keep_out_m : radius of the sphere about the target; 0: none
-    corridor : the way in; None: there is none
-    Both are as in section `zones`, where the section does not have their fields
+    keep_out_m : radius of the sphere about the target, as in section `zones`; 0: none
+    corridor : the way in, as in section `zones`; None: there is none
     slew_n_s : largest change of an axis per second, kept as long as the sets allow it; None: any
     position_error_m, velocity_error_m_s : largest norm of the error of the state that it sees
     disturbance_n : largest norm of the force from outside
@@ -139,30 +134,16 @@ class Assurance:
     filter: Annotated[str, partial(choice, known=FILTERS)] = LEAST_CHANGE
     speed: Annotated[Any, _speed_of] = 'sqrt'
     keep_out_m: Annotated[float, _metres] = 0.0
-    corridor: Annotated[Any, _corridor_of] = field(default=None, metadata=UNLESS_DEFAULT)
-    slew_n_s: Annotated[float | None, partial(_positive, unit='N/s', most=MAX_FORCE_N)] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    position_error_m: Annotated[float | None, _some_metres] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    velocity_error_m_s: Annotated[float | None, _some_speed] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    disturbance_n: Annotated[float | None, partial(_optional, unit='N', most=MAX_FORCE_N)] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    thrust_error: Annotated[float | None, partial(_optional, unit='', most=1.0)] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
+    corridor: Annotated[Any, _corridor_of] = unless_default(None)
+    slew_n_s: Slew = unless_default(None)
+    position_error_m: Metres = unless_default(None)
+    velocity_error_m_s: MetresPerSecond = unless_default(None)
+    disturbance_n: Newtons = unless_default(None)
+    thrust_error: Share = unless_default(None)
     domain_m: Annotated[float, partial(real, unit='m', above=0.0, most=1e5)] = 500.0
-    mass_kg: Annotated[float | None, partial(_positive, unit='kg', most=1e6)] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    abort: AbortTable | None = field(default=None, metadata=UNLESS_DEFAULT)
+    mass_kg: Kilograms = unless_default(None)
+    sigmas: Annotated[float, partial(real, least=0.0, most=100.0)] = unless_default(0.0)
+    abort: AbortTable | None = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -195,22 +176,25 @@ class Assurance:
     def of_zones(document: Any, zones: Zones) -> Mapping[str, Any]:
         """Return the fields that are as the zones of the scenario, unless the section has them.
 
-        Raises InputError where the corridor is not along an axis of LVLH from the target.
+        Raises InputError where it needs their corridor, and that is along no axis of LVLH.
         """
         found: dict[str, Any] = {'keep_out_m': zones.keep_out_m}
-        if not isinstance(document, Mapping) or document.get('corridor') is None:
+        own = document.get('corridor') if isinstance(document, Mapping) else None
+        if not isinstance(own, Mapping):
             return found
         corridor = zones.corridor
-        along, (x, y, z) = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
-        if not corridor.from_m or not corridor.along or any((x, y, z)):
-            raise InputError(
-                '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
-                f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
-            )
-        found['corridor'] = {
+        along, off = along_and_across(zones.port_m, (0.0, 0.0, 0.0), corridor.ahead)
+        known = {
             'along': corridor.along,
             'half_angle_deg': corridor.half_angle_deg,
             'port_m': along,
             'outer_m': corridor.from_m,
         }
+        if corridor.from_m and corridor.along and not any(off):
+            found['corridor'] = known
+        elif known.keys() - own.keys():
+            raise InputError(
+                '`assurance.corridor` needs a `zones.corridor` with `from_m`, along an axis of '
+                f'LVLH through the target and `port_m`; got {corridor!r}, {list(zones.port_m)!r}'
+            )
         return found

@@ -77,7 +77,7 @@ class RecorderWatch:
         known.timeout.broken()
         if known.says == FAILED:
             self._why = status.reason
-        if status.asks_from is not None and not of_another:
+        if status.asks_from is not None and known.says in (READY, WAITING):
             self._on_asked(status.asks_from)
         if status.next_tick is not None:
             known.next_tick = status.next_tick

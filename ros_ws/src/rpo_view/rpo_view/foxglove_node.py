@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_log.format import schemas
+from rpo_log.format import rosbag2
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode
@@ -92,7 +92,7 @@ class FoxgloveNode(FlightNode):
 
     def _channel(self, name: str, kind: type) -> Any:
         type_name = f'{kind.__module__.split(".", 1)[0]}/msg/{kind.__name__}'
-        text = schemas.definition(type_name).text.encode()
+        text = rosbag2.definition(type_name).text.encode()
         return foxglove.Channel(
             self.resolve_topic_name(name),
             message_encoding='cdr',

@@ -160,15 +160,15 @@ def fly(
     """
     chain = Chain.of(scenario, controller, more)
     chain.reset()
-    kept: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
+    values_of: dict[str, list[Signal]] = {name: [] for name in chain.outputs}
     signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
     for tick in range(scenario.ticks + 1):
-        kept[RELATIVE_STATE].append(signals[RELATIVE_STATE])
+        values_of[RELATIVE_STATE].append(signals[RELATIVE_STATE])
         chain.step(tick, signals)
-        for name, values in kept.items():
+        for name, values in values_of.items():
             if name != RELATIVE_STATE:
                 values.append(signals[name])
-    arrays = {name: np.array(values) for name, values in kept.items()}
+    arrays = {name: np.array(values) for name, values in values_of.items()}
     disturbances = arrays.pop(DISTURBANCE_FORCE, None)
     return Flight(
         scenario,

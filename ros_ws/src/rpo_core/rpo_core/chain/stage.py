@@ -29,7 +29,7 @@ ZERO = (0.0, 0.0, 0.0)
 """No force."""
 
 WITHOUT_COMMAND = 'without_command'
-"""What a stage is told (`take_event`), and `stage_status` says, of a tick at which an input did not
+"""What a stage gets (`take_event`), and `stage_status` says, of a tick at which an input did not
 come in time; it took zero for it."""
 
 
@@ -56,7 +56,7 @@ class Stage:
         PREVIOUS_COMMAND
     outputs : names of signals, each a row of `rpo_core.wire.interfaces`
     may_miss : those of `inputs` without which it goes on; see `goes_without`
-    decides : states that `stage_status` says of its decisions; see `told`
+    decides : states that `stage_status` says of its decisions; see `decided`
     memory_ticks : how many earlier ticks the outputs depend on; None: all
     counts_ticks : whether the outputs depend on the number of the tick
     """

@@ -10,15 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from contextlib import nullcontext
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, field, fields, is_dataclass
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from rpo_core.files.validation import InputError, mapping, shown, within
 
 Record = TypeVar('Record')
 
-UNLESS_DEFAULT = {'written': 'unless it is the default'}
-"""Metadata of a field that `to_mapping` leaves out where it has its default."""
+
+def unless_default(default: Any) -> Any:
+    """Return a field of a dataclass that `to_mapping` leaves out where it has its default."""
+    return field(default=default, metadata={'written': 'unless it is the default'})
 
 
 def from_mapping(

@@ -138,6 +138,11 @@ def _number_hint(value: Any) -> str:
     return '; without the quotes it is a number'
 
 
+def optional(name: str, value: Any, check: Callable[..., Any] = real, **limits: Any) -> Any:
+    """Return what a check returns, None of None; raises InputError."""
+    return None if value is None else check(name, value, **limits)
+
+
 def whole(name: str, value: Any, *, least: int, most: int | None = None) -> int:
     """Return an int within [least, most]; raises InputError."""
     inside = (

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Annotated, Any
 
 from rpo_core.files import codec
-from rpo_core.files.validation import InputError, check_fields, choice, mapping, real
+from rpo_core.files.validation import InputError, check_fields, choice, mapping, optional, real
 from rpo_core.judge.zones import Zones
 
 DIRECTIONS = ('+x', '-x', '+y', '-y', '+z', '-z')
@@ -115,30 +115,17 @@ _BESIDE = {
 def _limit(name: str, value: Any) -> float | None:
     """Return a limit >= 0, None where there is none."""
     unit = '' if ROWS[name].share else ROWS[name].unit
-    return None if value is None else real(name, value, unit, least=0.0, most=1e9)
-
-
-def _some(name: str, value: Any, unit: str, above: float | None = None) -> float | None:
-    """Return a setting >= 0, or > `above`; None where there is none."""
-    if value is None:
-        return None
-    least = 0.0 if above is None else None
-    return real(name, value, unit, least=least, above=above, most=1e9)
-
-
-def _angle(name: str, value: Any) -> float | None:
-    return None if value is None else real(name, value, 'deg', above=0.0, most=60.0)
-
-
-def _direction(name: str, value: Any) -> str | None:
-    return None if value is None else choice(name, value, DIRECTIONS)
+    number: float | None = optional(name, value, unit=unit, least=0.0, most=1e9)
+    return number
 
 
 Limit = Annotated[float | None, _limit]
-Metres = Annotated[float | None, partial(_some, unit='m')]
-SomeMetres = Annotated[float | None, partial(_some, unit='m', above=0.0)]
-MetresPerSecond = Annotated[float | None, partial(_some, unit='m/s')]
-Seconds = Annotated[float | None, partial(_some, unit='s')]
+Metres = Annotated[float | None, partial(optional, unit='m', least=0.0, most=1e9)]
+SomeMetres = Annotated[float | None, partial(optional, unit='m', above=0.0, most=1e9)]
+MetresPerSecond = Annotated[float | None, partial(optional, unit='m/s', least=0.0, most=1e9)]
+Seconds = Annotated[float | None, partial(optional, unit='s', least=0.0, most=1e9)]
+Direction = Annotated[str | None, partial(optional, check=choice, known=DIRECTIONS)]
+Angle = Annotated[float | None, partial(optional, unit='deg', above=0.0, most=60.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,12 +168,12 @@ class Requirements:
     arrival_error_per_axis_m: Metres = None
     arrival_error_norm_m: Metres = None
     contact_range_m: SomeMetres = None
-    contact_axis: Annotated[str | None, _direction] = None
+    contact_axis: Direction = None
     contact_least_closing_speed_m_s: MetresPerSecond = None
     contact_closing_speed_m_s: Limit = None
     contact_lateral_speed_m_s: Limit = None
     keep_out_m: SomeMetres = None
-    corridor_half_angle_deg: Annotated[float | None, _angle] = None
+    corridor_half_angle_deg: Angle = None
     keep_out_depth_m: Limit = None
     slew_per_axis_n_s: Limit = None
     energy_n2s: Limit = None

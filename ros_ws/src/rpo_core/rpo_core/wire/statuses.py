@@ -293,7 +293,9 @@ class PlantTick:
         run, tick = text('run', _given(values, 'run')), _tick(values)
         taken = {name: found for name, found in values.items() if name not in ('run', 'tick')}
         for name, found in taken.items():
-            columns = interfaces.row_of(choice('signal', name, interfaces.table())).columns
+            if name not in interfaces.table():
+                raise InputError(f'{shown(name)} is no signal')
+            columns = interfaces.row_of(name).columns
             numbers = found.split()
             if numbers and len(numbers) != len(columns):
                 raise InputError(f'{quoted(name)} must have {len(columns)} numbers; got {found!r}')

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files import codec
-from rpo_core.files.codec import UNLESS_DEFAULT
-from rpo_core.files.validation import InputError, check_fields, real, shown
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import InputError, check_fields, optional, real, shown
 from rpo_core.kernels import CwStep, Vector, sin_cos
 
 MU_EARTH_M3_S2 = 3.986004418e14
@@ -35,8 +35,7 @@ TickLength = Annotated[float, partial(real, unit='s', least=1e-6, most=1e3)]
 """Annotations of the fields of a dataclass, see `rpo_core.files.validation.check_fields`."""
 
 
-def _equatorial_radius(name: str, value: Any) -> float | None:
-    return None if value is None else real(name, value, 'm', above=0.0, most=MAX_ORBIT_RADIUS_M)
+_some_radius = partial(optional, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,8 @@ class Body:
 
     mu_m3_s2: Annotated[float, partial(real, unit='m^3/s^2', above=0.0, most=1e21)]
     radius_m: Annotated[float, partial(real, unit='m', above=0.0, most=MAX_ORBIT_RADIUS_M)]
-    j2: Annotated[float, partial(real, least=0.0, most=0.1)] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    equatorial_radius_m: Annotated[float | None, _equatorial_radius] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
+    j2: Annotated[float, partial(real, least=0.0, most=0.1)] = unless_default(0.0)
+    equatorial_radius_m: Annotated[float | None, _some_radius] = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -11,7 +11,7 @@ them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import lru_cache, partial
 from threading import Lock
 from typing import Annotated, Any
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from rpo_core import kernels
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
-from rpo_core.files.codec import UNLESS_DEFAULT
-from rpo_core.files.validation import InputError, check_fields, choice, flag, real
+from rpo_core.files.codec import unless_default
+from rpo_core.files.validation import InputError, check_fields, choice, flag, optional, real
 from rpo_core.kernels import State, orbit_kernels, sin_cos
 from rpo_core.kernels.jit import as_table
 from rpo_core.kernels.orbit_kernels import Environment
@@ -45,13 +45,9 @@ _BLOCK_STEPS = 2048
 """Steps of the target's orbit that are computed at a time, so that memory stays flat."""
 
 
-def _optional(name: str, value: Any, **limits: Any) -> float | None:
-    return None if value is None else real(name, value, **limits)
-
-
 _ballistic = partial(real, unit='kg/m^2', least=1e-3, most=1e6)
 _angle = partial(real, unit='deg', least=-360.0, most=360.0)
-_inclination = partial(_optional, unit='deg', least=0.0, most=180.0)
+_inclination = partial(optional, unit='deg', least=0.0, most=180.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,14 +64,14 @@ class Drag:
     density_kg_m3: Annotated[float, partial(real, unit='kg/m^3', least=0.0, most=1e-6)]
     target_ballistic_coefficient_kg_m2: Annotated[float, _ballistic]
     chaser_ballistic_coefficient_kg_m2: Annotated[float, _ballistic]
-    scale_height_m: Annotated[float | None, partial(_optional, unit='m', least=100.0, most=1e7)] = (
-        field(default=None, metadata=UNLESS_DEFAULT)
+    scale_height_m: Annotated[float | None, partial(optional, unit='m', least=100.0, most=1e7)] = (
+        unless_default(None)
     )
     density_radius_m: Annotated[
-        float | None, partial(_optional, unit='m', above=0.0, most=cw.MAX_ORBIT_RADIUS_M)
-    ] = field(default=None, metadata=UNLESS_DEFAULT)
+        float | None, partial(optional, unit='m', above=0.0, most=cw.MAX_ORBIT_RADIUS_M)
+    ] = unless_default(None)
     atmosphere_rate_rad_s: Annotated[float, partial(real, unit='rad/s', least=-1e-2, most=1e-2)] = (
-        field(default=0.0, metadata=UNLESS_DEFAULT)
+        unless_default(0.0)
     )
 
     def __post_init__(self) -> None:
@@ -96,18 +92,12 @@ class Dynamics:
     """
 
     kind: Annotated[str, partial(choice, known=KINDS)]
-    eccentricity: Annotated[float, partial(real, least=0.0, below=1.0)] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    true_anomaly_deg: Annotated[float, _angle] = field(default=0.0, metadata=UNLESS_DEFAULT)
-    argument_of_periapsis_deg: Annotated[float, _angle] = field(
-        default=0.0, metadata=UNLESS_DEFAULT
-    )
-    inclination_deg: Annotated[float | None, _inclination] = field(
-        default=None, metadata=UNLESS_DEFAULT
-    )
-    j2: Annotated[bool, flag] = field(default=False, metadata=UNLESS_DEFAULT)
-    drag: Drag | None = field(default=None, metadata=UNLESS_DEFAULT)
+    eccentricity: Annotated[float, partial(real, least=0.0, below=1.0)] = unless_default(0.0)
+    true_anomaly_deg: Annotated[float, _angle] = unless_default(0.0)
+    argument_of_periapsis_deg: Annotated[float, _angle] = unless_default(0.0)
+    inclination_deg: Annotated[float | None, _inclination] = unless_default(None)
+    j2: Annotated[bool, flag] = unless_default(False)
+    drag: Drag | None = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rpo_core import kernels
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
-from rpo_core.files.codec import UNLESS_DEFAULT
+from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
     InputError,
     check_fields,
@@ -84,9 +84,9 @@ class Failure:
 
     thruster: Annotated[str, partial(choice, known=[*valve_names(6), *valve_names(12)])]
     stuck: Annotated[str, partial(choice, known=('off', 'on'))]
-    from_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
-    until_s: Annotated[float, _time] = field(default=_NEVER_S, metadata=UNLESS_DEFAULT)
-    known: Annotated[bool, flag] = field(default=False, metadata=UNLESS_DEFAULT)
+    from_s: Annotated[float, _time] = unless_default(0.0)
+    until_s: Annotated[float, _time] = unless_default(_NEVER_S)
+    known: Annotated[bool, flag] = unless_default(False)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -121,11 +121,11 @@ class Pulses:
     count: Annotated[int, _count]
     modulation: Annotated[str, partial(choice, known=MODULATIONS)]
     minimum_on_time_s: Annotated[float, _time]
-    on_time_quantum_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
-    dead_time_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
-    rise_time_s: Annotated[float, _time] = field(default=0.0, metadata=UNLESS_DEFAULT)
-    errors: tuple[ThrusterError, ...] = field(default=(), metadata=UNLESS_DEFAULT)
-    failures: tuple[Failure, ...] = field(default=(), metadata=UNLESS_DEFAULT)
+    on_time_quantum_s: Annotated[float, _time] = unless_default(0.0)
+    dead_time_s: Annotated[float, _time] = unless_default(0.0)
+    rise_time_s: Annotated[float, _time] = unless_default(0.0)
+    errors: tuple[ThrusterError, ...] = unless_default(())
+    failures: tuple[Failure, ...] = unless_default(())
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -162,8 +162,8 @@ class Thrusters:
 
     matrix: Annotated[tuple[Vector, Vector, Vector], _matrix] = IDENTITY
     delay_ticks: Annotated[int, partial(whole, least=0, most=MAX_DELAY_TICKS)] = 0
-    pulses: Pulses | None = field(default=None, metadata=UNLESS_DEFAULT)
-    propellant: Propellant | None = field(default=None, metadata=UNLESS_DEFAULT)
+    pulses: Pulses | None = unless_default(None)
+    propellant: Propellant | None = unless_default(None)
 
     def __post_init__(self) -> None:
         check_fields(self)

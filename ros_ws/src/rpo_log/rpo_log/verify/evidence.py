@@ -11,8 +11,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
 from rpo_log import signature
 from rpo_log.errors import Fault, LogError, read_at_most
-from rpo_log.format import rosbag2, schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.rosbag2 import BagFile, BagTopic
 from rpo_log.format.run import (
     CONTROLLER,
@@ -46,7 +46,7 @@ from rpo_log.format.sums import Digests
 from rpo_log.read.records import FileRecords
 from rpo_log.read.run_log import messages_of, parameters_of
 from rpo_log.read.stream import RunReader
-from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import Difference, Verification
 from rpo_log.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
 
@@ -86,14 +86,10 @@ class Evidence:
         self._forms = {path: Form(path, most) for path in reader.files}
         reader.witness = lambda path, record: self._forms[path].take(record)
         self._gaps: list[str] = []
-        self._faults: tuple[str, ...] = ()
-        self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._recomputed: list[str] = []
-        self._digested: tuple[str, ...] = ()
         self._unknown: list[str] = []
-        self._premises: dict[str, str] = {}
-        self._signed_by: str | None = None
-        self._signed: Mapping[str, str] = {}
+        self._read: dict[str, str] = {}  # digests of the files that were read, by name
+        self._found = Verification(reader.path, 0, None, ())
 
     def of_log(self, statuses: Statuses, free: bool) -> None:
         """Judge run_status, and the records of the log that are not messages."""
@@ -102,8 +98,8 @@ class Evidence:
         if free:
             self._unknown.append('when forces came')
         carried = self._reader.attachments
-        self._premises = {name: _sha256(data) for name, data in sorted(carried.items())}
-        self._premises['events'] = statuses.said
+        premises = {name: _sha256(data) for name, data in sorted(carried.items())}
+        self._found = replace(self._found, premises={**premises, 'events': statuses.said})
         self._unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
         if self._reader.damage:
             return
@@ -137,9 +133,9 @@ class Evidence:
         logs = {path.name: digest for path, digest in self._reader.digests.items()}
         self._read.update(logs)
         digests = Digests.of(folder, self._read)
-        self._faults = digests.faults
         proven = {*self._recomputed, *logs}
-        self._digested = tuple(name for name in digests.matched if name not in proven)
+        matched = tuple(name for name in digests.matched if name not in proven)
+        self._found = replace(self._found, faults=digests.faults, digested=matched)
         self._unknown += [name for name in digests.unlisted if name not in proven]
         self._unknown += [f'{name} {what}' for name, what in digests.others.items()]
         self._judge_signature(folder, trusted, digests)
@@ -159,7 +155,7 @@ class Evidence:
         elif unsigned:
             self._gaps.append(f'{signer} has not signed {unsigned}: {SUMS_FILE} does not list it')
         elif not digests.faults:
-            self._signed_by, self._signed = signer, digests.matched
+            self._found = replace(self._found, signed_by=signer, signed=digests.matched)
 
     def _take(self, gap: str, what: str) -> None:
         if gap:
@@ -176,10 +172,10 @@ class Evidence:
         controllers: tuple[str, ...],
     ) -> Verification:
         """Return all of it as the outcome of a flight without difference."""
-        return Verification(
-            self._reader.path, ticks, None, (*gaps, *self._gaps), free, stages, self._faults,
-            tuple(self._recomputed), self._digested, tuple(self._unknown), self._premises,
-            self._signed_by, self._signed, controllers,
+        return replace(
+            self._found, ticks=ticks, gaps=(*gaps, *self._gaps), free_running=free, stages=stages,
+            recomputed=tuple(self._recomputed), unknown=tuple(self._unknown),
+            controllers=controllers,
         )  # fmt: skip
 
 
@@ -278,7 +274,7 @@ def declarations(topics: Sequence[BagTopic]) -> Iterator[McapRecord]:
     for channel, topic in enumerate(topics, 1):
         if topic.type not in numbers:
             numbers[topic.type] = len(numbers) + 1
-            text = schemas.definition(topic.type).text
+            text = rosbag2.definition(topic.type).text
             yield Schema(numbers[topic.type], text.encode(), 'ros2msg', topic.type)
         yield Channel(channel, topic.name, 'cdr', topic.channel_metadata, numbers[topic.type])
 

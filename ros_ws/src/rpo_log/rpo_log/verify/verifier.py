@@ -55,7 +55,7 @@ from rpo_log.verify.recomputation import (
     events_ahead,
     held_ticks,
 )
-from rpo_log.verify.statuses import Statuses
+from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import (
     APPLIED,
     REST,

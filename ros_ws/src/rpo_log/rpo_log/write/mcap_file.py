@@ -13,7 +13,7 @@ from typing import IO, Any, cast
 from mcap.writer import CompressionType, Writer
 
 from rpo_log.errors import Fault, LogError, exists
-from rpo_log.format import rosbag2, schemas
+from rpo_log.format import rosbag2
 from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
 from rpo_log.topics import Topic
 
@@ -119,7 +119,7 @@ class McapFile:
     def add_topic(self, topic: rosbag2.BagTopic) -> int:
         """Return the id of a new channel for a topic of an installed type; raises LogError."""
         if topic.type not in self._schemas:
-            text = schemas.definition(topic.type).text
+            text = rosbag2.definition(topic.type).text
             self._schemas[topic.type] = self.add_schema(topic.type, text.encode())
         return self.add_channel(topic.name, self._schemas[topic.type], topic.channel_metadata)
 

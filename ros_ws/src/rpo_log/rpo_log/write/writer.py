@@ -10,13 +10,15 @@ wall clock; the wall clock only paces `fsync`, about once a second, in case the 
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
-from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS
+from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS, row_of
 from rpo_core.wire.statuses import numbers_text
 from rpo_log import topics
 from rpo_log.errors import LogError, cannot_write
@@ -74,10 +76,10 @@ class RunLogWriter:
         self.ignored: Counter[str] = Counter()
         self._closed = False
         self._synced_s = time.monotonic()
-        signals = [topic.signal for topic in self.topics]
-        self._status = signals.index(RUN_STATUS) if RUN_STATUS in signals else None
+        self._index = {topic.signal: index for index, topic in enumerate(self.topics)}
+        self._status = self._index.get(RUN_STATUS)
         events = frozenset(i for i, topic in enumerate(self.topics) if topic.is_event)
-        leader = signals.index(RELATIVE_STATE) if RELATIVE_STATE in signals else 0
+        leader = self._index.get(RELATIVE_STATE, 0)
         plain = frozenset(i for i, topic in enumerate(self.topics) if not topic.row.columns)
         self._orderer = TickOrderer(
             len(self.topics), events, self._status, self._write_tick, leader, plain, self._read
@@ -99,8 +101,8 @@ class RunLogWriter:
 
     def report(self, tick: int, taken: Mapping[str, str]) -> None:
         """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
-        signals = {topic.signal: index for index, topic in enumerate(self.topics)}
-        by_index = {signals[name]: text for name, text in taken.items() if name in signals}
+        index = self._index
+        by_index = {index[name]: text for name, text in taken.items() if name in index}
         try:
             if self.failure is None and not self._closed:
                 self._orderer.report(tick, by_index)
@@ -176,9 +178,8 @@ class RunLogWriter:
     def _drop(self, data: bytes) -> None:
         """Expect no more of the topics that the plant goes on without."""
         for signal, tick in topics.dropped(cdr.decode_status(data)).items():
-            for index, topic in enumerate(self.topics):
-                if topic.signal == signal:
-                    self._orderer.drop(index, tick)
+            if signal in self._index:
+                self._orderer.drop(self._index[signal], tick)
 
     def close(self) -> RunSummary:
         """End the log and return what it holds; never raises."""
@@ -212,8 +213,8 @@ class RunLogWriter:
 
     def messages(self, signal: str, tick: int) -> Sequence[bytes]:
         """Return the different messages of a signal at a tick, if they came not long ago."""
-        signals = [topic.signal for topic in self.topics]
-        return self._orderer.messages(signals.index(signal), tick) if signal in signals else ()
+        index = self._index.get(signal)
+        return self._orderer.messages(index, tick) if index is not None else ()
 
     @property
     def next_tick(self) -> int:
@@ -227,22 +228,16 @@ class RunLogWriter:
         due = {topic.name for topic in self.topics if topics.is_due(topic, self.topics)}
         logged = self._logged()
         taken = sum(c.written for c in counts.values()) + self._orderer.waiting
+        owed = {name: count for name, count in counts.items() if name in due}
         return RunSummary(
             files=tuple(entry.path for entry, _ in self._files()),
             messages=dict(zip(counts, logged, strict=True)),
-            missing={
-                name: (c.missing, c.first_missing or 0)
-                for name, c in counts.items()
-                if c.missing and name in due
-            },
+            missing={n: (c.missing, c.first_missing or 0) for n, c in owed.items() if c.missing},
             duplicates={name: c.duplicates for name, c in counts.items() if c.duplicates},
             conflicts={name: c.conflicts for name, c in counts.items() if c.conflicts},
-            late={name: c.late for name, c in counts.items() if c.late and name in due},
+            late={name: c.late for name, c in owed.items() if c.late},
             foreign=self._foreign,
-            ignored={
-                **self.ignored,
-                **{name: c.ignored for name, c in counts.items() if c.ignored},
-            },
+            ignored={**self.ignored, **{n: c.ignored for n, c in counts.items() if c.ignored}},
             lost=self._unwanted + (taken - sum(logged) if self.failure else 0),
             failure=self.failure,
         )
@@ -290,3 +285,75 @@ def _tick_of_event(data: bytes) -> int:
     except cdr.CdrError:
         return -1
     return -1 if tick is None else tick
+
+
+PHASES = ('running', 'finished', 'aborted')
+"""Phases that a log holds."""
+
+_MOST_CLAIMS = 1000
+
+
+def is_of_the_run(status: cdr.Status, log: RunLogWriter, scenario: Scenario | None) -> bool | None:
+    """Return whether a run_status fits the states of a log; None as long as its state is ahead.
+
+    Its distance and speed must be those of the state of its tick; a run ends in its newest state.
+    """
+    values, tick = dict(status.values), topics.tick_of(status)
+    if tick is None or tick > log.base.last_tick:
+        return False
+    if values.get('phase') == 'finished' and tick < log.base.last_tick:
+        return False
+    if tick > max(log.latest, 0):
+        return None
+    # One later: somebody else may have published a state that nothing contradicts any more.
+    if values.get('phase') != 'running' and tick < log.latest - 1:
+        return False
+    states = _states(tick, log, scenario)
+    if not states:
+        return tick >= log.latest
+    return any(
+        _same(values, 'distance_m', state[:3]) and _same(values, 'speed_m_s', state[3:])
+        for state in states
+    )
+
+
+def _states(tick: int, log: RunLogWriter, scenario: Scenario | None) -> list[tuple[float, ...]]:
+    """Return the state of a tick, or those published if they differ; none if it is forgotten."""
+    if tick == 0 and scenario is not None:
+        return [tuple(map(float, scenario.start))]
+    layout = row_of(RELATIVE_STATE).layout
+    return [layout.decode(data)[1] for data in log.messages(RELATIVE_STATE, tick)]
+
+
+def _same(values: Mapping[str, str], name: str, vector: tuple[float, ...]) -> bool:
+    try:
+        return math.isclose(float(values.get(name, '')), math.hypot(*vector), rel_tol=1e-9)
+    except ValueError:
+        return False
+
+
+class Claims:
+    """Each run_status that was heard, until its state shows whether it is of the run."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def take(self, data: bytes) -> None:
+        """Take the CDR of a run_status."""
+        if len(self._waiting) < _MOST_CLAIMS:
+            self._waiting.append((time.monotonic(), data))
+
+    def weigh(
+        self, log: RunLogWriter, scenario: Scenario | None, patience_s: float
+    ) -> Iterator[tuple[bytes, bool]]:
+        """Yield those that are decided, and whether they are of the run.
+
+        patience_s : wall time after which the state of a status is waited for no more
+        """
+        waiting, self._waiting = self._waiting, []
+        for moment, data in waiting:
+            fits = is_of_the_run(cdr.decode_status(data), log, scenario)
+            if fits is None and time.monotonic() - moment < patience_s:
+                self._waiting.append((moment, data))
+            else:
+                yield data, bool(fits)

@@ -1,0 +1,23 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is dear to make and many tests read: small proofs, once a session. Nobody changes them."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.fixture(scope='session')
+def sound(tmp_path_factory):
+    """The folder of a proof of a few cells, all of whose claims are proven."""
+    from proofs import small_proof
+
+    return small_proof(tmp_path_factory.mktemp('sound') / 'proof')
+
+
+@pytest.fixture(scope='session')
+def proofs(tmp_path_factory):
+    """A small proof of each kind; one claim of the first is refuted."""
+    from tools.mutate_proofs import KINDS, proof_of
+
+    return {kind: proof_of(kind, tmp_path_factory.mktemp(kind) / 'proof') for kind in KINDS}
