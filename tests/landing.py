@@ -62,6 +62,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if hasattr(terminalreporter.config, 'workerinput'):
+        return  # who started the workers knows what all of them ran
     before, now = record(), {}
     terminalreporter.section('slow tests of this landing: last run, time now')
     for report in terminalreporter.stats.get('passed', []):
