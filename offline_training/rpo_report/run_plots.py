@@ -128,16 +128,15 @@ def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
     if zones.corridor is not None:
         away = np.linalg.norm(flight.positions_m - np.array(zones.corridor.tip_m), axis=1)
         until = int(np.argmax(away <= AT_PORT_M)) if (away <= AT_PORT_M).any() else until
-    positions = [tuple(position) for position in flight.positions_m[:until].tolist()]
     distance = np.linalg.norm(flight.positions_m[:until], axis=1)
     before = ' before the port' if until < len(flight.states) else ''
     found = [(f'least distance to the target{before}', f'{distance.min():.4g} m')]
     if not zones.keep_out_m:
         return found
     name = f'the keep-out sphere of {zones.keep_out_m:g} m'
-    outside = [zones.violated(position) for position in positions]
+    outside = zones.depths_m(flight.positions_m[:until]) > 0.0
     where = ' outside the corridor' if zones.corridor is not None else ''
-    broken = f'{sum(outside)} of {len(outside)}' if any(outside) else 'none'
+    broken = f'{outside.sum()} of {len(outside)}' if outside.any() else 'none'
     found.append((f'ticks in {name}{where}', broken))
     inside = np.flatnonzero(distance < zones.keep_out_m)
     if not inside.size:
@@ -148,7 +147,8 @@ def zone_passage(flight: Flight, zones: Zone) -> list[tuple[str, str]]:
         ('closing speed at the entry', f'{_closing_m_s(flight, entry):.3g} m/s'),
     ]
     if zones.corridor is not None:
-        room = -max(zones.corridor.outside_m(positions[tick]) for tick in inside.tolist())
+        positions = map(tuple, flight.positions_m[inside].tolist())
+        room = -max(map(zones.corridor.outside_m, positions))
         found.append(("least distance to the corridor's wall inside of it", f'{room:.3g} m'))
     return found
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -100,38 +100,26 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def save_more(self) -> None:
         """Write `history.csv`, a row for each generation; for a front, its controllers."""
-        history: list[Sequence[object]] = [
-            (
-                'generation',
-                'evaluations',
-                'best_fitness',
-                'mean_fitness',
-                'fitness_spread',
-                'best_energy_n2s',
-                *(f'best_misses_{name}' for name in self.fitness.labels),
-                'best_arrival_s',
-                'stage',
-            )
-        ]
-        best, evaluations = np.full(1, np.inf), 0
-        before = None
+        history: list[Mapping[str, object]] = []
+        best, evaluations, before = np.full(1, np.inf), 0, None
         for number, scores in enumerate(self.checkpoint.scores):
             evaluations += len(scores)
             first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
             best = first if stage != before or first[0] < best[0] else best
             before = stage
+            missed = dict(zip(self.fitness.labels, best[2:-1].astype(int), strict=True))
             history.append(
-                [
-                    number,
-                    evaluations,
-                    repr(float(best[0])),
-                    float(scores[:, 0].mean()),
-                    float(scores[:, 0].std()),
-                    float(best[1]),
-                    *best[2:-1].astype(int),
-                    float(best[-1]),
-                    stage,
-                ]
+                {
+                    'generation': number,
+                    'evaluations': evaluations,
+                    'best_fitness': float(best[0]),
+                    'mean_fitness': float(scores[:, 0].mean()),
+                    'fitness_spread': float(scores[:, 0].std()),
+                    'best_energy_n2s': float(best[1]),
+                    **{f'best_misses_{name}': n for name, n in missed.items()},
+                    'best_arrival_s': float(best[-1]),
+                    'stage': stage,
+                }
             )
         self._write_csv(HISTORY, history)
         if self.config.algorithm == 'nsga2':
@@ -141,18 +129,26 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def _save_finalists(self, finalists: list[Finalist]) -> None:
         """Write the finalists: by the draws that they were trained with, and by those held out."""
-        names = [f'held_out_misses_{name}' for name in self.fitness.labels]
-        rows: list[Sequence[object]] = [
-            ('stage', 'training_fitness', 'held_out_fitness', 'energy_n2s', *names)
-        ]
+        rows: list[Mapping[str, object]] = []
         for finalist, scores in zip(finalists, self.checkpoint.scores[-1], strict=True):
             fitness, energy, *missed, _ = scores.tolist()
-            rows.append((finalist.stage, finalist.fitness, fitness, energy, *map(int, missed)))
+            row = {
+                'stage': finalist.stage,
+                'training_fitness': finalist.fitness,
+                'held_out_fitness': fitness,
+                'energy_n2s': energy,
+            }
+            counts = zip(self.fitness.labels, map(int, missed), strict=True)
+            rows.append(row | {f'held_out_misses_{name}': n for name, n in counts})
         self._write_csv(FINALISTS, rows)
 
-    def _write_csv(self, name: str, rows: list[Sequence[object]]) -> None:
+    def _write_csv(
+        self, name: str, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()
+    ) -> None:
         text = io.StringIO()
-        csv.writer(text, lineterminator='\n').writerows(rows)
+        writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator='\n')
+        writer.writeheader()
+        writer.writerows(rows)
         write_text(self.folder / name, text.getvalue())
 
     def controller(self, genes: Floats, name: str) -> FuzzyController:
@@ -171,12 +167,14 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
         genes, scores = np.concatenate(self._genes), np.concatenate(self.checkpoint.scores)
         clean = np.flatnonzero(scores[:, 2:-1].sum(axis=1) == 0)
         order = clean[np.lexsort((scores[clean, -1], scores[clean, 1]))]
-        front: list[Sequence[object]] = [('controller', 'mean_energy_n2s', 'mean_arrival_s')]
+        columns = ('controller', 'mean_energy_n2s', 'mean_arrival_s')
+        front: list[Mapping[str, object]] = []
         soonest = np.inf
         for index in order:
             if scores[index, -1] < soonest:
                 soonest = scores[index, -1]
-                name = f'{self.config.name}_{len(front) - 1:03d}'
+                name = f'{self.config.name}_{len(front):03d}'
                 self.save(self.controller(genes[index], name))
-                front.append((name, float(scores[index, 1]), float(soonest)))
-        self._write_csv(FRONT, front)
+                row = name, float(scores[index, 1]), float(soonest)
+                front.append(dict(zip(columns, row, strict=True)))
+        self._write_csv(FRONT, front, columns)

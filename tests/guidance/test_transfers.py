@@ -145,3 +145,11 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
         transfer_kernels._each_sweep(m.tolist(), expected)
         transfer_kernels.hildreth(m, found)
         assert found == expected
+
+
+def test_a_transfer_is_found_once_in_a_process():
+    found = transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0))
+    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0)) is found
+    other = (-0.0, *BEHIND[1:])  # equal, but not bit for bit
+    assert transfers.least_energy(other, GATE, STEP, 60, Limits(13.0)) is not found
+    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(14.0)) is not found

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
@@ -182,7 +183,12 @@ def chain_run(
     return ChainRun(flight, attached, (CLOCK, *topics), events)
 
 
-def make_run(duration_s: float, name: str = 'paper_test', topics: tuple[str, ...] = TOPICS) -> Run:
+def make_run(
+    duration_s: float,
+    name: str = 'paper_test',
+    topics: tuple[str, ...] = TOPICS,
+    control: str = 'handmade',
+) -> Run:
     """Fly a shipped scenario for so long."""
     text = files.read_text(files.find('scenario', name))
     lines = [
@@ -191,11 +197,11 @@ def make_run(duration_s: float, name: str = 'paper_test', topics: tuple[str, ...
     ]
     text = '\n'.join(lines) + '\n'
     flown = files.loads(text, scenario.parse, name)
-    control = files.read_text(files.find('controller', 'handmade'))
-    flight = fly(flown, files.loads(control, controller.parse, 'handmade'))
+    content = files.read_text(files.find('controller', control))
+    flight = fly(flown, files.loads(content, controller.parse, control))
     attached = {
         'scenario.yaml': text.encode(),
-        'controller.yaml': control.encode(),
+        'controller.yaml': content.encode(),
         'parameters.yaml': b'plant: {scenario: paper_test}\n',
     }
     return Run(flight, attached, topics)
@@ -267,10 +273,11 @@ PARAMETERS = b'fuzzy_controller: {decision_rate_hz: 1.0}\nplant: {scenario: pape
 
 
 def decision(run: Run, tick: int) -> bytes:
-    control = controller.load_controller('handmade')
-    label = explain.label(control, hashlib.sha256(run.attachments['controller.yaml']).hexdigest())
-    flight = run.flight
-    reasons = explain.reasons(control, flight.states[tick].tolist(), flight.forces_n[tick].tolist())
+    content, flight = run.attachments['controller.yaml'], run.flight
+    control = files.loads(content.decode(), controller.parse, 'controller.yaml')
+    label = explain.label(control, hashlib.sha256(content).hexdigest())
+    state, force_n = flight.states[tick].tolist(), flight.forces_n[tick].tolist()
+    reasons = explain.reasons(control, state, force_n, tick)
     statuses = [
         cdr.Status(0, f'decision: {axis}', sentence, label, tuple((n, repr(v)) for n, v in pairs))
         for axis, (sentence, pairs) in zip('xyz', reasons, strict=True)
@@ -278,9 +285,11 @@ def decision(run: Run, tick: int) -> bytes:
     return cdr.encode_array(run.base.stamp_ns(tick), 'target_lvlh', statuses)
 
 
-def record(folder: Path, duration_s: float = 3.0, **options) -> Path:
+def record(
+    folder: Path, duration_s: float = 3.0, control: str = 'handmade', **options: Any
+) -> Path:
     """Write a run folder as the recorder leaves it."""
-    run = make_run(duration_s)
+    run = make_run(duration_s, control=control)
     run = Run(run.flight, run.attachments | {'parameters.yaml': PARAMETERS}, TOPICS)
     run.write(folder, **options)
     decisions = DecisionLogWriter(folder, '/decision', run.base, RATE_HZ)

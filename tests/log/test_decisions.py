@@ -8,6 +8,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import given
 from hypothesis import strategies as st
+from log_runs import record
 from rclpy.serialization import deserialize_message, serialize_message
 
 from rpo_core.wire import cdr
@@ -16,6 +17,7 @@ from rpo_core.wire.interfaces import Decimation
 from rpo_log.errors import LogError
 from rpo_log.format.run import DECISIONS_FILE, TimeBase
 from rpo_log.read.run_log import decision_at, read_decisions
+from rpo_log.verify import verify
 from rpo_log.write.side_file import DecisionLogWriter
 
 BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)
@@ -117,3 +119,10 @@ def test_after_its_end_a_file_takes_no_more(tmp_path):
     writer.close()
     assert writer.failure is None
     assert (tmp_path / DECISIONS_FILE).read_bytes() == content
+
+
+@pytest.mark.parametrize('control', ['time_to_go', 'pace'])
+def test_the_decisions_of_a_family_verify(control, tmp_path):
+    """`time_to_go` counts ticks: its reasons depend on the tick."""
+    found = verify(record(tmp_path / 'run', control=control))
+    assert found.exit_code == 0, found.sentence()

@@ -527,17 +527,45 @@ def test_a_line_of_states_ahead_is_followed_and_not_a_shorter_one():
         assert heard.orderer.counts[0].ignored == (0 if length == LINE else LINE - 1)
 
 
-def test_messages_one_window_ahead_are_kept_and_those_further_ahead_until_the_next_state():
+@pytest.mark.parametrize(('tick', 'asks_from'), [(WINDOW, WINDOW), (WINDOW + 1, None)])
+def test_a_message_one_window_ahead_is_compared_and_one_further_ahead_is_not(tick, asks_from):
     heard = begun()
-    heard.say(1, WINDOW)
-    heard.say(1, WINDOW + 1)
-    for tick in range(1, WINDOW + 1 + HOLD + 1):
+    heard.say(1, tick, 'forged')
+    for before in range(1, 9):
+        heard.say(0, before)
+        heard.say(1, before)
+    heard.say(1, tick)
+    assert heard.orderer.asks_from == asks_from
+
+
+def test_what_came_far_ahead_is_used_where_no_other_message_comes():
+    """The states were lost for a while, and came again, in order."""
+    heard = begun()
+    for tick in range(1, 3 * WINDOW):
+        heard.say(1, tick)
+    for tick in range(1, 3 * WINDOW):
         heard.say(0, tick)
-        if tick not in (WINDOW, WINDOW + 1):
-            heard.say(1, tick)
-    assert heard.out[WINDOW] == (WINDOW, (b'0 at %d' % WINDOW, b'1 at %d' % WINDOW, None))
-    assert heard.out[WINDOW + 1][1][1] is None
-    assert heard.orderer.counts[1].ignored == 1
+    for tick in range(3 * WINDOW, 3 * WINDOW + 4):
+        heard.say(0, tick)
+        heard.say(1, tick)
+    heard.orderer.close(last_tick=3 * WINDOW + 3)
+    assert heard.out == [(0, heard.out[0][1])] + [
+        (t, (b'0 at %d' % t, b'1 at %d' % t, None)) for t in range(1, 3 * WINDOW + 4)
+    ]
+    assert not any(c.missing or c.ignored or c.conflicts for c in heard.orderer.counts)
+    assert heard.orderer.asks_from is None
+
+
+def test_what_came_far_ahead_gives_way_to_what_comes_near_its_state():
+    heard = begun()
+    heard.say(1, 2 * WINDOW, 'forged')
+    heard.say(1, 2 * WINDOW, 'forged too')
+    for tick in range(1, 2 * WINDOW + 20):
+        heard.say(1, tick)
+        heard.say(0, tick)
+    heard.orderer.end(2 * WINDOW + 19)
+    assert all(found[:2] == (b'0 at %d' % t, b'1 at %d' % t) for t, found in heard.out)
+    assert heard.orderer.counts[1].ignored == 1 and heard.orderer.asks_from is None
 
 
 def test_memory_for_what_is_ahead_is_bounded(monkeypatch):
@@ -548,9 +576,9 @@ def test_memory_for_what_is_ahead_is_bounded(monkeypatch):
     assert heard.orderer.counts[0].ignored == 2
     heard.say(0, 1)
     assert heard.orderer.counts[0].ignored == 5
-    for number, tick in enumerate((WINDOW + 1, WINDOW + 2, WINDOW + 3), 1):
+    for tick in range(2 * WINDOW, 2 * WINDOW + 4):
         heard.say(1, tick)
-        assert heard.orderer.waiting == 1 + number - (tick > WINDOW + 1) * (number - 1)
+    assert heard.orderer.counts[1].ignored == 1
 
 
 def test_events_are_taken_ahead_as_far_as_there_is_room(monkeypatch):

@@ -276,16 +276,6 @@ class Zone:
         beside = ', beside its corridor' if self.corridor is not None else ''
         return f'the keep-out sphere of {self.keep_out_m:g} m of `{self.name}`{beside}'
 
-    def inside_m(self, position_m: Point) -> float:
-        """Return how far a point (3,) lies inside the sphere; < 0 outside of it."""
-        return self.keep_out_m - math.hypot(*position_m)
-
-    def violated(self, position_m: Point) -> bool:
-        """Whether a point (3,) lies in the sphere and not in the corridor."""
-        if self.keep_out_m == 0.0 or self.inside_m(position_m) <= 0.0:
-            return False
-        return self.corridor is None or self.corridor.outside_m(position_m) > 0.0
-
     def depths_m(self, positions_m: Floats) -> Floats:
         """Return how deep points (n, 3) lie in the sphere and beside the corridor; 0.0 outside.
 

@@ -423,7 +423,7 @@ class Decisions:
         for controller, said in labels:
             reasons = explain.INACTIVE
             if active and controller is not None:
-                reasons = explain.reasons(controller, inputs[:6], inputs[6:])
+                reasons = explain.reasons(controller, inputs[:6], inputs[6:], tick)
             statuses = [
                 cdr.Status(level, f'decision: {axis}', sentence, said,
                            tuple((name, repr(number)) for name, number in pairs))

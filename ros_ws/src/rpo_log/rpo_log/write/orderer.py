@@ -5,7 +5,8 @@
 One topic, the true state, leads: its newest tick is where the run is. Whatever else is stamped with
 a tick after it waits for the state of that tick and moves nothing. States come one after another:
 one that is ahead waits, and is ignored unless `LINE` states follow each other there before the next
-one comes here.
+one comes here. Another message more than `WINDOW` ticks ahead waits too, and is used for its tick
+if no other one comes until then.
 
 A tick is let go when it is complete. While it is not, the ticks after it wait, until one of these:
 
@@ -116,7 +117,8 @@ class TickOrderer:
         self._pending: dict[int, _Tick] = {}
         self._released: dict[int, _Tick] = {}
         self._reports: dict[int, Mapping[int, str]] = {}
-        self._ahead: dict[tuple[int, int], bytes] = {}
+        self._states_ahead: dict[int, bytes] = {}
+        self._ahead: dict[tuple[int, int], bytes] = {}  # of other topics
         self._known_events: dict[tuple[int, int, bytes], None] = {}
         self._dropped: dict[int, int] = {}
         self._newest = [-1] * self.width
@@ -175,12 +177,15 @@ class TickOrderer:
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
+        asks = self.asks_from is not None
         if index in self.events:
             self._add_event(index, tick, data)
-        elif tick > self._latest + (1 if index == self.leader and not self._asks else WINDOW):
+        elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
+            self._keep_state_ahead(tick, data)
+        elif tick > self._latest + WINDOW:
             self._keep_ahead(index, tick, data)
         else:
-            if index == self.leader and not self._asks:
+            if index == self.leader and not asks:
                 self._lead(tick)
             self._take(index, tick, data)
         if self._asks:
@@ -192,32 +197,38 @@ class TickOrderer:
         return self.asks_from is not None
 
     def _lead(self, tick: int) -> None:
-        """Go on to a state, where it is the next one; nothing that is ahead is of this flight."""
-        for index, _ in self._ahead:
-            self.counts[index].ignored += 1
-        self._ahead.clear()
+        """Go on to a state, where it is the next one; no state ahead is of this flight."""
+        self.counts[self.leader].ignored += len(self._states_ahead)
+        self._states_ahead.clear()
         self._latest = max(self._latest, tick)
 
-    def _keep_ahead(self, index: int, tick: int, data: bytes) -> None:
-        """Keep a message far ahead, until states follow each other there or come here."""
-        if len(self._ahead) >= MOST_AHEAD:
-            self.counts[index].ignored += 1
+    def _keep_state_ahead(self, tick: int, data: bytes) -> None:
+        """Keep a state ahead, until states follow each other there or the next one comes."""
+        if len(self._states_ahead) >= MOST_AHEAD:
+            self.counts[self.leader].ignored += 1
             return
-        self._ahead.setdefault((index, tick), data)
-        if all((self.leader, tick - back) in self._ahead for back in range(LINE)):
+        self._states_ahead.setdefault(tick, data)
+        if all(tick - back in self._states_ahead for back in range(LINE)):
             self._go_ahead(tick - LINE + 1)
 
+    def _keep_ahead(self, index: int, tick: int, data: bytes) -> None:
+        """Keep a message far ahead, until its tick is let go."""
+        if len(self._ahead) >= MOST_AHEAD:
+            self.counts[index].ignored += 1
+        else:
+            self._ahead.setdefault((index, tick), data)
+
     def _go_ahead(self, first: int) -> None:
-        """Go on from a tick ahead."""
-        found = sorted(self._ahead.items(), key=lambda item: item[0][1])
-        self._ahead.clear()
-        states = [tick for (index, tick), _ in found if index == self.leader and tick >= first]
-        self._latest = max(states, default=self._latest)
-        for (index, tick), data in found:
-            if tick >= first:
-                self._take(index, tick, data)
-            else:
-                self.counts[index].ignored += 1
+        """Go on from a state ahead."""
+        states = {tick: data for tick, data in self._states_ahead.items() if tick >= first}
+        for tick in states:
+            del self._states_ahead[tick]
+        self._lead(max(states, default=self._latest))
+        for tick, data in sorted(states.items()):
+            self._take(self.leader, tick, data)
+        for index, tick in sorted(self._ahead, key=lambda key: key[1]):
+            if first <= tick <= self._latest + WINDOW:
+                self._take(index, tick, self._ahead.pop((index, tick)))
 
     def _follow(self) -> None:
         """While the plant is asked, go on to each state that it has passed on to.
@@ -239,18 +250,18 @@ class TickOrderer:
             counts.late += tick in self._holes[index]
             counts.ignored += tick not in self._holes[index]
             return
-        known = self.messages(index, tick)
-        if data in known:
-            counts.duplicates += 1
-        elif known:
-            self._add_different(index, tick, data)
+        entry = self._pending.get(tick) or self._released.get(tick)
+        if entry is not None and entry.messages[index]:
+            if data in entry.messages[index]:
+                counts.duplicates += 1
+            else:
+                self._add_different(index, tick, data, entry)
         elif tick < self.next_tick:
             counts.late += 1
         else:
-            self._add_first(index, tick, data)
+            self._add_first(index, tick, data, entry or self._entry(tick))
 
-    def _add_first(self, index: int, tick: int, data: bytes) -> None:
-        entry = self._entry(tick)
+    def _add_first(self, index: int, tick: int, data: bytes, entry: _Tick) -> None:
         entry.messages[index].append(data)
         entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
@@ -259,9 +270,8 @@ class TickOrderer:
             self._newest[index] = max(tick, self._newest[index])
             self._silent[index] = False
 
-    def _add_different(self, index: int, tick: int, data: bytes) -> None:
+    def _add_different(self, index: int, tick: int, data: bytes, entry: _Tick) -> None:
         """Take a message that differs from another one of its topic and tick."""
-        entry = self._pending.get(tick) or self._released[tick]
         if len(entry.messages[index]) >= MOST_MESSAGES:
             self.counts[index].ignored += 1
             return
@@ -305,8 +315,8 @@ class TickOrderer:
         elif self._asks and not self._reports:  # of a plant that reports nothing
             while self.messages(self.leader, self._latest + 1):
                 self._latest += 1
-        for (index, tick), data in self._ahead.items():
-            self._take(index, tick, data)
+        for tick, data in self._states_ahead.items():
+            self._take(self.leader, tick, data)
         newest = self._last if self._last != NEVER else self._latest
         for tick in [tick for tick in self._pending if tick > newest]:
             entry = self._pending[tick]
@@ -323,6 +333,8 @@ class TickOrderer:
             self._let_go(due=self.next_tick < newest or self.next_tick == last_tick)
         for tick in list(self._released):
             self._forget(tick)
+        for index, _ in self._ahead:
+            self.counts[index].ignored += 1
 
     def _choose(self, tick: int, entry: _Tick) -> None:
         """Leave one of several messages of a topic, the one that the plant reports.
@@ -425,6 +437,8 @@ class TickOrderer:
         """Release the next tick; one of which nothing came is counted and passed over."""
         tick = self.next_tick
         entry = self._pending.pop(tick, None)
+        if entry is not None and self._ahead:
+            self._fill(tick, entry)
         if due and (entry is None or entry.missing):
             for index in self._missing(entry):
                 self._miss(index, tick, tick + 1)
@@ -439,6 +453,16 @@ class TickOrderer:
                 self.counts[index].written += 1
             self._released[tick] = entry
             self.release(tick, found)
+
+    def _fill(self, tick: int, entry: _Tick) -> None:
+        """Put a message that came far ahead where no other one came."""
+        for index in self._regular:
+            data = self._ahead.pop((index, tick), None)
+            if data is not None and entry.messages[index]:
+                self.counts[index].ignored += 1
+            elif data is not None:
+                entry.messages[index].append(data)
+                entry.missing -= 1
 
     def _forget(self, tick: int) -> None:
         """Forget a tick that was let go; nobody reports what came of it later any more."""
