@@ -137,7 +137,7 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
         monkeypatch.setattr(transfer_kernels, name, getattr(function, 'py_func', function))
     monkeypatch.setattr(transfer_kernels, 'COMPILED', False)
     random = np.random.default_rng(constraints)
-    for _ in range(10):
+    for _ in range(4):
         factor = random.standard_normal((constraints, constraints // 2 + 1))
         square = factor @ factor.T + 1e-3 * np.eye(constraints)
         m = np.hstack([square, random.standard_normal((constraints, 1)) + shift])
