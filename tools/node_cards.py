@@ -51,10 +51,6 @@ _UNFIT = (
     'a state in another frame, or not finite',
     'gets no answer; counted on `/diagnostics` as `ignored_<kind>`',
 )
-_LAYER = (
-    'its library is not installed',
-    'one sentence with the command that installs it, exit code 2',
-)
 _OTHER_SCENARIO = (
     '`scenario` is not the scenario of the plant',
     'it answers nothing; one sentence, exit code 2. Before tick 0 the plant aborts; in flight it '

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from rpo_core.files.validation import InputError
 from rpo_log.errors import LogError
 from tools.node_processes import NodeProcessError
-from tools.trials import fuzz, latency, losses, soak
+from tools.trials import fuzz, links, soak
 
 EXIT_FAILED, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -44,7 +44,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     trials = parser.add_subparsers(dest='trial', required=True)
     one = trials.add_parser('latency', help='latency and jitter of the loop in free running')
     one.add_argument(
-        '--rates', nargs='+', type=_above(0.1, 1000.0), default=list(latency.RATES_HZ), metavar='HZ'
+        '--rates', nargs='+', type=_above(0.1, 1000.0), default=list(links.RATES_HZ), metavar='HZ'
     )
     one.add_argument(
         '--seconds', type=_above(1.0, 3600.0), default=30.0, help='real time of each rate [s] (30)'
@@ -54,7 +54,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
         '--rates', nargs='+', type=_above(0.0, 1.0), default=[0.0, 0.2, 0.4, 0.6, 0.8],
         metavar='SHARE', help='share of the messages for each fault, in both directions',
     )  # fmt: skip
-    one.add_argument('--kinds', nargs='+', choices=losses.KINDS, default=list(losses.KINDS))
+    one.add_argument('--kinds', nargs='+', choices=links.KINDS, default=list(links.KINDS))
     one.add_argument('--factor', type=_above(0.1, 100.0), default=20.0, help='times real time (20)')
     one.add_argument('--seed', type=int, default=1)
     one.add_argument('--stale-after-ticks', type=int, default=10)
@@ -79,10 +79,10 @@ def main() -> int:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # no node is left behind
     try:
         if options.trial == 'latency':
-            latency.run(options.rates, options.seconds)
+            links.run_latency(options.rates, options.seconds)
         elif options.trial == 'losses':
             stale = options.stale_after_ticks
-            losses.run(options.rates, options.kinds, options.factor, options.seed, stale)
+            links.run_losses(options.rates, options.kinds, options.factor, options.seed, stale)
         elif options.trial == 'fuzz':
             return fuzz.run(fuzz.Plan(**{k: v for k, v in vars(options).items() if k != 'trial'}))
         else:

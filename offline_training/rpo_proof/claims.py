@@ -199,7 +199,7 @@ def ranges_of(problem: Problem, groups: Groups) -> dict[str, Range]:
     """Return what the tubes say of every flight: energy, its mean, force, speed, arrival.
 
     The mean is over starts that are equally likely everywhere in the box; cells overlap by less
-    than is added here. Axes apart have no mean: their cells are not of starts.
+    than is added here. A proof per axis has no mean: their cells are not of starts.
     """
     low, high, mean_low, mean_high = 0.0, 0.0, 0.0, 0.0
     for every in groups.values():

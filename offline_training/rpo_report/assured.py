@@ -117,8 +117,8 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
     if acted:
         blocks.append(_each(acted, found, times, phases))
     if found.changes:
-        told = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
-        blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), told))
+        changes = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
+        blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), changes))
     least_m, least_m_s = np.nanmin(found.margins, axis=0)
     blocks.append(
         Picture(
@@ -191,6 +191,6 @@ def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: 
     panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
     if acted:
         style.legend_below(figure, panels[0])
-    told = [Phase(c.state, c.reason, c.tick, c.tick) for c in found.changes]
-    guided.mark(figure, sorted([*phases, *told], key=lambda phase: phase.begin), flight)
+    changes = [Phase(c.state, c.reason, c.tick, c.tick) for c in found.changes]
+    guided.mark(figure, sorted([*phases, *changes], key=lambda phase: phase.begin), flight)
     return figure

@@ -50,7 +50,6 @@ def test_the_core_flies_with_rclpy_blocked():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
 def test_all_tests_of_the_core_pass_with_rclpy_blocked():
     here = Path(__file__)
     # Fewer examples, and not this test again; test_bits starts interpreters of its own, what the

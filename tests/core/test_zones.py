@@ -15,7 +15,7 @@ from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge.zones import Cone, Zone, zones_of
+from rpo_core.judge.zones import Cone, Corridor, Zone, zones_of
 from rpo_guidance.plan import Guidance
 from rpo_safety.settings import Assurance
 
@@ -185,10 +185,10 @@ def test_edges_hold_the_whole_cone_of_a_plane_that_holds_its_axis(axis, plane):
 @given(st.tuples(near, near, near))
 def test_outside_agrees_with_angles(position):
     """Beside trigonometry: outside of a cone of 10 degrees, measured across its axis."""
-    settings = load_scenario('around').zones
     x, y, z = position
     expected = math.hypot(x, z) - (y - 1.0) * math.tan(math.radians(10.0))
-    found = settings.corridor.cone(settings.port_m).outside_m(position)
+    corridor = Corridor(half_angle_deg=10.0, from_m=13.0)
+    found = corridor.cone((0.0, 1.0, 0.0)).outside_m(position)
     assert found == pytest.approx(expected, abs=1e-9)
 
 

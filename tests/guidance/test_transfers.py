@@ -137,7 +137,7 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
         monkeypatch.setattr(transfer_kernels, name, getattr(function, 'py_func', function))
     monkeypatch.setattr(transfer_kernels, 'COMPILED', False)
     random = np.random.default_rng(constraints)
-    for _ in range(10):
+    for _ in range(4):
         factor = random.standard_normal((constraints, constraints // 2 + 1))
         square = factor @ factor.T + 1e-3 * np.eye(constraints)
         m = np.hstack([square, random.standard_normal((constraints, 1)) + shift])
@@ -145,3 +145,11 @@ def test_many_sweeps_at_a_time_give_the_bits_of_one_after_the_other(
         transfer_kernels._each_sweep(m.tolist(), expected)
         transfer_kernels.hildreth(m, found)
         assert found == expected
+
+
+def test_a_transfer_is_found_once_in_a_process():
+    found = transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0))
+    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(13.0)) is found
+    other = (-0.0, *BEHIND[1:])  # equal, but not bit for bit
+    assert transfers.least_energy(other, GATE, STEP, 60, Limits(13.0)) is not found
+    assert transfers.least_energy(BEHIND, GATE, STEP, 60, Limits(14.0)) is not found

@@ -25,7 +25,7 @@ from rpo_ros.running import FlightNode
 from rpo_ros.signals import message_class
 from rpo_sim.parameters import PLANT
 from rpo_view.latest import Latest
-from tools.fuzzing import acts, plausible, values
+from tools.fuzzing import messages
 from tools.fuzzing.flight import LOOP
 from tools.node_processes import node_processes
 
@@ -37,10 +37,10 @@ ODD = Parameter(name='seed', value=ParameterValue(type=99))
 @pytest.mark.parametrize('row', interfaces.rows(), ids=lambda row: row.name)
 def test_every_row_of_the_table_has_hostile_messages_the_same_for_the_same_seed(row):
     kind = message_class(row.type)
-    plain = values.Encoder(Random(1), 0.0).encode(kind())
+    plain = messages.Encoder(Random(1), 0.0).encode(kind())
     assert deserialize_message(plain, kind) == kind()
-    for how in values.KINDS:
-        made = [[values.spoilt(kind(), how, Random(f'{i}')) for i in range(99)] for _ in '12']
+    for how in messages.KINDS:
+        made = [[messages.spoilt(kind(), how, Random(f'{i}')) for i in range(99)] for _ in '12']
         assert made[0] == made[1]
         assert any(data != plain for data in made[0]), how
 
@@ -48,7 +48,7 @@ def test_every_row_of_the_table_has_hostile_messages_the_same_for_the_same_seed(
 @pytest.mark.parametrize('kind', [SetParameters, ChangeState, SetBool])
 def test_a_request_is_one_of_its_type(kind):
     for i in range(50):
-        data = values.Encoder(Random(i), 0.5).encode(kind.Request())
+        data = messages.Encoder(Random(i), 0.5).encode(kind.Request())
         serialize_message(deserialize_message(data, kind.Request))
 
 
@@ -64,7 +64,7 @@ def force(tick, frame='target_lvlh', x=0.1):
         (force(12), True),
         (force(9), True),  # an estimator reads it
         (force(8), False),
-        (force(10 + acts.FAR_TICKS), False),
+        (force(10 + messages.FAR_TICKS), False),
         (force(10)[:-4], False),
         (force(10, frame='chaser'), False),
         (force(10, x=float('nan')), False),
@@ -73,7 +73,7 @@ def force(tick, frame='target_lvlh', x=0.1):
 )
 def test_a_valid_answer_for_the_present_is_an_act(data, act):
     row = interfaces.row_of(interfaces.CONTROL_FORCE)
-    assert acts.is_act(row, data, 10, SCENARIO) == act
+    assert messages.is_act(row, data, 10, SCENARIO) == act
 
 
 STAGE = {'stage': 'a', 'state': 'inactive', 'tick': '0', 'reason': 'so'}
@@ -97,7 +97,7 @@ RECORDER = {'recorder': '1', 'run': '', 'reason': ''}
 )
 def test_a_whole_status_of_a_peer_is_an_act(name, message, pairs, act):
     data = cdr.encode_status(0, 'run', message, 'none', pairs)
-    assert acts.is_act(interfaces.row_of(name), data, 10, SCENARIO) == act
+    assert messages.is_act(interfaces.row_of(name), data, 10, SCENARIO) == act
 
 
 @pytest.mark.parametrize('topic', sorted(statuses.READERS))
@@ -106,11 +106,11 @@ def test_a_plausible_status_is_whole_until_one_field_is_wrong(topic):
     reader, refused = statuses.READERS[topic], set()
     for i in range(300):
         rng = Random(i)
-        whole = plausible.made(topic, rng, 40)
+        whole = messages.made(topic, rng, 40)
         reader.of(whole)
-        how = rng.choice(plausible.KINDS)
+        how = rng.choice(messages.STATUS_KINDS)
         try:
-            reader.of(plausible.spoilt(whole, how, rng))
+            reader.of(messages.spoilt_status(whole, how, rng))
         except InputError as error:
             refused.add(how)
             assert str(error).isprintable() and len(str(error)) < 500
@@ -125,14 +125,14 @@ def set_to(name, **value):
 def test_an_order_of_an_operator_is_an_act():
     rows = {row.name: row for row in PLANT}
     whole, far = {'type': 2, 'integer_value': 5}, {'type': 2, 'integer_value': -5}
-    assert acts.is_order('/plant/set_parameters', set_to('step_ticks', **whole), rows)
-    assert not acts.is_order('/plant/set_parameters', set_to('step_ticks', **far), rows)
-    assert not acts.is_order('/plant/set_parameters', set_to('resend_after_s', **whole), rows)
-    assert not acts.is_order('/plant/set_parameters', set_to('step_ticks', type=99), rows)
+    assert messages.is_order('/plant/set_parameters', set_to('step_ticks', **whole), rows)
+    assert not messages.is_order('/plant/set_parameters', set_to('step_ticks', **far), rows)
+    assert not messages.is_order('/plant/set_parameters', set_to('resend_after_s', **whole), rows)
+    assert not messages.is_order('/plant/set_parameters', set_to('step_ticks', type=99), rows)
     asked = ChangeState.Request(transition=Transition(id=4))
-    assert acts.is_order('/a/change_state', asked, {})
+    assert messages.is_order('/a/change_state', asked, {})
     asked.transition.label = 'activate'
-    assert not acts.is_order('/a/change_state', asked, {})
+    assert not messages.is_order('/a/change_state', asked, {})
 
 
 def test_a_parameter_of_no_type_ends_no_node_and_is_warned_of_by_powers_of_ten(ros_env, capfd):

@@ -39,7 +39,6 @@ def rewritten(name: str, folder: Path, **changes: object) -> str:
     return str(target)
 
 
-@pytest.mark.slow
 def test_a_controller_waits_for_its_plant_and_they_fly_approach(ros):
     """The README starts them the other way round."""
     controller = ros.node('rpo_ctrl', 'fuzzy_controller')
@@ -71,9 +70,7 @@ def test_a_signal_ends_every_node_cleanly(ros, number):
         assert 'Traceback' not in node.output
 
 
-@pytest.mark.parametrize(
-    'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_in_flight_leaves_a_readable_log(ros, number):
     output = ros.folder / 'run'
     node = ros.node(
@@ -176,9 +173,7 @@ def test_nobody_there_says_who_is_missing(ros):
     assert 'no answer in time from control_force, disturbance_force' in node.output
 
 
-@pytest.mark.parametrize(
-    ('reaction', 'code'), [('abort', 3), pytest.param('coast', 0, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(('reaction', 'code'), [('abort', 3), ('coast', 0)])
 def test_a_controller_killed_in_flight(ros, reaction, code):
     output = ros.folder / 'run'
     scenario = rewritten('approach', ros.folder, duration_s=20.0)

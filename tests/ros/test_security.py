@@ -36,7 +36,6 @@ def test_no_keystore(ros):
     assert 'ROS_SECURITY_ENABLE is set' in said
 
 
-@pytest.mark.slow
 def test_an_enclave_of_nonsense(ros):
     """Refused by a middleware with security for its content, by one without for being asked."""
     folder = ros.folder / 'keys' / 'enclaves'

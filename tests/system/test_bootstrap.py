@@ -262,7 +262,7 @@ class TestLayers:
     @pytest.mark.slow
     def test_an_unknown_layer_is_refused_before_anything_is_made(self, venv):
         venv.check_layers(['test', 'fly'])
-        with pytest.raises(SetupError, match='no layer `tset`; there are fly, ros, test'):
+        with pytest.raises(SetupError, match='no layer `tset`: choose from fly, ros, test'):
             venv.check_layers(['tset'])
 
     @pytest.mark.slow

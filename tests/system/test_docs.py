@@ -99,6 +99,8 @@ def test_make_targets_exist():
     for block, words in lines('make'):
         named = [word for word in words[1:] if '=' not in word]
         assert set(named) <= targets, f'{block.place}: {words}'
+    for page in PAGES:
+        assert set(re.findall(r'`make ([a-z-]+)', page.read_text())) <= targets, page.name
 
 
 # A block that begins with the name of a file is that file; tests/system/test_extend.py writes it.
@@ -185,7 +187,7 @@ def module_file(dotted: str) -> tuple[Path, list[str]]:
     folder = ROOT / 'ros_ws' / 'src' / top / top
     folder = folder if folder.is_dir() else ROOT / 'offline_training' / top
     folder = folder if folder.is_dir() else ROOT / top  # tools
-    while rest and (folder / rest[0]).is_dir():
+    while rest and any((folder / rest[0]).glob('*.py')):  # git leaves folders of bytecode behind
         folder = folder / rest.pop(0)
     if rest and (folder / f'{rest[0]}.py').is_file():
         return folder / f'{rest[0]}.py', rest[1:]

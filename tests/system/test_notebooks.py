@@ -49,6 +49,7 @@ def test_its_links_lead_somewhere(path):
         assert (path.parent / target).exists(), target
 
 
+@pytest.mark.cpu_s(6)
 @each_notebook
 def test_its_cells_run_in_order(path, monkeypatch, capsys):
     import matplotlib

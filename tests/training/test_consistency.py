@@ -17,7 +17,12 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
-from rpo_judge.evaluation.consistency import consistency, in_its_world, sigmas_at_goal, told
+from rpo_judge.evaluation.consistency import (
+    as_configured,
+    consistency,
+    in_its_world,
+    sigmas_at_goal,
+)
 from rpo_nav.estimator import Estimator
 from rpo_nav.sensors import Sensor, Sensors
 
@@ -28,14 +33,14 @@ WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 @pytest.mark.parametrize('name', WORLDS)
 def test_the_shipped_estimators_are_consistent(name):
     """Few and short flights, bounds of 95 % for the mean over ten moments."""
-    found = consistency(replace(told(load_scenario(name)), duration_s=50.0), 40)
+    found = consistency(replace(as_configured(load_scenario(name)), duration_s=50.0), 40)
     assert found.holds, found
     assert found.correlation < 2.0 * found.correlation_bound
 
 
 @pytest.mark.timeout(180)
 def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
-    flown = replace(told(load_scenario('world_leo')), duration_s=50.0)
+    flown = replace(as_configured(load_scenario('world_leo')), duration_s=50.0)
     wrong = replace(flown.section(Estimator), noise_scale=0.6)
     found = consistency(flown.equipped(wrong), 20)
     assert not found.holds
@@ -79,7 +84,7 @@ def test_the_sigmas_at_the_goal_are_those_of_the_riccati_equation():
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('changes', [{}, {'dropout_share': 0.1, 'latency_ticks': 3}])
 def test_a_thousand_flights(changes):
-    found = consistency(told(load_scenario('world_leo'), **changes), 1000)
+    found = consistency(as_configured(load_scenario('world_leo'), **changes), 1000)
     assert np.allclose(found.nees_bounds, (5.79, 6.21), atol=0.006)
     assert 5.79 <= found.nees.mean() <= 6.21
     assert found.holds, found
@@ -97,4 +102,4 @@ def test_the_command_and_its_bad_input():
     done = CliRunner().invoke(app, ['evaluate', 'trained', '--estimator', 'world_moon'])
     assert isinstance(done.exception, InputError) or done.exit_code == 2
     with pytest.raises(InputError, match='must have sections `sensors` and `estimator`'):
-        told(load_scenario('paper_test'))
+        as_configured(load_scenario('paper_test'))

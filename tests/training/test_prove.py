@@ -200,6 +200,7 @@ def test_rounding_of_a_cell_leaves_no_gap():
         assert list(check.cover_faults(problem, group, fewer))
 
 
+@pytest.mark.cpu_s(5)
 def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp_path):
     """A table that somebody changed meanwhile is never read as true: it is made anew."""
     summary = sound.summary()
@@ -222,6 +223,7 @@ def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp
         assert (sound.path / name).read_bytes() == (second.path / name).read_bytes()
 
 
+@pytest.mark.cpu_s(5)
 def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     """Of two claims, the only ones listed; no flight keeps the limit of the second."""
     base, asked = load('paper_training').base, ('hold_error_per_axis_m', 'slew_per_axis_n_s')

@@ -348,6 +348,7 @@ def test_what_is_wrong_has_no_headline(copy_of):
     assert 'proven' not in text and 'Nothing wrong' not in text
 
 
+@pytest.mark.cpu_s(5)
 @pytest.mark.usefixtures('_few')
 def test_another_controller_under_a_shipped_name_is_named(copy_of):
     """The proof is true of it: but it is not the one that ships."""

@@ -141,6 +141,7 @@ def test_robust_keeps_the_claims_in_every_corner():
         assert not kept[1].all(), 'the corners must be hard'
 
 
+@pytest.mark.cpu_s(9)
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     'preset',
@@ -170,6 +171,7 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
         assert trained.provenance[key] == shipped.provenance[key]
 
 
+@pytest.mark.cpu_s(5)
 @pytest.mark.timeout(180)
 def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
     """At rest within 6 mm of the target it commands no force: the pull is refuted there."""

@@ -29,7 +29,7 @@ from rpo_log.write.writer import RunLogWriter
 from tools.fuzzing.sender import VOLLEY, Sender
 from tools.node_cards import CARDS
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses
-from tools.trials import common
+from tools.trials import links
 
 PACE = 2.0
 HURRY = 40.0
@@ -125,7 +125,7 @@ def _scenario(folder: Path, duration_s: float, wanted: Sequence[str]) -> str:
 
 def _replayed(folder: Path) -> tuple[Path, str]:
     """Write a log for the replay; return it, and the path of its scenario."""
-    path = common.scenario(folder, 'approach', duration_s=20.0)
+    path = links.scenario(folder, 'approach', duration_s=20.0)
     flown = load_scenario(path)
     flight = fly(flown, load_controller(_RIVAL))
     texts = {

@@ -26,9 +26,8 @@ from rpo_core.wire.statuses import READERS
 from rpo_ros import qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import keep_to_this_machine, new_executor
-from tools.fuzzing import values
-from tools.fuzzing.acts import ALWAYS, is_act, is_order, row_for
-from tools.fuzzing.plausible import one_wrong
+from tools.fuzzing import messages
+from tools.fuzzing.messages import ALWAYS, is_act, is_order, one_wrong, row_for
 from tools.node_processes import NodeProcessError
 
 VOLLEY = 48
@@ -56,7 +55,7 @@ class _Topic:
     """
 
     def __init__(self, node: Node, name: str, type_name: str, row: Interface | None) -> None:
-        self.name, self.row, self.kind = name, row, values.class_of(type_name)
+        self.name, self.row, self.kind = name, row, messages.class_of(type_name)
         self.genuine: Any = self.kind()
         found = interfaces.find(name)
         self.status = found.name if found and found.name in READERS else ''
@@ -143,7 +142,7 @@ class Sender:
         self.calls = {}
         for name, type_name in sorted(services.items()):
             if name.rpartition('/')[2] not in ALWAYS:
-                kind = values.class_of(type_name, 'srv')
+                kind = messages.class_of(type_name, 'srv')
                 self.calls[name] = (kind, self._node.create_client(kind, name))
         self._sets = [name for name in self.calls if '/set_parameters' in name]
         self._others = [name for name in self.calls if name not in self._sets]
@@ -190,14 +189,14 @@ class Sender:
     def _send_message(self, rng: Random, index: int) -> None:
         topic = rng.choice(self.topics)
         for _ in range(_TRIES):
-            kind, message = rng.choice(values.KINDS), topic.sample()
+            kind, message = rng.choice(messages.KINDS), topic.sample()
             if topic.status and rng.random() < 0.5:
                 kind = 'one wrong field'
                 data = one_wrong(topic.status, topic.heard, rng, self.tick)
             elif hasattr(message, 'header') and rng.random() < 0.5:
-                data = values.spoilt(self._restamped(topic, message, rng), kind, rng)
+                data = messages.spoilt(self._restamped(topic, message, rng), kind, rng)
             else:
-                data = values.spoilt(message, kind, rng)
+                data = messages.spoilt(message, kind, rng)
             if topic.row is None or not is_act(topic.row, data, self.tick, self._scenario):
                 break
         else:
@@ -210,7 +209,7 @@ class Sender:
 
     def _restamped(self, topic: _Topic, message: Any, rng: Random) -> Any:
         """Return a message with a hostile stamp, near or far, before or after."""
-        copied = deserialize_message(values.Encoder(rng, 0.0).encode(message), topic.kind)
+        copied = deserialize_message(messages.Encoder(rng, 0.0).encode(message), topic.kind)
         tick = self.tick + rng.choice(_STAMPS)
         stamp_ns = self._scenario.epoch_ns + tick * self._scenario.dt_ns
         seconds, copied.header.stamp.nanosec = divmod(stamp_ns, 10**9)
@@ -234,9 +233,9 @@ class Sender:
     @staticmethod
     def _request(kind: Any, rng: Random, rows: Mapping[str, ParameterRow]) -> Any:
         """Return a hostile request, mostly of parameters that the node has."""
-        real = (*values.ANY_TEXTS, *(row.encode() for row in (*rows, 'use_sim_time')))
-        texts = real if rng.random() < 0.7 else values.TEXTS
-        data = values.Encoder(rng, rng.choice((0.3, 0.6, 1.0)), texts).encode(kind.Request())
+        real = (*messages.ANY_TEXTS, *(row.encode() for row in (*rows, 'use_sim_time')))
+        texts = real if rng.random() < 0.7 else messages.TEXTS
+        data = messages.Encoder(rng, rng.choice((0.3, 0.6, 1.0)), texts).encode(kind.Request())
         return deserialize_message(data, kind.Request)
 
     def _await(self) -> None:

@@ -16,7 +16,7 @@ from rpo_core.files.validation import InputError
 from tools.fuzzing import flight
 from tools.fuzzing.flight import Flight, Verdict
 from tools.node_processes import node_processes
-from tools.trials import common
+from tools.trials import links
 
 NODES = flight.ALL
 MOST_CASES = 10_000
@@ -69,7 +69,7 @@ def run(plan: Plan) -> int:
     """Send the cases, print what they did, and return the exit code: 1 if anything is wrong."""
     os.environ.setdefault('ROS_DOMAIN_ID', DOMAIN)
     begun = time.monotonic()
-    print(common.machine(), flush=True)
+    print(links.machine(), flush=True)
     sent: Counter[str] = Counter()
     verdicts: list[Verdict] = []
     at, end = plan.first, plan.first + plan.cases

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rpo_ros import names, qos
 from rpo_ros.running import keep_to_this_machine
 from tools.node_processes import NodeProcess, NodeProcesses
-from tools.trials import common
+from tools.trials import links
 
 _NODES = ('plant', 'fuzzy_controller', 'disturbance_injector', 'recorder')
 _PAGE = os.sysconf('SC_PAGE_SIZE')
@@ -74,7 +74,7 @@ def _sample(node: NodeProcess) -> tuple[float, int]:
 
 def _start(nodes: NodeProcesses, ticks: int) -> list[NodeProcess]:
     """Return the processes of _NODES."""
-    path = common.scenario(nodes.folder, 'paper_test', duration_s=ticks * 0.1)
+    path = links.scenario(nodes.folder, 'paper_test', duration_s=ticks * 0.1)
     return [
         nodes.node('rpo_sim', 'plant', scenario=path, wait_for_recorder=True, publish_clock=False),
         nodes.node('rpo_ctrl', 'fuzzy_controller'),
@@ -103,7 +103,7 @@ def _fly(nodes: NodeProcesses, ticks: int, every_s: float) -> list[Sample]:
             print(f'| {tick} | {rate:.0f} /s | {latency_ms:.2f} ms | {memory} |', flush=True)
     finally:
         health.close()
-    common.ended(plant, recorder)
+    links.ended(plant, recorder)
     return samples
 
 
@@ -131,11 +131,11 @@ def _judge(samples: list[Sample], ticks: int) -> list[str]:
 def run(ticks: int, every_s: float) -> int:
     """Run some ticks as four processes; print samples and verdict; return the exit code."""
     begun = time.monotonic()
-    print(common.machine())
+    print(links.machine())
     heads = ' | '.join(f'{name}: memory, files' for name in _NODES)
     print(f'| tick | rate | latency | {heads} |')
     print('|' + '---|' * (3 + len(_NODES)))
-    with common.trial_nodes() as nodes:
+    with links.trial_nodes() as nodes:
         samples = _fly(nodes, ticks, every_s)
         grown = _judge(samples, ticks)
     print(f'{ticks} ticks in {time.monotonic() - begun:.0f} s: {"; ".join(grown) or "no growth"}')

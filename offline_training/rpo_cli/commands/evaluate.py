@@ -67,7 +67,7 @@ def evaluate(
     Q1 to Q5: conditions from every start, energy, the paper's test, no limit cycle, readable rules.
     A controller that was trained for another scenario than the paper's is judged by what that
     requires; with --scenario, all are. With --estimator, a filter is judged by the errors of its
-    estimates over many flights with the noise that it is told; those in its world are reported.
+    estimates over many flights with the noise that it assumes; those in its world are reported.
     Exit code 1: something that was judged is missed.
     """
     from rpo_cli.display import print_table
@@ -135,20 +135,20 @@ def _judge_estimator(name: str, runs: int) -> bool:
     from rpo_core.files.scenario import load_scenario
     from rpo_judge.evaluation.consistency import (
         HEADINGS,
+        as_configured,
         consistency,
         in_its_world,
         rows_in_its_world,
         rows_of,
         sigmas_at_goal,
         size_of,
-        told,
     )
 
     scenario = load_scenario(name)
     late = round(0.3 / scenario.dt_s)
     cases = {
-        'noise as it is told': told(scenario),
-        'noise as it is told, 10 % lost, 0.3 s late': told(
+        'noise as the filter assumes': as_configured(scenario),
+        'noise as the filter assumes, 10 % lost, 0.3 s late': as_configured(
             scenario, dropout_share=0.1, latency_ticks=late
         ),
     }
@@ -166,7 +166,7 @@ def _judge_estimator(name: str, runs: int) -> bool:
     typer.echo(
         f'As its world is, errors of position are {size_of(world.position)} than the filter says, '
         f'those of velocity {size_of(world.velocity)} (root of the mean NEES over 3). This is '
-        'reported, not asked: the filter is not told all of its world.'
+        'reported, not asked: the filter does not model all of its world.'
     )
     position_m, velocity_m_s = sigmas_at_goal(scenario)
     typer.echo(

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether an estimator knows how well it knows: NEES, NIS, whiteness over many flights.
 
-The flights of `consistency` have the noise that the filter is told: white acceleration, a
+The flights of `consistency` have the noise that the filter assumes: white acceleration, a
 disturbance that walks, sensors without bias, scale error and outliers. The kernels are those of the
 stages. Those of `in_its_world` have the scenario's own dynamics, thrusters and sensors, of which
-the filter is told less. Source: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to
+the filter models less. Source: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to
 Tracking and Navigation", 5.4.
 """
 
@@ -120,7 +120,7 @@ def consistency(
     runs: int,
     show: Callable[[str, float, float], object] = lambda what, done, of: None,
 ) -> Consistency:
-    """Fly a scenario so often with the noise that its filter is told; raises InputError."""
+    """Fly a scenario so often with the noise that its filter assumes; raises InputError."""
     sensors, settings = _sections(scenario)
     ticks = [scenario.ticks * i // TIMES for i in range(1, TIMES + 1)]
     nees, nis = np.empty((runs, TIMES)), np.empty((runs, TIMES))
@@ -228,7 +228,7 @@ def _sections(scenario: Scenario) -> tuple[Sensors, Estimator]:
     return sensors, settings
 
 
-def told(scenario: Scenario, **changes: Any) -> Scenario:
+def as_configured(scenario: Scenario, **changes: Any) -> Scenario:
     """Return a scenario as its filter takes it: no dynamics, thrusters, biases of their own.
 
     changes : of every sensor

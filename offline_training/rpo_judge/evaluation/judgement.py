@@ -86,7 +86,7 @@ def judge(
     found: Scenario | ScenarioSet,
     report: Callable[[str, float, float], None],
 ) -> Judged:
-    """Return how a controller keeps each requirement; `report` is told what is flown.
+    """Return how a controller keeps each requirement; `report` gets what is flown.
 
     Raises InputError if the scenario has no requirements.
     """
@@ -171,7 +171,7 @@ def everywhere(
     workers: int = 0,
     report: Callable[[str, float, float], None] = lambda *_: None,
 ) -> list[Outcome]:
-    """Return what comes of the campaigns of `DEMANDS`; `report` is told what is flown.
+    """Return what comes of the campaigns of `DEMANDS`; `report` gets what is flown.
 
     Where less is asked than the campaign judges, a second outcome is that of all its limits.
     """

@@ -443,13 +443,13 @@ def bound(settings: Guidance, scenario: Scenario, margins: bool = False) -> tupl
 
     The best path has energy inf and no positions if none is found.
     """
-    told = scenario if settings.mass_kg is None else replace(scenario, mass_kg=settings.mass_kg)
+    planned = scenario if settings.mass_kg is None else replace(scenario, mass_kg=settings.mass_kg)
     found = nominal(settings, scenario)
     over = len(found.changes) > len(settings.legs)
     last = found.changes[len(settings.legs)].tick if over else scenario.ticks
-    end = cw_step(found.references[last - 1], found.forces[last - 1], told.step)
-    # who was told another mass commands another force; the flight needs that of its own
-    forces = np.array(found.forces[:last]) * (scenario.mass_kg / told.mass_kg)
+    end = cw_step(found.references[last - 1], found.forces[last - 1], planned.step)
+    # a plan for another mass commands another force; the flight needs that of its own mass
+    forces = np.array(found.forces[:last]) * (scenario.mass_kg / planned.mass_kg)
     states = np.array([*found.references[:last], end])
     zone = KeepOut.of(settings, margins)
     coarse, fine = (

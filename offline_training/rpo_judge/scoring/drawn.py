@@ -24,12 +24,11 @@ from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
 from rpo_montecarlo.campaign.config import THRUSTER_METRICS, Campaign, find, load
-from rpo_montecarlo.campaign.run_batch import is_together, make_batch, windows_within
+from rpo_montecarlo.campaign.run_batch import case_of
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
 from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.judged import VALUES
-from rpo_montecarlo.engine.lanes import RUNS
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.support import why_not
 
@@ -152,17 +151,7 @@ class DrawnFlights:
             raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
         if chosen is not None:
             drawn = drawn.some(list(chosen))
-        firsts = range(0, len(drawn.numbers), RUNS)
-        batches = [make_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts]
-        return DrawnCase(
-            f'{self.label}, stage {stage}',
-            campaign.scenario,
-            drawn.starts,
-            drawn.column('mass_kg'),
-            tuple(batches),
-            windows_within(campaign.scenario),
-            is_together(campaign),
-        )
+        return case_of(campaign, drawn, f'{self.label}, stage {stage}')
 
     def choose(self, rows: Floats | None) -> list[int]:
         """Return the numbers of the flights of a stage.

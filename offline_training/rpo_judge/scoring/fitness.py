@@ -65,7 +65,7 @@ PHASES_RAD = tuple(quarter * math.pi / 2 for quarter in range(4))
 
 
 def corner_flights(mass_share: float) -> list[Scenario]:
-    """Return the corner corner_flights of a chaser with 1 + `mass_share` times the nominal mass."""
+    """Return the corner flights of a chaser with 1 + `mass_share` times the nominal mass."""
     nominal = load_scenario('paper_test')
     base = replace(nominal, mass_kg=nominal.mass_kg * (1.0 + mass_share))
     found = []
@@ -81,7 +81,7 @@ def corner_flights(mass_share: float) -> list[Scenario]:
 
 
 def corner_cases() -> list[Case]:
-    """Return the corner corner_flights, a case for each mass."""
+    """Return the corner flights, a case for each mass."""
     return [case_of_flights(corner_flights(share), CLAIM_WINDOW_S) for share in CORNER_MASS_SHARES]
 
 

@@ -16,18 +16,15 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_montecarlo.campaign.config import LEVEL, METRICS, THRUSTER_METRICS, Campaign
 from rpo_montecarlo.campaign.sampling import PARAMETERS, STRATA, DrawnRuns, draw, parameters_of
 from rpo_montecarlo.campaign.single import fly_run, scenario_of_draw
-from rpo_montecarlo.engine import counters
-from rpo_montecarlo.engine.counters import Trace, counting
-from rpo_montecarlo.engine.judged import VALUES, arrival_s, judge, judged_by
-from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
+from rpo_montecarlo.engine.cases import DrawnCase
+from rpo_montecarlo.engine.judged import VALUES, arrival_s
+from rpo_montecarlo.engine.lanes import RUNS
 from rpo_montecarlo.engine.parts.control import control_of
 from rpo_montecarlo.engine.parts.disturbance import levels_n
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
-from rpo_montecarlo.engine.parts.thrusters import spent_of
-from rpo_montecarlo.engine.simulator import Scratch
+from rpo_montecarlo.engine.simulator import Scratch, fly_pairs
 from rpo_montecarlo.engine.support import announce, kinds, why_not
 from rpo_montecarlo.engine.tick import Batch, Runs
-from rpo_montecarlo.engine.tick import fly as fly_lanes
 
 Floats = NDArray[np.float64]
 
@@ -39,8 +36,6 @@ assert STRATA % UNIT == 0 and UNIT % RUNS == 0
 FINAL = tuple(f'final_{name}' for name in ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'))
 COLUMNS = (*PARAMETERS, *METRICS, *FINAL)
 """Columns of the results of every campaign: drawn parameters, metrics, final state."""
-
-_FROM_ROW = [list(metrics.UNITS).index(name) for name in METRICS]
 
 _scratch = Scratch(0)
 
@@ -72,67 +67,49 @@ def fly_runs(campaign: Campaign, first: int, count: int) -> dict[str, Floats]:
 
 
 def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
-    rows = np.empty((len(drawn.numbers), counters.COLUMNS))
-    final = np.empty((len(rows), 6))
-    more: dict[str, Floats] = {name: np.empty(len(rows)) for name in campaign.more}
     reason = why_not(campaign.scenario, campaign.controller)
     reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
     if reason:
         announce(reason)
-        _fly_singly(campaign, drawn, rows, final, more)
-    else:
-        _fly_side_by_side(campaign, drawn, rows, final, more)
-    known, own = np.split(drawn.parameters, [len(PARAMETERS)], axis=1)
-    table = [known, rows[:, _FROM_ROW], final, *(more[n][:, None] for n in more), own]
-    return np.ascontiguousarray(np.hstack(table).T)
+    found = _singly(campaign, drawn) if reason else _side_by_side(campaign, drawn)
+    found |= zip(drawn.names, drawn.parameters.T, strict=True)
+    return np.array([found[name] for name in columns_of(campaign)])
 
 
-def _fly_singly(
-    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
-) -> None:
+def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
     """Fly run after run through `rpo_core.chain.flight.fly`."""
-    for i, number in enumerate(drawn.numbers.tolist()):
+    runs = []
+    for number in drawn.numbers.tolist():
         flight = fly_run(campaign, number)
-        rows[i] = row_of(flight)
-        final[i] = flight.states[-1]
-        values = {verdict.key: verdict.value for verdict in verdicts(flight)}
+        judged = {verdict.key: verdict.value for verdict in verdicts(flight)}
+        counted = dict(zip(metrics.UNITS, row_of(flight), strict=True))
+        values = judged | counted | dict(zip(FINAL, flight.states[-1], strict=True))
+        values['arrival_time_s'] = judged.get('arrival_time_s', values['arrival_time_s'])
         values[LEVEL] = metrics.disturbance_level_n(flight)
         if campaign.metrics_of_thrusters:
             values |= zip(THRUSTER_METRICS, flight.thrust[2:], strict=True)
-        for name, column in more.items():
-            column[i] = values[name]
-        rows[i, metrics.ARRIVAL_TIME] = values.get('arrival_time_s', rows[i, metrics.ARRIVAL_TIME])
+        runs.append(values)
+    return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
 
-def _fly_side_by_side(
-    campaign: Campaign, drawn: DrawnRuns, rows: Floats, final: Floats, more: dict[str, Floats]
-) -> None:
-    scenario, windows = campaign.scenario, windows_within(campaign.scenario)
-    control, masses_kg = control_of(campaign.controller), drawn.column('mass_kg')
-    w, judged = _scratch.w, judged_by(scenario) if is_together(campaign) else None
-    trace = None if judged is None else Trace(scenario.ticks, PAIRED_LANES)
-    together = np.empty((len(rows), len(VALUES)))
-    for first in range(0, len(rows), RUNS):
-        some = slice(first, first + RUNS)
-        runs = make_batch(campaign, drawn.some(some))
-        own = [control.part(runs), counting(runs, windows, None)]
-        own += [trace.part] if trace else []
-        memories = fly_lanes(runs, own, windows.horizon, w)
-        counters.finish_paired(
-            scenario.dt_s, masses_kg[some], windows.tail, w, rows[some], final[some]
-        )
-        count = len(rows[some])
-        if judged is not None and trace is not None:
-            together[some] = judge(trace.states, paired_lanes(count), scenario, judged)
-        for name, values in spent_of(memories.get('thrusters')).items():
-            if name in more:
-                more[name][some] = values[:count]
-        if LEVEL in more:
-            more[LEVEL][some] = levels_n(runs, memories, w)[:count]
-    for place, name in enumerate(VALUES):
-        if name in more:
-            more[name][:] = together[:, place]
-    _set_arrival(scenario, rows, together)
+def _side_by_side(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
+    scenario, case = campaign.scenario, case_of(campaign, drawn, 'campaign')
+    rows, w = np.empty((len(drawn.numbers), case.columns)), _scratch.w
+    final, level = np.empty((len(rows), 6)), np.empty(len(rows))
+    for pairs in fly_pairs(control_of(campaign.controller), case, w):
+        rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
+        if LEVEL in campaign.more:
+            level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]
+    counted, judged = np.split(rows.T, [len(metrics.UNITS)])
+    found = dict(zip(case.names[len(counted) :], judged, strict=True))
+    by_norm = found.get('arrival_time_s')
+    found |= zip((*metrics.UNITS, *FINAL, LEVEL), (*counted, *final.T, level), strict=True)
+    required = scenario.requirements
+    if required is None or required.arrival_time_s is None:
+        return found
+    if required.arrival_error_norm_m is None or by_norm is None:
+        by_norm = arrival_s(scenario, np.rint(found['arrival_time_s'] / scenario.dt_s))
+    return {**found, 'arrival_time_s': by_norm}
 
 
 def windows_within(scenario: Scenario) -> metrics.Windows:
@@ -150,19 +127,21 @@ def is_together(campaign: Campaign) -> bool:
     return by_norm or bool(set(campaign.config.more) & set(VALUES))
 
 
-def _set_arrival(scenario: Scenario, rows: Floats, together: Floats) -> None:
-    """Write the arrival that a scenario requires, infinite where a run never arrives."""
-    required = scenario.requirements
-    if required is None or required.arrival_time_s is None:
-        return
-    if required.arrival_error_norm_m is not None:
-        rows[:, metrics.ARRIVAL_TIME] = together[:, VALUES.index('arrival_time_s')]
-    else:
-        outside = np.rint(rows[:, metrics.ARRIVAL_TIME] / scenario.dt_s)
-        rows[:, metrics.ARRIVAL_TIME] = arrival_s(scenario, outside)
+def case_of(campaign: Campaign, drawn: DrawnRuns, name: str) -> DrawnCase:
+    """Return drawn runs as the engine flies them."""
+    firsts = range(0, len(drawn.numbers), RUNS)
+    return DrawnCase(
+        name,
+        campaign.scenario,
+        drawn.starts,
+        drawn.column('mass_kg'),
+        tuple(_batch(campaign, drawn.some(slice(i, i + RUNS))) for i in firsts),
+        windows_within(campaign.scenario),
+        is_together(campaign),
+    )
 
 
-def make_batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
+def _batch(campaign: Campaign, drawn: DrawnRuns) -> Runs:
     """Return up to 40 runs; lanes without a run rest at the target."""
     config = campaign.config
     batch = Batch(

@@ -104,7 +104,7 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
     """Return `count` runs from number `first`."""
     config, scenario = campaign.config, campaign.scenario
     numbers = np.arange(first, first + count)
-    unit = _unit_draws(campaign, numbers)
+    unit = _unit_draws(campaign, numbers, DIMENSIONS)
 
     def off(name: str) -> Floats:
         """Deviations (n, components) of a quantity."""
@@ -140,7 +140,7 @@ def draw(campaign: Campaign, first: int, count: int) -> DrawnRuns:
     )
     names = parameters_of(config)
     own = [
-        _deviations(config.dispersions[name], _own_draws(campaign, name, numbers))
+        _deviations(config.dispersions[name], _unit_draws(campaign, numbers, 1, name)[:, 0])
         for name in names[len(PARAMETERS) :]
     ]
     parameters = np.column_stack([parameters, *own])
@@ -177,34 +177,20 @@ def parameters_of(config: CampaignConfig) -> tuple[str, ...]:
     return (*PARAMETERS, *(name for name in ON_THEIR_OWN if name in config.dispersions))
 
 
-def _unit_draws(campaign: Campaign, numbers: Ints) -> Floats:
-    """Return draws (n, DIMENSIONS) in [0, 1)."""
-    config = campaign.config
+def _unit_draws(campaign: Campaign, numbers: Ints, width: int, name: str = '') -> Floats:
+    """Return draws (n, width) in [0, 1); of one quantity by name, which no other one changes."""
+    config, own = campaign.config, _OWN + (zlib.crc32(name.encode()) << 8)
     if config.sampling == 'random':
-        return np.array([_generator(config.seed, _RUN, int(i)).random(DIMENSIONS) for i in numbers])
-    rows = np.empty((len(numbers), DIMENSIONS))
+        purpose = own if name else _RUN
+        return np.array([_generator(config.seed, purpose, int(i)).random(width) for i in numbers])
+    rows = np.empty((len(numbers), width))
     for block in np.unique(numbers // STRATA).tolist():
         size = min(STRATA, config.runs - block * STRATA)
-        rng = _generator(config.seed, _HYPERCUBE, block)
-        cube = qmc.LatinHypercube(DIMENSIONS, rng=rng).random(size)
+        rng = _generator(config.seed, own if name else _HYPERCUBE, block)
+        cube = qmc.LatinHypercube(width, rng=rng).random(size)
         mine = numbers // STRATA == block
         rows[mine] = cube[numbers[mine] - block * STRATA]
     return rows
-
-
-def _own_draws(campaign: Campaign, name: str, numbers: Ints) -> Floats:
-    """Return draws (n,) in [0, 1) of one quantity; no other quantity changes them."""
-    config, purpose = campaign.config, _OWN + (zlib.crc32(name.encode()) << 8)
-    if config.sampling == 'random':
-        return np.array([_generator(config.seed, purpose, int(i)).random() for i in numbers])
-    found = np.empty(len(numbers))
-    for block in np.unique(numbers // STRATA).tolist():
-        size = min(STRATA, config.runs - block * STRATA)
-        rng = _generator(config.seed, purpose, block)
-        column = qmc.LatinHypercube(1, rng=rng).random(size)[:, 0]
-        mine = numbers // STRATA == block
-        found[mine] = column[numbers[mine] - block * STRATA]
-    return found
 
 
 def _keys(campaign: Campaign, numbers: Ints) -> Ints:

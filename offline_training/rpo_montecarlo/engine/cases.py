@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario, ScenarioSet
-from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, Windows, window_ticks, windows_of
+from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M, UNITS, Windows, window_ticks, windows_of
+from rpo_core.judge.requirements import THRUST
 from rpo_core.world.disturbance import Disturbance
 from rpo_montecarlo.engine import lanes
-from rpo_montecarlo.engine.judged import JudgedTogether
+from rpo_montecarlo.engine.judged import VALUES, JudgedTogether
 from rpo_montecarlo.engine.lanes import RUNS
 from rpo_montecarlo.engine.parts import disturbance, dynamics, goal, thrusters
 from rpo_montecarlo.engine.tick import Part, Runs
@@ -71,6 +72,11 @@ class Case(JudgedTogether):
         judged = windows_of(self.base)
         late = window_ticks(self.longer, self.late_s)
         return Windows(judged.ticks, judged.tail, self.longer.ticks, late, self.arrival_m)
+
+    @property
+    def masses_kg(self) -> Floats:
+        """Masses (n,)."""
+        return np.full(len(self.starts), self.base.mass_kg)
 
     @cached_property
     def forces(self) -> Floats:
@@ -161,8 +167,8 @@ class DrawnCase(JudgedTogether):
     starts : (n, 6) states; masses_kg : (n,)
     batches : they, 40 runs each; lanes beyond the last run rest at the target
     windows : in ticks
-    together : whether rows have the columns of `judged.VALUES` too; those of `thrusters.THRUST` are
-        the last ones where thrusters fire in pulses or spend propellant
+    together : whether rows have the columns of `judged.VALUES` too; those of `requirements.THRUST`
+        are the last ones where thrusters fire in pulses or spend propellant
     """
 
     name: str
@@ -180,9 +186,15 @@ class DrawnCase(JudgedTogether):
         return own is not None and bool(own.pulses or own.propellant)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of a row."""
+        together, spent = VALUES if self.together else (), THRUST if self.spends else ()
+        return (*UNITS, *together, *spent)
+
+    @property
     def columns(self) -> int:
         """Columns of a row."""
-        return super().columns + (len(thrusters.THRUST) if self.spends else 0)
+        return len(self.names)
 
 
 def case_of_set(

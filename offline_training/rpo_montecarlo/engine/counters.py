@@ -40,7 +40,8 @@ from rpo_montecarlo.engine.lanes import (
     compiled,
 )
 from rpo_montecarlo.engine.parts import goal
-from rpo_montecarlo.engine.tick import COMMANDED, COUNTED, MOVED, Part, Runs, table_of
+from rpo_montecarlo.engine.parts.control import Control
+from rpo_montecarlo.engine.tick import COMMANDED, COUNTED, MOVED, Part, Runs, fly, table_of
 
 Floats = NDArray[np.float64]
 
@@ -107,11 +108,8 @@ def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
         speeds[p + i] = w[V + s] * w[V + s]
 
 
-def counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
-    """Return the part that counts.
-
-    norms : (2, tail, lanes) room for squared distances and speeds; None where loops are pairs
-    """
+def _counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
+    """Return the part that counts."""
     planar, vertical = len(runs.planar), len(runs.vertical)
     goals = [goal.position_of(part) for part in runs.parts if part.name == 'goal']
     table = table_of(planar, vertical, norms is None, windows, *goals)
@@ -139,6 +137,24 @@ class Trace:
         self.states: Any = states.reshape(ticks + 1, lanes, 2)
         self.forces: Any = forces.reshape(ticks + 1, lanes)
         self.part = Part('trace', ((COMMANDED, keep_trace),), table_of(lanes, ticks), memory)
+
+
+def fly_lanes(
+    control: Control,
+    runs: Runs,
+    windows: Windows,
+    w: Floats,
+    *,
+    norms: Floats | None = None,
+    trace: Trace | None = None,
+) -> dict[str, Floats]:
+    """Fly runs, and count what `finish_crossed` or `finish_paired` combine.
+
+    norms : (2, tail, lanes) room for squared distances and speeds; None where loops are pairs
+    """
+    own = [control.part(runs), _counting(runs, windows, norms)]
+    own += [trace.part] if trace else []
+    return fly(runs, own, windows.horizon, w)
 
 
 @compiled

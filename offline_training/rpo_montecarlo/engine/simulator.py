@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_ctrl.baselines import Baseline
 from rpo_montecarlo.engine import counters, lanes
 from rpo_montecarlo.engine.cases import Case, Crossed, DrawnCase
-from rpo_montecarlo.engine.counters import Trace, counting
+from rpo_montecarlo.engine.counters import Trace, fly_lanes
 from rpo_montecarlo.engine.judged import VALUES, judge
 from rpo_montecarlo.engine.lanes import PAIRED_LANES, RUNS, paired_lanes
 from rpo_montecarlo.engine.parts.control import Control, control_of, fuzzy_control
@@ -32,7 +33,6 @@ from rpo_montecarlo.engine.parts.thrusters import spent_of
 from rpo_montecarlo.engine.population import Population, population_of
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Runs
-from rpo_montecarlo.engine.tick import fly as fly_lanes
 
 Floats = NDArray[np.float64]
 Candidates = Population | Sequence[Controller]
@@ -121,51 +121,58 @@ class Simulator:
             self._fly_paired(control, case, rows)
             return
         w, norms, pairs = self._scratch.w, self._scratch.norms, self._scratch.pairs
-        runs, windows, judged = crossed.runs, case.windows, case.judged
-        more = [control.part(runs), counting(runs, windows, norms)]
-        trace = None if judged is None else Trace(windows.horizon, runs.lanes)
-        fly_lanes(runs, [*more, *([trace.part] if trace else [])], windows.horizon, w)
+        runs, windows, base, judged = crossed.runs, case.windows, case.base, case.judged
+        trace = Trace(windows.horizon, runs.lanes) if judged else None
+        fly_lanes(control, runs, windows, w, norms=norms, trace=trace)
         p, q = len(runs.planar), len(runs.vertical)
-        dt_s, mass_kg = case.base.dt_s, case.base.mass_kg
-        counters.finish_crossed(p, q, dt_s, mass_kg, windows.tail, w, norms, pairs)
+        counters.finish_crossed(p, q, base.dt_s, base.mass_kg, windows.tail, w, norms, pairs)
         rows[:, : counters.COLUMNS] = pairs[crossed.pairs]
-        if judged is not None and trace is not None:
-            rows[:, counters.COLUMNS :] = judge(trace.states, crossed.lanes, case.base, judged)
+        if judged and trace:
+            rows[:, counters.COLUMNS :] = judge(trace.states, crossed.lanes, base, judged)
 
     def _fly_paired(self, control: Control, case: Case | DrawnCase, rows: Floats) -> None:
-        """Fly starts `RUNS` at a time: any number of them."""
-        w, judged, windows, columns = self._scratch.w, case.judged, case.windows, counters.COLUMNS
-        counted, final = np.empty((RUNS, columns)), np.empty((RUNS, 6))
-        trace = None if judged is None else Trace(windows.horizon, PAIRED_LANES)
-        masses_kg = np.full(len(rows), case.base.mass_kg)
-        batches: Iterable[Runs]
-        if isinstance(case, DrawnCase):
-            masses_kg, batches = case.masses_kg, case.batches
-        else:
-            batches = case.paired()
-        for first, runs in zip(range(0, len(rows), RUNS), batches, strict=True):
-            more = [control.part(runs), counting(runs, windows, None)]
-            more += [trace.part] if trace else []
-            memories = fly_lanes(runs, more, windows.horizon, w)
-            some = slice(first, first + RUNS)
-            n = len(rows[some])
-            counters.finish_paired(
-                case.base.dt_s, masses_kg[some], windows.tail, w, counted[:n], final[:n]
-            )
-            rows[some, :columns] = counted[:n]
-            if judged is not None and trace is not None:
-                judged_to = columns + len(VALUES)
-                rows[some, columns:judged_to] = judge(
-                    trace.states, paired_lanes(n), case.base, judged
-                )
-            spent = spent_of(memories.get('thrusters'))
-            for at, name in enumerate(spent, -len(spent)):
-                rows[some, at] = spent[name][:n]
+        for pairs in fly_pairs(control, case, self._scratch.w):
+            rows[pairs.some] = pairs.rows
 
     def _control(self, candidates: Candidates, index: int) -> Control:
         if isinstance(candidates, Population):
             return fuzzy_control(candidates.law(index, self.samples))
         return control_of(candidates[index])
+
+
+class Pairs(NamedTuple):
+    """Up to 40 paired runs that have flown.
+
+    some : their places in the case; rows : (n, case.columns); final : (n, 6) states at the end
+    memories : of their parts
+    """
+
+    some: slice
+    rows: Floats
+    final: Floats
+    runs: Runs
+    memories: dict[str, Floats]
+
+
+def fly_pairs(control: Control, case: Case | DrawnCase, w: Floats) -> Iterator[Pairs]:
+    """Fly any number of starts, `RUNS` at a time."""
+    judged, windows, columns = case.judged, case.windows, counters.COLUMNS
+    trace = Trace(windows.horizon, PAIRED_LANES) if judged else None
+    masses_kg = case.masses_kg
+    batches = case.batches if isinstance(case, DrawnCase) else case.paired()
+    for first, runs in zip(range(0, len(case.starts), RUNS), batches, strict=True):
+        memories = fly_lanes(control, runs, windows, w, trace=trace)
+        n = min(RUNS, len(case.starts) - first)
+        some, rows, counted = slice(first, first + n), np.empty((n, case.columns)), columns
+        final, metrics = np.empty((n, 6)), np.empty((n, columns))
+        counters.finish_paired(case.base.dt_s, masses_kg[some], windows.tail, w, metrics, final)
+        rows[:, :columns] = metrics
+        if judged and trace:
+            counted += len(VALUES)
+            rows[:, columns:counted] = judge(trace.states, paired_lanes(n), case.base, judged)
+        for at, values in enumerate(spent_of(memories.get('thrusters')).values(), counted):
+            rows[:, at] = values[:n]
+        yield Pairs(some, rows, final, runs, memories)
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,6 +59,16 @@ class Part(NamedTuple):
     steps: tuple[tuple[int, Any], ...]
     table: Floats
     memory: Floats = np.zeros(0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Kernels go to other processes by their names: a copy would be compiled anew."""
+        names = [(place, kernel.__module__, kernel.__name__) for place, kernel in self.steps]
+        return _part, (self.name, names, self.table, self.memory)
+
+
+def _part(name: str, names: list[tuple[int, str, str]], table: Floats, memory: Floats) -> Part:
+    steps = ((place, getattr(import_module(module), name)) for place, module, name in names)
+    return Part(name, tuple(steps), table, memory)
 
 
 class Runs(NamedTuple):

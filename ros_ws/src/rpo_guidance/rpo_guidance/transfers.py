@@ -37,6 +37,9 @@ gives way to one that costs at most such a share of it."""
 PER_SEGMENT = 50
 """Steps of work (`rpo_guidance.work`) for each segment of a path, about."""
 
+MOST_PLANNED = 64
+"""Transfers that are remembered."""
+
 NEAR = 1.6
 """A point of the path gets a half-space if it is nearer than this many radii."""
 
@@ -109,6 +112,10 @@ class Limits(NamedTuple):
 
 
 ANYWHERE = Limits()
+
+
+_planned: dict[str, tuple[Transfer, float]] = {}
+"""Transfers found in this process, and the steps that each took: a plan is checked, then flown."""
 
 
 class _HalfSpaces:
@@ -186,7 +193,8 @@ class _Problem:
         burn: int | None,
         ease: int,
     ) -> None:
-        spend(PER_SEGMENT * segments)
+        self.steps = 0.0
+        self._spend(PER_SEGMENT * segments)
         self._start, self._step, self._zones = start, step, zones
         self._root = _eased(segments, ease) if ease else None
         self._reach, self._drift = np.empty((segments, 6, 3)), np.empty((segments + 1, 6))
@@ -196,10 +204,15 @@ class _Problem:
         self._missing = [e - d for e, d in zip(end, self._drift[-1].tolist(), strict=True)]
         self.free = self._optimum(_HalfSpaces())
 
+    def _spend(self, steps: float) -> None:
+        """Count steps, before they are taken; raises TooMuch."""
+        spend(steps)
+        self.steps += steps
+
     def _optimum(self, bounds: _HalfSpaces) -> Transfer:
         """Return the transfer of least energy within half-spaces."""
         segments = len(self._reach)
-        spend((6 + len(bounds.when)) ** 2 * (3 * segments + PER_SEGMENT))
+        self._spend((6 + len(bounds.when)) ** 2 * (3 * segments + PER_SEGMENT))
         when = np.array(bounds.when, dtype=np.int64)
         normals = np.array(bounds.normals).reshape(-1, 3)
         rows = np.empty((6 + len(when), segments, 3))
@@ -272,7 +285,20 @@ def least_energy(
     Half-spaces end at a local optimum. If that is dear, the path is planned again over both sides
     of the orbital plane, and the cheapest is taken.
     """
+    key = repr((start, end, step, segments, zones, burn, ease))  # 0.0 is not -0.0
+    known = _planned.get(key)
+    if known is not None:
+        spend(known[1])
+        return known[0]
     problem = _Problem(start, end, step, segments, zones, burn, ease)
+    best = _best_side(problem)
+    if len(_planned) >= MOST_PLANNED:
+        _planned.clear()
+    _planned[key] = best, problem.steps
+    return best
+
+
+def _best_side(problem: _Problem) -> Transfer:
     best = problem.around(None)
     if energy(best.forces) <= DEAR * energy(problem.free.forces):
         return best

@@ -52,12 +52,14 @@ largest NIS of so many numbers (7,), the state at the start (9,), covariances (8
 adds, at the start, and after a restart; the columns of each sensor as the filter takes it."""
 
 NOW, BASE, ORIGIN, IN_A_ROW, RESETS, LAST_RESET, ACCEPTED, REJECTED, LAST_ACCEPTED = range(9)
+WHOLE = 9
 BOTH = STATES + SQUARE
-X, SETTLED, KEPT = (9 + BOTH * i for i in range(3))
+X, SETTLED, KEPT = (10 + BOTH * i for i in range(3))
 P, WORK, GAINS = X + STATES, KEPT + BOTH, KEPT + BOTH + STATES
 TESTED, MOST_SENSORS, TESTS = WORK + 2 * STATES, 4, 8
 COMMANDS = TESTED + MOST_SENSORS * TESTS
-"""Places in what a filter remembers: counts; then, each a state and its covariance, that of the
+"""Places in what a filter remembers: counts; whether the newest covariance is another one than the
+settled; then, each a state and its covariance, that of the
 newest tick (X, P), of the tick up to which all measurements have come, and before a measurement;
 scratch. Of the newest measurement of each sensor 8 numbers: how many were tested (0: none came),
 the sum of their squares (NIS), each innovation over its sigma. Then the newest commands, 3 numbers
@@ -103,17 +105,12 @@ def step_covariance(m: Any, step: CwStep, f: Any) -> None:
         _step_line(m, P + column, STATES, step)
     for row in range(6):  # a disturbance stays: so do the rows of it
         _step_line(m, P + STATES * row, 1, step)
-    for i in range(SQUARE):
-        m[P + i] += f[PROCESS_NOISE + i]
-    _mirror(m)
-
-
-@inlined
-def _mirror(m: Any) -> None:
-    """Make the covariance symmetric: what is right of the diagonal counts."""
-    for row in range(1, STATES):
-        for column in range(row):
-            m[P + STATES * row + column] = m[P + STATES * column + row]
+    for row in range(STATES):
+        for column in range(row, STATES):
+            at = STATES * row + column
+            value = m[P + at] + f[PROCESS_NOISE + at]
+            m[P + at] = value
+            m[P + STATES * column + row] = value
 
 
 @inlined
@@ -138,10 +135,11 @@ def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> f
     for a in range(STATES):
         gain, row = m[GAINS + a], P + STATES * a
         rest, noise = m[WORK + a] - gain * share, gain * variance  # of (I - K h') P h; K r
-        for b in range(STATES):
+        for b in range(a, STATES):
             other = m[GAINS + b]
-            m[row + b] = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
-    _mirror(m)
+            value = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
+            m[row + b] = value
+            m[P + STATES * b + a] = value
     return innovation / sqrt(spread)
 
 
@@ -245,13 +243,9 @@ def _advance(tick: int, step: CwStep, f: Any, m: Any, last: bool, full: bool) ->
 @kernel
 def _settle(tick: int, step: CwStep, f: Any, m: Any) -> None:
     """Move the base to the newest tick of which no more measurements will come."""
-    for j in range(BOTH):
-        m[X + j] = m[SETTLED + j]
     if tick - int(f[NEWEST]) > m[BASE]:
         m[BASE] += 1.0
         _advance(int(m[BASE]), step, f, m, True, True)
-        for j in range(BOTH):
-            m[SETTLED + j] = m[X + j]
 
 
 @kernel
@@ -286,7 +280,7 @@ def begin(tick: int, f: Any, m: Any) -> None:
         m[j] = 0.0
     m[NOW] = m[BASE] = tick - 1
     m[ORIGIN] = m[LAST_ACCEPTED] = tick
-    m[LAST_RESET] = -1.0
+    m[LAST_RESET], m[WHOLE] = -1.0, 1.0
     for j in range(COMMANDS, COMMANDS + (3 + (MEASURED + 1) * int(f[UNITS])) * slots_of(f)):
         m[j] = 0.0
 
@@ -307,6 +301,8 @@ def estimate(tick: int, command: Vector, measured: Any, f: Any, m: Any) -> None:
         begin(tick, f, m)
     for i in range(int(f[UNITS])):
         m[TESTED + TESTS * i] = 0.0
+    for j in range(BOTH if m[WHOLE] > 0.0 else STATES):
+        m[X + j] = m[SETTLED + j]
     _keep(tick, command, measured, step, f, m)
     _settle(tick, step, f, m)
     full, base = f[FULL] != 0.0, int(m[BASE])
@@ -314,6 +310,9 @@ def estimate(tick: int, command: Vector, measured: Any, f: Any, m: Any) -> None:
         for i in range(int(f[UNITS])):
             found = _pending(t, i, f)
             full = full or (m[found] != 0.0 and m[found + MEASURED] == t)
+    m[WHOLE] = 1.0 if full else 0.0
+    for j in range(BOTH if full else STATES):
+        m[SETTLED + j] = m[X + j]
     for t in range(base + 1, tick + 1):
         _advance(t, step, f, m, False, full)
     wrong = 0

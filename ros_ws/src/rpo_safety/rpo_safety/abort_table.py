@@ -11,7 +11,16 @@ from typing import Annotated, Any
 from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.codec import unless_default
 from rpo_core.files.starts import MAX_POSITION_M
-from rpo_core.files.validation import InputError, check_fields, choice, flag, real, vector3, whole
+from rpo_core.files.validation import (
+    InputError,
+    check_fields,
+    choice,
+    flag,
+    optional,
+    real,
+    vector3,
+    whole,
+)
 from rpo_core.kernels import Vector
 
 WARN, HOLD, RETREAT, DRIFT, ABORT = 'warn', 'hold', 'retreat', 'drift', 'abort'
@@ -59,8 +68,7 @@ class Row:
         whole('count', self.count, least=1, most=self.window)
 
 
-def _retreat(name: str, value: Any) -> Vector | None:
-    return None if value is None else vector3(name, value, 'm', bound=MAX_POSITION_M)
+_retreat = partial(optional, check=vector3, unit='m', bound=MAX_POSITION_M)
 
 
 @dataclass(frozen=True, kw_only=True)

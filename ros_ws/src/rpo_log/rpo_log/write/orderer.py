@@ -177,14 +177,15 @@ class TickOrderer:
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
+        asks = self.asks_from is not None
         if index in self.events:
             self._add_event(index, tick, data)
-        elif index == self.leader and tick > self._latest + (WINDOW if self._asks else 1):
+        elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
             self._keep_state_ahead(tick, data)
         elif tick > self._latest + WINDOW:
             self._keep_ahead(index, tick, data)
         else:
-            if index == self.leader and not self._asks:
+            if index == self.leader and not asks:
                 self._lead(tick)
             self._take(index, tick, data)
         if self._asks:
@@ -249,18 +250,18 @@ class TickOrderer:
             counts.late += tick in self._holes[index]
             counts.ignored += tick not in self._holes[index]
             return
-        known = self.messages(index, tick)
-        if data in known:
-            counts.duplicates += 1
-        elif known:
-            self._add_different(index, tick, data)
+        entry = self._pending.get(tick) or self._released.get(tick)
+        if entry is not None and entry.messages[index]:
+            if data in entry.messages[index]:
+                counts.duplicates += 1
+            else:
+                self._add_different(index, tick, data, entry)
         elif tick < self.next_tick:
             counts.late += 1
         else:
-            self._add_first(index, tick, data)
+            self._add_first(index, tick, data, entry or self._entry(tick))
 
-    def _add_first(self, index: int, tick: int, data: bytes) -> None:
-        entry = self._entry(tick)
+    def _add_first(self, index: int, tick: int, data: bytes, entry: _Tick) -> None:
         entry.messages[index].append(data)
         entry.missing -= 1
         if index not in self.plain and index != self.leader and not entry.messages[self.leader]:
@@ -269,9 +270,8 @@ class TickOrderer:
             self._newest[index] = max(tick, self._newest[index])
             self._silent[index] = False
 
-    def _add_different(self, index: int, tick: int, data: bytes) -> None:
+    def _add_different(self, index: int, tick: int, data: bytes, entry: _Tick) -> None:
         """Take a message that differs from another one of its topic and tick."""
-        entry = self._pending.get(tick) or self._released[tick]
         if len(entry.messages[index]) >= MOST_MESSAGES:
             self.counts[index].ignored += 1
             return
