@@ -210,9 +210,11 @@ def endured(ros_env, folder, *arguments, deadline_s):
     return trial.output
 
 
+@pytest.mark.slow
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
-def test_a_flight_endures_a_hundred_hostile_cases(ros_env, tmp_path):
-    said = endured(ros_env, tmp_path, '--cases', '100', '--nodes', *LOOP, deadline_s=110.0)
+def test_a_flight_endures_some_hundred_hostile_cases(ros_env, tmp_path):
+    said = endured(ros_env, tmp_path, '--cases', '300', '--nodes', *LOOP, deadline_s=110.0)
     assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said
 
 
