@@ -156,7 +156,7 @@ def test_a_log_cut_short_is_read_as_far_as_it_goes(run, log_bytes, chunks, tmp_p
     assert found.value.fault is Fault.TRUNCATED
 
 
-@settings(QUICK, max_examples=200)
+@QUICK
 @given(data=st.data())
 def test_cut_anywhere(run, log_bytes, chunks, data, tmp_path_factory):
     records = [chunk.chunk_start_offset for chunk in chunks]
@@ -189,7 +189,7 @@ def test_zeros_at_the_end_are_what_a_power_cut_leaves(run, log_bytes, tmp_path):
 # Corrupt
 
 
-@settings(QUICK, max_examples=300)
+@QUICK
 @given(data=st.data())
 def test_no_flipped_bit_goes_unnoticed(run, log_bytes, data, tmp_path_factory):
     at = data.draw(st.integers(0, len(log_bytes) - 1))

@@ -22,7 +22,7 @@ from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read import stream
 from rpo_log.verify import verify
 
-QUICK = settings(max_examples=80, deadline=None, derandomize=True, database=None)
+QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 
 
 @pytest.fixture(scope='module')

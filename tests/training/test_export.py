@@ -39,7 +39,10 @@ def surface_of(system):
     return np.array([[system.output(e, v) for e in GRID] for v in GRID])
 
 
-def test_pyfuzzylite_reads_fll_and_agrees_on_the_grid(controller):
+def test_json_holds_the_file_and_pyfuzzylite_agrees_with_fll_on_the_grid(controller):
+    document = json.loads(text_of(controller, 'json'))
+    assert parse(document['controller']) == controller
+    assert document['triangles']['force']['Z'][1] == 0.0 and len(document['rules']) == 25
     engine = fuzzylite.FllImporter().from_string(text_of(controller, 'fll'))
     e, v = np.meshgrid(GRID, GRID)
     engine.input_variable('position_error').value = e.ravel()
@@ -87,13 +90,6 @@ def test_any_controller_is_read_back_bit_for_bit(tmp_path_factory, system, scale
     path = tmp_path_factory.mktemp('back') / f'mine.{suffix}'
     path.write_text(text_of(built, suffix), encoding='utf-8')
     assert importing.load(path) == built
-
-
-def test_json_holds_the_controller_file(controller):
-    document = json.loads(text_of(controller, 'json'))
-    assert parse(document['controller']) == controller
-    assert document['triangles']['force']['Z'][1] == 0.0
-    assert len(document['rules']) == 25
 
 
 def run(*arguments):

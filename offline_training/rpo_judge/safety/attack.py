@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import CwStep, cw_step, exerted_force
+from rpo_core.kernels import cw_step, exerted_force, unpacked
 from rpo_core.kernels.noise import philox
 from rpo_core.world import cw
 from rpo_montecarlo.engine.lanes import compiled
@@ -345,21 +345,10 @@ def judge(state, g, world, row):  # type: ignore[no-untyped-def]
 @compiled
 def fly_many(keys, kinds, ticks, step, fine, g, world, matrices, rows):  # type: ignore[no-untyped-def]
     """Fly runs one after the other: keys (n, 2), kinds (n,), matrices (n, 9)."""
-    c, parts = step_from(step), step_from(fine)
+    c, parts = unpacked(step, 0, 1), unpacked(fine, 0, 1)
     for i in range(len(kinds)):
         k0, k1 = int(keys[i, 0]), int(keys[i, 1])
         fly_hostile(k0, k1, kinds[i], ticks, c, parts, g, world, matrices[i], rows[i])
-
-
-@compiled
-def step_from(n: Any) -> CwStep:
-    """Return the coefficients of a step from a row (26,)."""
-    # fmt: off
-    return CwStep(
-        n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11], n[12], n[13],
-        n[14], n[15], n[16], n[17], n[18], n[19], n[20], n[21], n[22], n[23], n[24], n[25],
-    )
-    # fmt: on
 
 
 REACH_M = 60.0

@@ -116,11 +116,8 @@ def _row(m, at, s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill(m, at, s, row):  # type: ignore[no-untyped-def]
-    # fmt: off
-    i = at + s
-    (m[i], m[i + RUNS], m[i + 2 * RUNS], m[i + 3 * RUNS], m[i + 4 * RUNS], m[i + 5 * RUNS],
-     m[i + 6 * RUNS], m[i + 7 * RUNS], m[i + 8 * RUNS], m[i + 9 * RUNS], m[i + 10 * RUNS]) = row
-    # fmt: on
+    for j in range(len(row)):
+        m[at + RUNS * j + s] = row[j]
 
 
 @compiled
@@ -129,14 +126,6 @@ def _six(m, at, s):  # type: ignore[no-untyped-def]
     return (
         m[i], m[i + RUNS], m[i + 2 * RUNS], m[i + 3 * RUNS], m[i + 4 * RUNS], m[i + 5 * RUNS]
     )  # fmt: skip
-
-
-@compiled
-def _fill_six(m, at, s, six):  # type: ignore[no-untyped-def]
-    # fmt: off
-    i = at + s
-    (m[i], m[i + RUNS], m[i + 2 * RUNS], m[i + 3 * RUNS], m[i + 4 * RUNS], m[i + 5 * RUNS]) = six
-    # fmt: on
 
 
 @compiled
@@ -150,8 +139,8 @@ def _step_targets(m, t, step):  # type: ignore[no-untyped-def]
         between = middle(before, slope, after, slope_after, step)
         _fill(m, HALF, s, orbit_row(between, world))
         _fill(m, END, s, orbit_row(after, world))
-        _fill_six(m, NOW, s, after)
-        _fill_six(m, SLOPE, s, slope_after)
+        _fill(m, NOW, s, after)
+        _fill(m, SLOPE, s, slope_after)
 
 
 @compiled
@@ -189,7 +178,7 @@ def step_orbits(w, m, t, tick):  # type: ignore[no-untyped-def]
         m[NOW:SLOPE] = t[STARTS:DENSITY]
         for s in range(RUNS):
             state, world = _six(m, NOW, s), _world(t, s)
-            _fill_six(m, SLOPE, s, target_rate(state, world))
+            _fill(m, SLOPE, s, target_rate(state, world))
             _fill(m, END, s, orbit_row(state, world))
     for axis in range(3):
         for s in range(RUNS):
