@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-import cma
 import numpy as np
 from numpy.typing import NDArray
 from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -186,6 +185,8 @@ class CmaSearch:
         return -(-(self.settings.evaluations - self.evaluations) // self.settings.population)
 
     def _descend(self) -> None:
+        import cma  # brings matplotlib, which other searches need not wait for
+
         rng = generator(self.seed, self._stream, self.descent)
         self.descent += 1
         self._bests: list[float] = []

@@ -16,7 +16,6 @@ import skfuzzy
 from core_oracles import aggregate, rule_cells, steepest, triangles
 from core_strategies import functions, grid_functions, systems, unit
 from hypothesis import assume, given
-from skfuzzy import control
 
 from rpo_core.control.fuzzy import FuzzySystem
 
@@ -74,6 +73,8 @@ def fuzzylite_outputs(system, points, cells):
 def skfuzzy_outputs(system, points, cells):
     """Return the outputs (len(points),) of scikit-fuzzy's control system on a universe of cells."""
     universe = np.linspace(-1, 1, cells + 1)
+    from skfuzzy import control  # imports matplotlib: no need to, where these tests are not run
+
     position = control.Antecedent(universe, 'position')
     velocity = control.Antecedent(universe, 'velocity')
     force = control.Consequent(universe, 'force', 'centroid')
