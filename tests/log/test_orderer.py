@@ -585,8 +585,10 @@ def test_events_are_taken_ahead_as_far_as_there_is_room(monkeypatch):
     monkeypatch.setattr(orderer, 'MOST_AHEAD', 2)
     heard = begun()
     heard.say(1, 1)
-    heard.say(EVENT, WINDOW)  # not far ahead
+    heard.say(1, 2)
     heard.say(EVENT, WINDOW + 1)
+    assert heard.orderer.counts[EVENT].ignored == 1
+    heard.say(EVENT, WINDOW)  # not far ahead
     assert heard.orderer.counts[EVENT].ignored == 1
     heard.say(EVENT, WINDOW)
     assert heard.orderer.counts[EVENT].duplicates == 1

@@ -226,9 +226,6 @@ class TickOrderer:
         self._lead(max(states, default=self._latest))
         for tick, data in sorted(states.items()):
             self._take(self.leader, tick, data)
-        for index, tick in sorted(self._ahead, key=lambda key: key[1]):
-            if first <= tick <= self._latest + WINDOW:
-                self._take(index, tick, self._ahead.pop((index, tick)))
 
     def _follow(self) -> None:
         """While the plant is asked, go on to each state that it has passed on to.
