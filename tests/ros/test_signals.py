@@ -100,14 +100,14 @@ def test_all_in_one_process(ros, number, trial):
 
 
 OTHERS = {
-    'navigation': ('navigating', {}),
+    'navigation': ('navigating', {'scenario': 'world_leo'}),
     'guidance': ('guiding', {'scenario': 'hold_points'}),
     'operator': ('waiting to say', {}),
     'assurance': ('', {'scenario': 'assured'}),
     'fault_injector': ('faults between', {}),
     'rival_controller': ('controlling', {}),
     'replay': ('', {'loop': 'true', 'rate': 1.0}),
-    'monitor': ('watching', {}),
+    'monitor': ('checking the limits', {}),
     'visualizer': ('showing', {}),
     'web': ('is shown at', {'port': 0}),
     'watch': ('', {}),

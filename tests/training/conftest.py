@@ -8,6 +8,13 @@ import pytest
 
 
 @pytest.fixture(scope='session')
+def handmade():
+    from rpo_core.control.controller import load_controller
+
+    return load_controller('handmade')
+
+
+@pytest.fixture(scope='session')
 def sound(tmp_path_factory):
     """The folder of a proof of a few cells, all of whose claims are proven."""
     from proofs import small_proof

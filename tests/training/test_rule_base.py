@@ -4,19 +4,12 @@
 
 from dataclasses import replace
 
-import pytest
 from core_strategies import functions
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rpo_core.control.controller import load_controller
 from rpo_core.control.fuzzy import WORDS, MembershipFunctions, RuleTable
 from rpo_judge.analysis import rule_base
-
-
-@pytest.fixture
-def handmade():
-    return load_controller('handmade')
 
 
 @given(functions, st.floats(0, 1))
