@@ -61,6 +61,7 @@ def test_all_tests_of_the_core_pass_with_rclpy_blocked():
         str(here.parent),
         *[f'--ignore={path}' for path in others],
         '--quiet',
+        '--deselect=tests/core/test_cdr.py::test_as_the_middleware_writes_it',  # its oracle is ROS
         RPO_HYPOTHESIS_PROFILE='smoke',
     )
     assert ' passed' in report and 'skipped' not in report, report

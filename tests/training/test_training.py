@@ -301,7 +301,7 @@ def test_a_signal_stops_a_run_cleanly(number, tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bits(tmp_path):
-    settings = ('ga.generations=60', 'ga.stall=60')
+    settings = ('name=one', 'ga.generations=60', 'ga.stall=60')
     process = start_rpo_train(tmp_path / 'killed', *settings)
     process.kill()
     process.communicate(timeout=30.0)

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from importlib.util import find_spec
 from itertools import islice
+from logging import CRITICAL
 from typing import Any, TypeVar
 from uuid import uuid4
 
@@ -152,7 +153,11 @@ def connected(address: str, workers: int) -> Iterator[Any]:
         if address == 'local':
             with _ignoring_ctrl_c():
                 cluster = LocalCluster(
-                    n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    silence_logs=CRITICAL,  # of a worker that stops first, after Ctrl-C
                 )
             with cluster, Client(cluster) as client:
                 yield client
