@@ -179,7 +179,7 @@ def _refuse_assurance(scenario: Scenario) -> str:
 
 
 def vary(kind: type[Guidance] | type[Assurance], scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return guidance or assurance of a run, which are told the nominal mass."""
+    """Return guidance or assurance of a run, which assume the nominal mass."""
     settings: Any = scenario.section(kind)
     if settings is None or 'mass_share' not in draw.dispersed:
         return []

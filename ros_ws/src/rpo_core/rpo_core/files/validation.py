@@ -179,6 +179,25 @@ def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, f
     return x, y, z
 
 
+def matrix(
+    name: str, value: Any, rows: int, columns: int, *, bound: float
+) -> tuple[tuple[float, ...], ...]:
+    """Return rows of finite floats, each within `bound` of zero; raises InputError."""
+    if hasattr(value, 'tolist'):  # a NumPy array
+        value = value.tolist()
+    lists = (list, tuple)
+    right = isinstance(value, lists) and len(value) == rows
+    if not right or not all(isinstance(row, lists) and len(row) == columns for row in value):
+        raise InputError(f'`{name}` must be {rows} rows of {columns} numbers; got {shown(value)}')
+    return tuple(
+        tuple(
+            real(f'{name}[{i}][{j}]', number, least=-bound, most=bound)
+            for j, number in enumerate(row)
+        )
+        for i, row in enumerate(value)
+    )
+
+
 def text(name: str, value: Any, *, most: int = MOST_NAME) -> str:
     """Return a printable line of at most `most` characters, not blank; raises InputError."""
     if not isinstance(value, str) or not value.strip():

@@ -85,7 +85,7 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
 
 @cache
 def _numba() -> Any:
-    """Return numba, told to fill AVX-512 registers: of its own LLVM fills half, a tenth slower."""
+    """Return numba, set to fill AVX-512 registers: by default LLVM fills half, a tenth slower."""
     import numba
     from numba.core import codegen
 

@@ -117,7 +117,7 @@ def spend(m: Any, impulse: float, tank: Tank) -> tuple[float, float]:
 
 @kernel
 def allocate(tick: int, command: Vector, m: Any, v: Valves, on: Any) -> None:
-    """Fill `on`: for how long [s] each valve is told to open.
+    """Fill `on`: for how long [s] each valve is commanded to open.
 
     An axis fires the valves of one side, all alike, or one alone where the impulse is too small for
     all. Valves that are known to be stuck are left
