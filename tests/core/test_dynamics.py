@@ -18,10 +18,10 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
-from rpo_core.kernels import orbit_kernels
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
+from rpo_kernels import orbit_kernels
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -259,7 +259,7 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
 
 DIGEST = """
 import hashlib
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.world.dynamics import Drag, Dynamics

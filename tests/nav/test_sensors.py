@@ -153,7 +153,7 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
 DIGEST = """
 import hashlib, numpy as np
 from nav_scenarios import LIDAR, PD, make
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 units = [
     {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,
