@@ -14,8 +14,8 @@ import pytest
 from nav_scenarios import LIDAR, make
 from scipy.stats import kstest
 
-from rpo_core.kernels import noise
 from rpo_core.wire import interfaces
+from rpo_kernels import noise
 from rpo_nav.sensor_kernels import across
 from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
