@@ -19,6 +19,7 @@ from rpo_log.verify import verify
         ('world_leo', ['estimator.compensate=true']),
         ('world_elliptic', []),
         ('world_moon', []),
+        ('paper_test_measured', []),
     ],
 )
 def test_a_world_flies_the_bits_of_the_core(ros, world, more):
