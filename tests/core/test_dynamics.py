@@ -80,6 +80,18 @@ def test_forces_turn_with_the_frame():
     assert np.linalg.norm(error[:3]) < 1e-8 and np.linalg.norm(error[3:]) < 1e-10
 
 
+def test_drag_slows_a_chaser_of_half_its_mass_twice_as_much():
+    """As a chaser of half the ballistic coefficient, bit for bit."""
+    flown = true(**WORLDS['all'])
+    heavy = environment_of(flown.dynamics, flown)
+    light = heavy._replace(chaser=2.0 * heavy.chaser)
+    row = orbit_kernels.orbit_row(target_start(flown.dynamics, flown), heavy)
+    still = (flown.start, (0.0, 0.0, 0.0))
+    after = orbit_kernels.relative_rate(*still, 2.0, row, heavy)
+    assert after == orbit_kernels.relative_rate(*still, 1.0, row, light)
+    assert after != orbit_kernels.relative_rate(*still, 1.0, row, heavy)
+
+
 def test_long_ticks_have_several_steps():
     flown = true(replace(BASE, dt_s=100.0), eccentricity=0.02)
     error = fly(flown, REST).states[-1] - Inertial(flown).drift()

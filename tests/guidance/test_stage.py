@@ -123,9 +123,9 @@ def test_go_without_conditions_is_refused(hold_points):
 
 
 def test_hold_stops_and_go_goes_on(around):
-    stage = follow(around, 3000, {1000: ['hold'], 2500: ['go']})
-    phases = [change.phase for change in stage.changes]
-    assert phases == ['to_the_port', guidance.STOPPED, 'to_the_port']
+    for command, phase in (('hold', guidance.STOPPED), ('retreat', guidance.RETREATED)):
+        stage = follow(around, 3000, {1000: [command], 2500: ['go']})
+        assert [c.phase for c in stage.changes] == ['to_the_port', phase, 'to_the_port']
     stopped = follow(around, 2000, {1000: ['hold']})
     (reference, _) = stopped.step(2000, (0.0,) * 6)
     assert reference[3:] == (0.0, 0.0, 0.0)

@@ -34,6 +34,9 @@ ON_THEIR_OWN = (
     'sensor_bias_x_m',
     'sensor_bias_y_m',
     'sensor_bias_z_m',
+    'sensor_velocity_bias_x_m_s',
+    'sensor_velocity_bias_y_m_s',
+    'sensor_velocity_bias_z_m_s',
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 

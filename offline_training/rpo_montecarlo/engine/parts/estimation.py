@@ -167,11 +167,15 @@ def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
         return []
     louder = 1.0 + draw.values.get('sensor_noise_share', 0.0)
     bias = [draw.values.get(f'sensor_bias_{axis}_m', 0.0) for axis in 'xyz']
+    drift = [draw.values.get(f'sensor_velocity_bias_{axis}_m_s', 0.0) for axis in 'xyz']
     units = []
     for unit in sensors.units:
         changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
         changed['scale_error'] = unit.scale_error + draw.values.get('sensor_scale_error', 0.0)
         changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
+        if unit.velocity_floor_m_s > 0.0:
+            pairs = zip(unit.velocity_bias_m_s, drift, strict=True)
+            changed['velocity_bias_m_s'] = tuple(b + more for b, more in pairs)
         units.append(replace(unit, **changed))
     found: list[Any] = [replace(sensors, units=tuple(units), noise_key=draw.key)]
     if estimator is not None:
