@@ -12,7 +12,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world.link import CORRUPTIONS
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 
 CONTROLLER = 'handmade'
 FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.2}

@@ -12,8 +12,8 @@ from nav_scenarios import LIDAR, make
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
-from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import patience
 from rpo_ros.signals import Outlet

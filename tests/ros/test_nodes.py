@@ -16,8 +16,8 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight, read_run
 
 NODES = {
     'plant': ('rpo_sim', {}),

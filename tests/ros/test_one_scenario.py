@@ -11,8 +11,8 @@ from scenarios import lasting
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, names, qos
 
 

@@ -16,7 +16,7 @@ import pytest
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 
 KILL_BOUND = 0.95
 """Share of the ticks so far that is left after `kill -9`."""

@@ -16,8 +16,8 @@ from std_srvs.srv import SetBool
 
 import rpo_core.files
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.stream import RunReader
 from rpo_log.replay_node import ReplayNode
+from rpo_mcap.read.stream import RunReader
 
 LISTENER = str(Path(__file__).with_name('listener.py'))
 

@@ -8,8 +8,8 @@ import pytest
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
-from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight, read_run
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,9 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_judge.evaluation import optimal
-from rpo_log.errors import LogError
-from rpo_log.read.run_log import read_run
 from rpo_log.show import style
+from rpo_mcap.errors import LogError
+from rpo_mcap.read.run_log import read_run
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.outputs import digest_of
