@@ -14,8 +14,8 @@ from nav_scenarios import LIDAR, PD, make, unmodelled
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import jit
 from rpo_core.world import cw
+from rpo_kernels import jit
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import (
     COMMANDS,

@@ -24,7 +24,6 @@ from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control.controller_file import ControllerFile, ControllerStage, register
 from rpo_core.files import codec
 from rpo_core.files.validation import check_fields, matrix, real, store
-from rpo_core.kernels import State, Vector
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import (
     GAINS,
@@ -33,6 +32,7 @@ from rpo_ctrl.baseline_kernels import (
     law_of,
     least_energy_gains,
 )
+from rpo_kernels.kernels import State, Vector
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000

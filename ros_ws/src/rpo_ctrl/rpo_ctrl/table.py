@@ -27,7 +27,6 @@ from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, register
 from rpo_core.files.validation import InputError, matrix, real, shown
-from rpo_core.kernels import State
 from rpo_ctrl.baseline_kernels import (
     BaselineLaw,
     baseline_force,
@@ -37,6 +36,7 @@ from rpo_ctrl.baseline_kernels import (
 )
 from rpo_ctrl.baselines import MAX_GAIN
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_kernels.kernels import State
 
 HELD_M = 0.5
 """Error within which a disturbance is held, the paper's."""

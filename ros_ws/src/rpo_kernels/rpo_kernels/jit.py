@@ -17,8 +17,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpo_core.files.validation import InputError
-from rpo_core.kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.errors import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
