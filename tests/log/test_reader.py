@@ -34,7 +34,7 @@ from rpo_mcap.write.mcap_file import McapFile
 from rpo_mcap.write.writer import RunLogWriter
 from tools.mutate_runs import Parts
 
-QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def counted(node, kind):
     return int(found[1]) if found else 0
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.slow
 def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_bytes(ros):
     scenario = lasting(10.0, ros.folder)
     faulty, injectors = fly_through(ros, scenario, **FAULTS)

@@ -98,6 +98,7 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
     assert verified.exit_code == 0, verified.sentence()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_command_that_was_lost_is_sent_again(ros_env, tmp_path):
     """Half of the commands do not reach navigation; its repeated answers bring them again."""

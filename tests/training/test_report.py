@@ -248,7 +248,7 @@ def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_
         page.write(Report('', '', ()), tmp_path / 'file')
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.text(st.characters(exclude_categories=['Cs', 'Cc']), min_size=1))
 def test_no_text_of_a_file_becomes_markup(text):
     blocks = (Text(text), Table(text, (text, text), ((text, text), (text,))), File(text, text))
