@@ -29,7 +29,7 @@ from rpo_cli.commands import (
     watch,
 )
 from rpo_core.files.validation import InputError
-from rpo_log.errors import LogError
+from rpo_mcap.errors import LogError
 
 
 def _version(wanted: bool) -> None:

@@ -212,7 +212,7 @@ def _why(best: Flown, flown: list[Flown], found: Scenario | ScenarioSet) -> list
         said = f'with {units} it holds, but then {_said(lost[-1])}{rest}' if lost else units
         if not other.worst[place].holds:
             other = min(flown, key=lambda each: _share(each.worst[place]))
-            said = f'no scaling that was flown keeps it; the least is {_said(other.worst[place])}'
+            said = f'no scaling that was flown keeps it; at the least, {_said(other.worst[place])}'
         sentences.append(f'{best.worst[place].statement}: {said}')
     return sentences
 

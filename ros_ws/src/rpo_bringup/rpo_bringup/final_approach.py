@@ -20,9 +20,9 @@ from rpo_core.files.validation import InputError, real
 from rpo_core.judge.similarity import command
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
-from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
+from rpo_mcap.errors import LogError
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_safety.assurance_node import AssuranceNode
