@@ -36,7 +36,7 @@ VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 
 def test_shipped_names():
-    paper = ['paper_box', 'paper_test', 'paper_test_phase', 'paper_training']
+    paper = ['paper_box', 'paper_test', 'paper_test_measured', 'paper_test_phase', 'paper_training']
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
         'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',

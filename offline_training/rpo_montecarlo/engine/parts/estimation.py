@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import measured
-from rpo_core.kernels.noise import six_normals
-from rpo_core.world.navigation_errors import Navigation
+from rpo_kernels.kernels import measured
+from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     PAIRED_LANES,
@@ -37,6 +36,7 @@ from rpo_montecarlo.engine.tick import (
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, X, estimate
+from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import NOISES, Sensing, Sensors
 
@@ -167,11 +167,15 @@ def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
         return []
     louder = 1.0 + draw.values.get('sensor_noise_share', 0.0)
     bias = [draw.values.get(f'sensor_bias_{axis}_m', 0.0) for axis in 'xyz']
+    drift = [draw.values.get(f'sensor_velocity_bias_{axis}_m_s', 0.0) for axis in 'xyz']
     units = []
     for unit in sensors.units:
         changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
         changed['scale_error'] = unit.scale_error + draw.values.get('sensor_scale_error', 0.0)
         changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
+        if unit.velocity_floor_m_s > 0.0:
+            pairs = zip(unit.velocity_bias_m_s, drift, strict=True)
+            changed['velocity_bias_m_s'] = tuple(b + more for b, more in pairs)
         units.append(replace(unit, **changed))
     found: list[Any] = [replace(sensors, units=tuple(units), noise_key=draw.key)]
     if estimator is not None:

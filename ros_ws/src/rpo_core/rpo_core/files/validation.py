@@ -11,36 +11,14 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Annotated, Any, get_type_hints
 
-MOST_SHOWN = 2000
-"""Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
+from rpo_kernels.errors import InputError as InputError
+from rpo_kernels.errors import printable as printable
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
 
 MOST_PATH = 4096
 """Longest path; Linux has no longer one."""
-
-
-def printable(text: object, most: int = MOST_SHOWN) -> str:
-    r"""Return a foreign text as one line that is safe on a terminal and in a log.
-
-    Escape sequences, newlines and marks that turn the direction of writing become escapes like
-    `\x1b`; of a longer text, the first `most` characters stay. What is printable stays as it is.
-    """
-    line = str(text)
-    line = line if len(line) <= most else f'{line[: most - 3]}...'
-    return line if line.isprintable() else ''.join(map(_escaped, line))
-
-
-def _escaped(character: str) -> str:
-    return character if character.isprintable() else repr(character)[1:-1]
-
-
-class InputError(ValueError):
-    """A value from a user is not usable; the message is one printable sentence."""
-
-    def __init__(self, sentence: object) -> None:
-        super().__init__(printable(sentence))
 
 
 def shown(value: Any, limit: int = 60) -> str:
