@@ -87,9 +87,7 @@ def test_a_hold_stops_and_stays():
     assert np.linalg.norm(end[-1, 3:]) < 1e-4
     assert np.linalg.norm(end[-1, :3] - end[-500, :3]) < 0.01
     assert np.linalg.norm(end[-1, :3] - end[AT, :3]) < 5.0
-    slow = AT + int(
-        np.argmax(np.linalg.norm(end[AT:, 3:], axis=1) <= 0.02)
-    )  # there it has its point
+    slow = AT + int(np.argmax(np.linalg.norm(end[AT:, 3:], axis=1) <= 0.02))
     assert np.linalg.norm(end[-1, :3] - end[slow, :3]) < 0.01
     assert flight.said == ['holding']
 
@@ -120,6 +118,8 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
     flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
     assert flight.said[0] == 'aborting' and flight.said[-1] == 'drifting'
     assert not np.any(flight.forces[-1])
+    radius = 10.0 if flight.ranges()[when] > 10.0 else SETTINGS.corridor.port_m
+    assert f' of {radius:g} m at the worst' in flight.stage.abort.changes[0].reason
     n = AROUND.mean_motion_rad_s
     for along in (-1.2e-6, 1.2e-6):
         assert drift(flight.states[-1], n, along) > 10.0
@@ -233,6 +233,7 @@ def test_each_quantity_is_looked_at():
     # the corridor at 14 m from the port is 0.07 m + 14 m x tan 10 deg / sqrt 2 wide
     width = 0.07 + 14.0 * math.tan(math.radians(10.0)) / math.sqrt(2.0)
     assert quantities['off_corridor_m'] == pytest.approx(3.0 - width, abs=1e-3)
+    assert found._world.drift_s == pytest.approx(2.0 * 2.0 * math.pi / AROUND.mean_motion_rad_s)
     assert quantities['intervention'] == 1.0
     assert quantities['impulse_n_s'] == pytest.approx(np.abs(flight.forces).sum() * AROUND.dt_s)
     assert (quantities['sigma_m'], quantities['sigma_m_s']) == (0.5, 0.01)
