@@ -9,6 +9,7 @@ looked up by name (`NAMES`), so a picture may use no colour that is not here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 AXIS_NAMES = ('x (R-bar)', 'y (V-bar)', 'z (H-bar)')
@@ -149,6 +150,66 @@ def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
     for axis in (axes.xaxis,) * x + (axes.yaxis,) * y:
         axis.set_major_formatter(Plain())
         axis.set_minor_formatter(Plain(labelOnlyBase=False))
+
+
+_AROUND = ((1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1))
+_DISTANCES_PT, _MARK_PT = (5.0, 12.0, 22.0, 36.0), 4.0
+
+
+def label_points(axes: Any, points: Sequence[tuple[float, float, str]], avoid: Any = ()) -> None:
+    """Name points where their names hide no point, no other name, and nothing of `avoid`.
+
+    The names of crowded points are placed first, each at the first of some places around its point
+    that hides nothing, or else at that which hides least; far from it, a line leads there. The
+    limits of the axes must be final.
+
+    points : (x, y, name); avoid : (n, 2) more points, both in the coordinates of the data
+    """
+    from matplotlib.transforms import Bbox
+
+    if not points:
+        return
+    axes.figure.draw_without_rendering()
+    pixel, frame = axes.figure.dpi / 72.0, axes.get_window_extent()
+    spots = axes.transData.transform([*(p[:2] for p in points), *avoid])
+    taken = [Bbox([spot - _MARK_PT * pixel, spot + _MARK_PT * pixel]) for spot in spots]
+
+    def crowd(i: int) -> float:
+        """Sum of the nearness of the other points."""
+        return float(sum(1.0 / (1.0 + sum((spot - spots[i]) ** 2)) for spot in spots))
+
+    def hidden(box: Any) -> float:
+        """Area that a name at a box would hide, or that the frame would cut."""
+        both = (Bbox.intersection(box, other) for other in taken)
+        inside = Bbox.intersection(box, frame)
+        cut = box.width * box.height - (inside.width * inside.height if inside else 0.0)
+        return float(sum(b.width * b.height for b in both if b) + cut)
+
+    for i in sorted(range(len(points)), key=lambda i: (-crowd(i), i)):
+        line = {'arrowstyle': '-', 'linewidth': 0.6, 'color': LIGHT['muted'], 'shrinkB': _MARK_PT}
+        name = axes.annotate(
+            points[i][2], points[i][:2], (0, 0), textcoords='offset points', ha='center',
+            va='center', arrowprops={**line, 'shrinkA': 0.0},
+        )  # fmt: skip
+        size = name.get_window_extent()
+        found: list[tuple[float, int, tuple[float, float], Any, float]] = []
+        for far in _DISTANCES_PT:
+            for x, y in _AROUND:
+                shift = (
+                    x * (size.width / 2.0 + far * pixel),
+                    y * (size.height / 2.0 + far * pixel),
+                )
+                box = Bbox.from_bounds(
+                    spots[i][0] + shift[0] - size.width / 2.0,
+                    spots[i][1] + shift[1] - size.height / 2.0,
+                    size.width,
+                    size.height,
+                )
+                found.append((hidden(box), len(found), shift, box, far))
+        _, _, shift, box, far = min(found)
+        name.set_position((shift[0] / pixel, shift[1] / pixel))
+        name.arrow_patch.set_visible(far > _DISTANCES_PT[0])
+        taken.append(box)
 
 
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
