@@ -7,8 +7,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rpo_judge.evaluation.robustness import QUANTITIES, Margin, Margins, Quantity
 from rpo_log.show import style
 
@@ -69,8 +67,4 @@ def _draw_crossings(axes: Any, found: Margins) -> None:
     names = [
         f'{c.phase_margin_deg:.0f}°, {c.delay_margin_ticks:.0f} ticks' for c in found.crossings
     ]
-    along = np.linspace(0.0, len(x) - 1.0, 60)
-    logs = (np.interp(along, np.arange(len(x)), np.log(values)) for values in (x, y))
-    style.label_points(
-        axes, list(zip(x, y, names, strict=True)), np.exp(np.column_stack(list(logs)))
-    )
+    style.label_points(axes, list(zip(x, y, names, strict=True)))

@@ -9,6 +9,7 @@ looked up by name (`NAMES`), so a picture may use no colour that is not here.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -153,63 +154,78 @@ def log_scale(axes: Any, *, x: bool = False, y: bool = True) -> None:
 
 
 _AROUND = ((1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1))
-_DISTANCES_PT, _MARK_PT = (5.0, 12.0, 22.0, 36.0), 4.0
+_DISTANCES_PT, _MARK_PT = (5.0, 12.0, 20.0, 30.0, 42.0), 4.0
+_HIDES, _MISLEADS, _FAR, _SWEEPS = 10.0, 3.0, 0.04, 3
+"""What it costs to hide as much of points and names as a name is large, or to be cut as much; to
+mislead; each point (1/72 in) of distance. To hide a line costs 1. How often each name is placed."""
 
 
-def label_points(axes: Any, points: Sequence[tuple[float, float, str]], avoid: Any = ()) -> None:
-    """Name points where their names hide no point, no other name, and nothing of `avoid`.
+def label_points(axes: Any, points: Sequence[tuple[float, float, str]]) -> None:
+    """Name points where their names hide no point, no other name, and no line of the axes.
 
-    The names of crowded points are placed first, each at the first of some places around its point
-    that hides nothing, or else at that which hides least; far from it, a line leads there. The
-    limits of the axes must be final.
+    The names of crowded points come first. Each is at the best of some places around its point,
+    and is placed again when all others are; far from its point, a line leads there. The limits of
+    the axes must be final.
 
-    points : (x, y, name); avoid : (n, 2) more points, both in the coordinates of the data
+    points : (x, y, name)
     """
-    from matplotlib.transforms import Bbox
+    import numpy as np
+    from matplotlib.text import Text
 
     if not points:
         return
     axes.figure.draw_without_rendering()
-    pixel, frame = axes.figure.dpi / 72.0, axes.get_window_extent()
-    spots = axes.transData.transform([*(p[:2] for p in points), *avoid])
-    taken = [Bbox([spot - _MARK_PT * pixel, spot + _MARK_PT * pixel]) for spot in spots]
+    pixel, frame = axes.figure.dpi / 72.0, axes.get_window_extent().extents
+    marks = axes.transData.transform([point[:2] for point in points])
+    half = _MARK_PT * pixel
+    taken = np.hstack([marks - half, marks + half])
+    placed: dict[int, Any] = {}
+    lines = [np.empty((0, 2))]
+    for line in axes.lines:
+        corners = line.get_transform().transform(line.get_xydata())
+        for a, b in itertools.pairwise(corners):
+            lines.append(np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / (2.0 * pixel))))
+    drawn = np.vstack(lines)
 
-    def crowd(i: int) -> float:
-        """Sum of the nearness of the other points."""
-        return float(sum(1.0 / (1.0 + sum((spot - spots[i]) ** 2)) for spot in spots))
+    def cost(own: int, box: Any) -> float:
+        """Return how bad a place [x0, y0, x1, y1] of a name is; 0: perfect.
 
-    def hidden(box: Any) -> float:
-        """Area that a name at a box would hide, or that the frame would cut."""
-        both = (Bbox.intersection(box, other) for other in taken)
-        inside = Bbox.intersection(box, frame)
-        cut = box.width * box.height - (inside.width * inside.height if inside else 0.0)
-        return float(sum(b.width * b.height for b in both if b) + cut)
+        It misleads where another point is nearer, or where the line to its point passes another,
+        or a name.
+        """
+        area, hidden = np.prod(box[2:] - box[:2]), np.vstack([taken, *placed.values()])
+        both = np.minimum(hidden, box)[:, 2:] - np.maximum(hidden, box)[:, :2]
+        hides = np.prod(np.maximum(both, 0.0), axis=1).sum() / area
+        seen = np.prod(np.maximum(np.minimum(frame, box)[2:] - np.maximum(frame, box)[:2], 0.0))
+        covers = np.all((drawn > box[:2]) & (drawn < box[2:]), axis=1).any()
+        away = np.hypot(*(marks - np.clip(marks, box[:2], box[2:])).T)
+        way = np.linspace(marks[own], (box[:2] + box[2:]) / 2.0, 20)[:, None]
+        others = np.delete(hidden, own, axis=0)
+        passes = ((way > others[:, :2]) & (way < others[:, 2:])).all(axis=-1).any()
+        misleads = bool(away.min() < 0.75 * away[own] or passes)
+        return float(_HIDES * (hides + 1.0 - seen / area) + covers + _MISLEADS * misleads)
 
-    for i in sorted(range(len(points)), key=lambda i: (-crowd(i), i)):
-        line = {'arrowstyle': '-', 'linewidth': 0.6, 'color': LIGHT['muted'], 'shrinkB': _MARK_PT}
-        name = axes.annotate(
-            points[i][2], points[i][:2], (0, 0), textcoords='offset points', ha='center',
-            va='center', arrowprops={**line, 'shrinkA': 0.0},
-        )  # fmt: skip
-        size = name.get_window_extent()
-        found: list[tuple[float, int, tuple[float, float], Any, float]] = []
-        for far in _DISTANCES_PT:
-            for x, y in _AROUND:
-                shift = (
-                    x * (size.width / 2.0 + far * pixel),
-                    y * (size.height / 2.0 + far * pixel),
-                )
-                box = Bbox.from_bounds(
-                    spots[i][0] + shift[0] - size.width / 2.0,
-                    spots[i][1] + shift[1] - size.height / 2.0,
-                    size.width,
-                    size.height,
-                )
-                found.append((hidden(box), len(found), shift, box, far))
-        _, _, shift, box, far = min(found)
-        name.set_position((shift[0] / pixel, shift[1] / pixel))
-        name.arrow_patch.set_visible(far > _DISTANCES_PT[0])
-        taken.append(box)
+    near = np.sum(1.0 / (1.0 + np.sum((marks[:, None] - marks) ** 2, axis=-1)), axis=-1)
+    order = np.argsort(-near, kind='stable').tolist()
+    line = {'arrowstyle': '-', 'linewidth': 0.6, 'color': LIGHT['muted'], 'shrinkA': 0.0}
+    names = [
+        axes.annotate(
+            text, (x, y), (0, 0), textcoords='offset points', ha='center', va='center',
+            arrowprops=line | {'shrinkB': _MARK_PT},
+        )
+        for x, y, text in points
+    ]  # fmt: skip
+    sizes = [np.array(Text.get_window_extent(name).size) / 2.0 + pixel for name in names]
+    for i in order * _SWEEPS:
+        placed.pop(i, None)
+        tried = [(far, np.array(side)) for far in _DISTANCES_PT for side in _AROUND]
+        shifts = [side * (sizes[i] + far * pixel) for far, side in tried]
+        boxes = [np.hstack([marks[i] + s - sizes[i], marks[i] + s + sizes[i]]) for s in shifts]
+        costs = [cost(i, box) + _FAR * far for box, (far, _) in zip(boxes, tried, strict=True)]
+        best = int(np.argmin(np.round(costs, 9)))  # the first of equal ones
+        placed[i] = boxes[best]
+        names[i].set_position(tuple(shifts[best] / pixel))
+        names[i].arrow_patch.set_visible(best >= len(_AROUND))
 
 
 def legend_below(figure: Any, *axes: Any, columns: int = 6) -> None:
