@@ -152,19 +152,17 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
         f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
         f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
-        f'alone {moving or "none"}. Its training saw these: what the training of the controller, '
-        'by the command in its file, flew of this campaign (its draws have other seeds).',
+        f'{moving or "none"}. Its training saw these: what its training, by the command in its '
+        'file, flew of this campaign (with other seeds).',
         f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
-        'rest, and as many with up to ±0.05 m/s, judged by its three conditions, with the same '
-        'interval. Smallest margin: '
+        'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
         "to any condition, over the training starts and the paper's tests. Thrust starts: how "
         f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
-        'dispersed runs. Valve openings, propellant: of a flight of 400 s with sensors, filter and '
-        f'pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first '
-        'state within 1 m of the target, over the training starts. Proof: of the three conditions '
-        'from every start at rest in the box, undisturbed, as `rpo prove` showed it '
-        '(`offline_training/proofs/proven.yaml`, from checked folders); of a family, its own '
-        'claims, computed by this command.',
+        'dispersed runs. Valve openings, propellant: of 400 s with sensors, filter and pulses, '
+        f'mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first state '
+        'within 1 m of the target, over the training starts. Proof: of the three conditions from '
+        'every start at rest in the box, undisturbed (`offline_training/proofs/proven.yaml`, from '
+        'checked folders; of a family, its own claims).',
         'Gain to bias: the largest checked at which, and up to which, all training starts meet '
         f'their conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that '
         'they keep when nothing is off; each alone. Gain: of the command, before it is saturated. '
