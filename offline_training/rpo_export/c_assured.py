@@ -19,15 +19,16 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import cw_step
 from rpo_core.wire import interfaces
 from rpo_export import c, formats
 from rpo_export.c_source import Source, number, wrapped
+from rpo_kernels.kernels import cw_step
 from rpo_montecarlo.outputs import identifier
 from rpo_safety import filters
 from rpo_safety.assurance import CONSTRAINTS, MODES, UNKNOWN, AssuranceStage, step_of
 from rpo_safety.guard import proof_of
 from rpo_safety.settings import Assurance
+from rpo_safety.shaping import Shaping, ShapingStage, shaped
 
 _CASES = 32  # ticks of each half of the self-test
 
@@ -37,8 +38,25 @@ _MEMORY = """/* What the filter remembers; `NAME_start` begins a flight. */
 typedef struct {
     double on_the_way_n[DELAY_OR_1][3]; /* to the thrusters, the oldest first */
     double last_n[3];
-    int mode; /* UNKNOWN: before the first state; MODES */
+SHAPED    int mode; /* UNKNOWN: before the first state; MODES */
 } NAME_memory;"""
+
+_SHAPED = """    double shaped_n[3]; /* the last shaped command, */
+    int shaped;         /* if it is not 0 */
+"""
+
+_SHAPE = """
+
+/* Shaped command [N]: slew limit and dead zone. */
+static void {name}_shape({name}_memory *memory, const double command_n[3], double sent_n[3])
+{{
+    for (int axis = 0; axis < 3; axis++) {{
+        sent_n[axis] = {shaped}(command_n[axis], memory->shaped_n[axis], !memory->shaped,
+            {numbers});
+        memory->shaped_n[axis] = sent_n[axis];
+    }}
+    memory->shaped = 1;
+}}"""
 
 _FUNCTIONS = """/* Begin a flight. */
 {start}
@@ -49,7 +67,7 @@ _FUNCTIONS = """/* Begin a flight. */
         }}
         memory->last_n[axis] = 0.0;
     }}
-    memory->mode = {unknown};
+    memory->mode = {unknown};{forget}
 }}
 
 /* Command [N] of the controller alone{about}. */
@@ -64,7 +82,7 @@ _FUNCTIONS = """/* Begin a flight. */
     for (int axis = 0; axis < 3; axis++) {{
         command_n[axis] = command_n[axis] + {extra};
     }}
-}}
+}}{shape}
 
 /* Force [N] for a command of anybody; returns the constraint that changed it, 0 for none. */
 {assure}
@@ -90,8 +108,8 @@ _FUNCTIONS = """/* Begin a flight. */
 /* One tick: command [N] of the controller, and the force [N] that the filter makes of it. */
 {step}
 {{
-    {name}_command(position_m, velocity_m_s, {tick}{reference}command_n);
-    return {name}_assure(memory, position_m, velocity_m_s, command_n, force_n);
+    {name}_command(position_m, velocity_m_s, {tick}{reference}command_n);{send}
+    return {name}_assure(memory, position_m, velocity_m_s, {sent}, force_n);
 }}"""
 
 _AHEAD = """
@@ -124,8 +142,8 @@ _SELF_TEST = """{cases}
             }}
         }} else if (i == {own}) {{
             {name}_start(&memory);
-        }}
-        const int acted = {name}_assure(&memory, &c[0], &c[3], &c[6], force_n);
+        }}{send}
+        const int acted = {name}_assure(&memory, &c[0], &c[3], {sent}, force_n);
         if (force_n[0] != c[9] || force_n[1] != c[10] || force_n[2] != c[11]
             || acted != (int)c[12]) {{
             return i + 1;
@@ -148,6 +166,18 @@ class Assured(NamedTuple):
     def guided(self) -> bool:
         """Whether the controller follows a reference."""
         return any(section_of(s).place is Place.GUIDANCE for s in self.scenario.sections)
+
+    @property
+    def shaping(self) -> Shaping | None:
+        """What is done to the command before the filter."""
+        return self.scenario.section(Shaping)
+
+    def sending(self, memory: str, command: str, indent: int = 4) -> dict[str, str]:
+        """Return the lines of C that shape a command, and what the filter then gets."""
+        if self.shaping is None:
+            return {'send': '', 'sent': command}
+        lines = 'double sent_n[3];', f'{self.name}_shape({memory}, {command}, sent_n);'
+        return {'send': ''.join(f'\n{" " * indent}{line}' for line in lines), 'sent': 'sent_n'}
 
     @property
     def counts(self) -> bool:
@@ -194,6 +224,7 @@ def _prototypes(a: Assured) -> dict[str, str]:
 def _memory(a: Assured) -> str:
     modes = ', '.join(f'{mode} {name}' for mode, name in MODES.items())
     found = _MEMORY.replace('DELAY_OR_1', str(max(a.delay, 1))).replace('NAME', a.name)
+    found = found.replace('SHAPED', _SHAPED if a.shaping else '')
     return found.replace('UNKNOWN', str(UNKNOWN)).replace('MODES', modes)
 
 
@@ -209,8 +240,15 @@ def _functions(a: Assured, source: Source) -> str:
     goal = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) if a.scenario.goal is None else a.scenario.goal
     constants = [] if a.guided else [_vector('GOAL_M', goal[0]), _vector('HOLD_N', goal[1])]
     about = ', on the reference with its force' if a.guided else ', and what holds the goal'
+    shape = ''
+    if a.shaping is not None:
+        numbers = ', '.join(map(number, ShapingStage(a.shaping, a.scenario).numbers))
+        shape = _SHAPE.format(name=a.name, shaped=source.function(shaped).name, numbers=numbers)
     functions = _FUNCTIONS.format(
         **_prototypes(a),
+        **a.sending('memory', 'command_n'),
+        shape=shape,
+        forget='\n    memory->shaped = 0;' if a.shaping else '',
         name=a.name,
         slots=max(a.delay, 1),
         unknown=UNKNOWN,
@@ -244,12 +282,15 @@ def cases(a: Assured) -> tuple[list[int], list[list[float]]]:
     states = flight.states if seen == interfaces.RELATIVE_STATE else flight.signals[seen]
     ticks = np.linspace(0, a.scenario.ticks, _CASES).astype(int).tolist()
     stage, rows = AssuranceStage(a.settings, a.scenario), []
+    shaping = ShapingStage(a.shaping, a.scenario) if a.shaping else None
     none = np.zeros((a.scenario.ticks + 1, 6))
     references = flight.signals.get(interfaces.REFERENCE_STATE, none)
     forces = flight.signals.get(interfaces.REFERENCE_FORCE, none[:, :3])
     draw = np.random.default_rng(2)
     for hostile in (False, True):
         stage.reset()
+        if shaping is not None:
+            shaping.reset()
         for tick in ticks:
             state, command = states[tick].tolist(), flight.forces_n[tick].tolist()
             if hostile:
@@ -257,7 +298,8 @@ def cases(a: Assured) -> tuple[list[int], list[list[float]]]:
                 limit = float(a.scenario.max_force_n)
                 sides = np.sign(state[:3]) * np.sign(draw.uniform(-0.8, 0.2, 3))
                 command = (limit * sides * draw.uniform(0.5, 1.2, 3)).tolist()
-            (force,) = stage.step(tick, tuple(state), tuple(command))
+            (sent,) = shaping.step(tick, command) if shaping else (tuple(command),)
+            (force,) = stage.step(tick, tuple(state), sent)
             acted = _number_of(stage)
             more = [*references[tick].tolist(), *forces[tick].tolist()] if a.guided else []
             rows.append([*state, *command, *map(float, force), acted, *more])
@@ -284,6 +326,7 @@ def _self_test(a: Assured) -> str:
         own=len(ticks),
         tick='ticks[i], ' if a.counts else '',
         reference='&c[13], &c[19], ' if a.guided else '',
+        **a.sending('&memory', '&c[6]', indent=8),
     )
 
 

@@ -135,8 +135,8 @@ TUNING_SPACES: Mapping[str, TuningSpace] = {
 class TuningConfig(Configuration):
     """The tuning of a baseline.
 
-    disturbance : weight [N^2 s] of how far the paper's test is missed, see `search.fitness`; 0, as
-        in the training of the fuzzy controllers: without the test
+    disturbance : weight [N^2 s] of how far the paper's test is missed, see
+        `rpo_judge.scoring.fitness`; 0, as in the training of the fuzzy controllers: without it
     """
 
     required = ('kind',)

@@ -214,7 +214,7 @@ def test_gains_and_kinds_are_checked():
     assert '`gains[1][2]` must be a finite number' in message
     for bad in (None, 'neural', 3, ['pd']):
         message = refusal('controller', changed(lqr, ('kind',), bad))
-        assert '`kind` must be one of fuzzy, pd, lqr, mpc, apf_smc, drift, pace, ' in message
+        assert '`kind` must be one of fuzzy, pd, lqr, mpc, apf_smc, drift, ' in message
     mixed = {**document('controller', 'handmade'), 'kind': 'pd'}
     assert 'is not a known field' in refusal('controller', mixed)
     named = {**document('controller', 'handmade'), 'kind': 'fuzzy'}

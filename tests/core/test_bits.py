@@ -10,15 +10,15 @@ import pytest
 from core_oracles import python
 
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 
 DIGESTS = """
 import hashlib
 import numpy as np
-from rpo_core import kernels
-from rpo_core.kernels import jit
+from rpo_kernels import kernels
+from rpo_kernels import jit
 from rpo_core.world import cw
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import FuzzyController
@@ -107,8 +107,7 @@ def test_bits_are_those_of_every_other_machine(interpreted):
 def test_unset_takes_numba_where_it_is():
     installed = importlib.util.find_spec('numba') is not None
     assert (
-        python('from rpo_core.kernels import jit; print(jit.COMPILED)', RPO_JIT='')
-        == f'{installed}\n'
+        python('from rpo_kernels import jit; print(jit.COMPILED)', RPO_JIT='') == f'{installed}\n'
     )
 
 
@@ -118,7 +117,7 @@ find_spec = importlib.util.find_spec
 importlib.util.find_spec = lambda name: None if name == 'numba' else find_spec(name)
 from rpo_core.files.validation import InputError
 try:
-    from rpo_core.kernels import jit
+    from rpo_kernels import jit
     print(jit.COMPILED)
 except InputError as error:
     print(error)

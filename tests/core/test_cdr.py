@@ -16,6 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
 
 from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.layout import Layout
 from rpo_log.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -73,6 +74,7 @@ def odometry(stamp_ns: int, frame: str, child: str, state):
 def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
     data = cdr.encode_odometry(stamp_ns, frame, child, state)
     assert data == by_rosbags(odometry(stamp_ns, frame, child, state))
+    assert Layout(ODOMETRY, (frame, child)).encode(stamp_ns, state) == data
     back = cdr.decode_stamped(ODOMETRY, data)
     assert (back.stamp_ns, back.texts) == (stamp_ns, (frame, child))
     named = dict(zip(cdr.ODOMETRY_FIELDS, back.floats, strict=True))
@@ -92,6 +94,13 @@ def test_wrench_as_rosbags_writes_it(stamp_ns, frame, force):
     assert (back.stamp_ns, back.texts) == (stamp_ns, (frame,))
     assert same_bits(back.floats[:3], force)
     assert cdr.stamp_ns(data) == stamp_ns
+
+
+def test_a_log_holds_all_topics_but_these():
+    assert {row.name for row in interfaces.rows(logged=False)} == {
+        'guidance_status', 'decision', 'node_manifest', 'recorder_status', 'plant_tick',
+        'diagnostics',
+    }  # fmt: skip
 
 
 @QUICK

@@ -18,10 +18,10 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
-from rpo_core.kernels import orbit_kernels
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
+from rpo_kernels import orbit_kernels
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -78,6 +78,18 @@ def test_forces_turn_with_the_frame():
     flight = fly(flown, OpenLoop(np.repeat(forces, 100, axis=0)))
     error = flight.states[-1] - Inertial(flown).drift(forces, 10.0)
     assert np.linalg.norm(error[:3]) < 1e-8 and np.linalg.norm(error[3:]) < 1e-10
+
+
+def test_drag_slows_a_chaser_of_half_its_mass_twice_as_much():
+    """As a chaser of half the ballistic coefficient, bit for bit."""
+    flown = true(**WORLDS['all'])
+    heavy = environment_of(flown.dynamics, flown)
+    light = heavy._replace(chaser=2.0 * heavy.chaser)
+    row = orbit_kernels.orbit_row(target_start(flown.dynamics, flown), heavy)
+    still = (flown.start, (0.0, 0.0, 0.0))
+    after = orbit_kernels.relative_rate(*still, 2.0, row, heavy)
+    assert after == orbit_kernels.relative_rate(*still, 1.0, row, light)
+    assert after != orbit_kernels.relative_rate(*still, 1.0, row, heavy)
 
 
 def test_long_ticks_have_several_steps():
@@ -259,7 +271,7 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
 
 DIGEST = """
 import hashlib
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.world.dynamics import Drag, Dynamics

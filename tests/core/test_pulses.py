@@ -16,7 +16,6 @@ from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_core.kernels import pulse_kernels
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
 from rpo_core.world.thrusters import (
@@ -30,6 +29,7 @@ from rpo_core.world.thrusters import (
     stage_of,
     valve_names,
 )
+from rpo_kernels import pulse_kernels
 
 BASE = scenario.load_scenario('approach')  # 10 kg, 0.5 N, ticks of 0.1 s
 BIT_N_S = 0.5 * 0.01
@@ -222,7 +222,7 @@ def test_a_reset_stage_has_forgotten():
 
 DIGEST = """
 import hashlib
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.control.controller import load_controller
 from rpo_core.chain.flight import fly
 from rpo_core.files.scenario import load_scenario

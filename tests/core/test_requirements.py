@@ -15,9 +15,9 @@ from rpo_core import files
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import dumps, load, load_scenario, parse
 from rpo_core.files.validation import InputError
-from rpo_core.judge import metrics
+from rpo_core.judge import contact, metrics
 from rpo_core.judge.requirements import LIMITS, THRUST, Requirements
-from rpo_core.judge.verdicts import verdicts
+from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Propellant, Thrusters
 
@@ -188,7 +188,9 @@ def test_every_value_by_hand():
 def test_a_value_at_its_limit_holds():
     exact = {v.key: v.value for v in verdicts(made_up(**SETTINGS, **EVERYTHING))}
     exact['hold_force_per_disturbance'] = 1.5
-    assert all(v.holds for v in verdicts(made_up(**SETTINGS, **exact)))
+    flight = made_up(**SETTINGS, **exact)
+    assert all(v.holds for v in verdicts(flight)) and not missed(flight)
+    assert missed(made_up(**SETTINGS, **{**exact, 'final_error_norm_m': 0.39}))
 
 
 def test_what_never_happens_is_missed_and_what_is_not_flown_is_not_judged():
@@ -236,6 +238,22 @@ def test_a_contact_that_is_too_slow_for_the_latches_is_none():
 def test_the_way_through_the_zone_is_by_the_corridor(angle_deg, depth_m):
     found = touching(keep_out_m=5.5, corridor_half_angle_deg=angle_deg, keep_out_depth_m=0.0)
     assert found['keep_out_depth_m'] == pytest.approx(depth_m, abs=1e-12)
+
+
+@pytest.mark.parametrize('turn', [0, 1, 2])
+@pytest.mark.parametrize(
+    ('angle_deg', 'depth_m'), [(1.0, 0.5), (30.0, 2.5 - 3.75 * math.tan(math.radians(30.0)))]
+)
+def test_all_axes_are_judged_alike(turn, angle_deg, depth_m):
+    """x, y and z change their names. The port is before the target, the sphere about it."""
+    settings = {'contact_range_m': 0.5, 'keep_out_m': 5.5, 'corridor_half_angle_deg': angle_deg}
+    limits = dict.fromkeys(('contact_closing_speed_m_s', 'keep_out_depth_m'), 1.0)
+    required = Requirements(contact_axis=f'+{"yzx"[turn]}', **settings, **limits)
+    port = np.roll((0.0, 0.25, 0.0), turn)
+    parts = np.roll(made_up(energy_n2s=1.0).states.reshape(-1, 2, 3), turn, axis=2)
+    parts[:, 0] -= port
+    found = contact.judged(parts.reshape(-1, 6), required, tuple(port.tolist()))
+    assert found == pytest.approx((0.0, 0.1, depth_m), abs=1e-12)
 
 
 def test_without_requirements_nothing_is_judged():

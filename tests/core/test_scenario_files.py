@@ -36,7 +36,7 @@ VECTORS = ['initial_position_m', 'initial_velocity_m_s']
 
 
 def test_shipped_names():
-    paper = ['paper_box', 'paper_test', 'paper_test_phase', 'paper_training']
+    paper = ['paper_box', 'paper_test', 'paper_test_measured', 'paper_test_phase', 'paper_training']
     worlds = ['world_elliptic', 'world_leo', 'world_moon']
     assert list(files.shipped('scenario')) == [
         'approach', 'around', 'assured', 'docking', 'docking_leo', 'guarded', 'hold_points',
@@ -240,6 +240,7 @@ def test_epoch_in_another_zone_is_the_same_moment(paper_test):
     content = text('2026-01-01T00:00:00Z', '2026-01-01T00:00:00.000001Z')
     moved = files.loads(content, scenario.parse, 'mine.yaml')
     assert moved.epoch_ns == paper_test.epoch_ns + 1000
+    assert scenario.parse(scenario.to_document(moved)) == moved
 
 
 @pytest.mark.parametrize('written', ['1e-1', '1.0e-1x', '"0.1"', '0,1'])

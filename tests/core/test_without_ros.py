@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from core_oracles import python
 
+from rpo_core.files import missing
+
 BLOCKED = """
 import sys
 
@@ -47,6 +49,12 @@ print(fly(load_scenario('quick'), load_controller('trained')).states.shape)
 
 def test_the_core_flies_with_rclpy_blocked():
     assert python(BLOCKED + FLIGHT, RPO_JIT='0').strip() == '(51, 6)'
+
+
+def test_it_is_said_how_to_install_the_one_library_that_rosdep_has_not():
+    said = missing.sentence('mcap.reader')
+    assert said.startswith('the Python library mcap is missing: `python3 -m pip install ')
+    assert missing.sentence('rclpy') is None and missing.sentence(None) is None
 
 
 @pytest.mark.slow

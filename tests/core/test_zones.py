@@ -192,6 +192,11 @@ def test_outside_agrees_with_angles(position):
     assert found == pytest.approx(expected, abs=1e-9)
 
 
+def test_between_ticks_a_path_is_as_deep_as_where_it_is_nearest():
+    path = np.array([(-1.0, 4.5, 0.0, 2.0, 0.0, 0.0), (1.0, 4.5, 0.0, 2.0, 0.0, 0.0)])
+    assert Zone(5.0).deepest_m(path, 1.0) == pytest.approx(0.5, abs=1e-12)
+
+
 def test_what_is_inside_a_zone():
     """The corridor leads in; across the port, and behind the target, nobody is in it."""
     zone = Zone(10.0, Cone((0.0, 1.0, 0.0), (0.0, 1.0, 0.0), 0.2, 19.0))

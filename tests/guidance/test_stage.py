@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from rpo_core import files, kernels
+from rpo_core import files
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import Place
@@ -20,6 +20,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world import cw
 from rpo_guidance import guidance, plan, rehearsal, transfers
+from rpo_kernels import kernels
 
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 
@@ -122,9 +123,9 @@ def test_go_without_conditions_is_refused(hold_points):
 
 
 def test_hold_stops_and_go_goes_on(around):
-    stage = follow(around, 3000, {1000: ['hold'], 2500: ['go']})
-    phases = [change.phase for change in stage.changes]
-    assert phases == ['to_the_port', guidance.STOPPED, 'to_the_port']
+    for command, phase in (('hold', guidance.STOPPED), ('retreat', guidance.RETREATED)):
+        stage = follow(around, 3000, {1000: [command], 2500: ['go']})
+        assert [c.phase for c in stage.changes] == ['to_the_port', phase, 'to_the_port']
     stopped = follow(around, 2000, {1000: ['hold']})
     (reference, _) = stopped.step(2000, (0.0,) * 6)
     assert reference[3:] == (0.0, 0.0, 0.0)

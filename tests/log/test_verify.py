@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
 
-from rpo_core.kernels.jit import COMPILED
 from rpo_core.wire import cdr
+from rpo_kernels.jit import COMPILED
 from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.read import stream
 from rpo_log.verify import verify
@@ -110,8 +110,8 @@ def test_the_first_of_two_is_named(log, tmp_path):
 def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
     # Everything after tick 100 follows from a state that was nudged there: each law holds, but for
     # the one step; and with that step's state forged too, the flight no longer starts where it did.
-    from rpo_core import kernels
     from rpo_core.control.controller import load_controller
+    from rpo_kernels import kernels
 
     control, flown = load_controller('handmade'), run.flight.scenario
     state = tuple(run.flight.states[100].tolist())

@@ -14,11 +14,12 @@ from nav_scenarios import LIDAR, PD, make, unmodelled
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import jit
 from rpo_core.world import cw
+from rpo_kernels import jit
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import (
     COMMANDS,
+    FULL,
     IN_A_ROW,
     LAST_RESET,
     PROCESS_NOISE,
@@ -280,16 +281,47 @@ def test_its_state_is_always_finite(measured, force):
         assert all(np.isfinite(values).all() for values in found)
 
 
+NOTHING = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8
+
+
 def test_of_missing_ticks_the_command_is_held():
     """A free-running node may miss ticks; the estimate goes on as if none was measured there."""
     flown = make([{**LIDAR, 'latency_ticks': 2}])
     stage, other = (EstimatorStage(flown.section(Estimator), flown) for _ in range(2))
-    nothing = (0.0,) * 6 + (-1.0,) + (0.0,) * 8 + (-1.0,) + (0.0,) * 8
     for tick in range(20):
-        whole = stage.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, nothing)
+        whole = stage.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, NOTHING)
         if tick in (0, 19):
-            gapped = other.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, nothing)
+            gapped = other.step(tick, (0.1, 0.0, 0.0) if tick else (0.0,) * 3, NOTHING)
     assert whole == gapped
+
+
+def test_it_may_begin_at_any_tick_and_says_when_it_coasts():
+    """It coasts where nothing was taken for ten periods of the slowest sensor."""
+    flown = make([{**LIDAR, 'period_ticks': 2, 'latency_ticks': 1}])
+    seen = (*flown.initial_position_m, 0.0, 0.0, 0.0, 1.0, *[0.0] * 8, -1.0, *[0.0] * 8)
+    stages = {origin: EstimatorStage(flown.section(Estimator), flown) for origin in (0, 1001)}
+    for tick in range(100):
+        message = seen if tick % 2 and tick <= 51 else NOTHING
+        first, later = (s.step(at + tick, (0.1, 0.0, 0.0), message) for at, s in stages.items())
+        assert first == later
+        silent = max(0, tick - 51)  # the newest one taken is of tick 50
+        coasting = f'the estimator is coasting: no measurement was taken for {silent} ticks'
+        said = {stage.trouble() for stage in stages.values()}
+        assert said == {coasting if silent > 20 else ''}
+
+
+def test_without_the_covariance_the_state_has_the_same_bits():
+    """A campaign asks for the state alone where nobody reads how sure it is."""
+    late = {**LIDAR, 'latency_ticks': 2, 'period_ticks': 3}
+    flown = make([late, {**POSITION, 'period_ticks': 5}])
+    flight = fly(flown, PD)
+    stage = EstimatorStage(flown.section(Estimator), flown)
+    stage.filter[FULL] = 0.0
+    for tick in range(flown.ticks + 1):
+        before = flight.forces_n[tick - 1] if tick else np.zeros(3)
+        rows = (tuple(flight.signals[name][tick]) for name in ('measurement', 'measurement_2'))
+        state = stage.step(tick, tuple(before), *rows)[0]
+        assert np.array_equal(state, flight.signals['navigation_state'][tick])
 
 
 @pytest.mark.parametrize(
@@ -304,9 +336,14 @@ def test_of_missing_ticks_the_command_is_held():
         ({'units': [{**LIDAR, 'noise_floor_m': 0.0}]}, 'a covariance must be positive'),
         ({'units': [{**LIDAR, 'latency_ticks': 90}], 'ticks': 50}, 'the length of the flight'),
         ({'units': [{**LIDAR, 'outages_s': [[0.0, 99.0]]}]}, 'they leave none'),
+        ({'units': [{**LIDAR, 'latency_ticks': 9, 'outages_s': [[0.0, 29.5]]}]}, 'leave none'),
+        ({'units': [{**LIDAR, 'outages_s': [[1.0, 2.0, 3.0]]}]}, 'must be [begin, end] in s'),
+        ({'units': [{**LIDAR, 'outages_s': [[0.0, 1.0]] * 101}]}, 'a list of at most 100'),
         ({'units': [{**LIDAR, 'dropout_share': 1.0}]}, '`dropout_share` must be a finite number'),
         ({'units': []}, '`units` must be 1 to 4 sensors'),
         ({'units': [{**LIDAR, 'boresight': [0, 0, 0]}]}, '`boresight` must have a direction'),
+        ({'units': [{**LIDAR, 'boresight': [0, 1.1e6, 0]}]}, '`boresight[1]` must be'),
+        ({'units': [{'kind': 'bearing', 'bearing_noise_rad': 0.1, 'noise_share': 0.1}]}, 'range'),
         ({'units': [{'kind': 'sonar'}]}, 'must be one of relative_position, range_bearing'),
     ],
 )  # fmt: skip

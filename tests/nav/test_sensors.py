@@ -14,8 +14,10 @@ import pytest
 from nav_scenarios import LIDAR, make
 from scipy.stats import kstest
 
+from rpo_core.wire import interfaces
+from rpo_kernels import noise
 from rpo_nav.sensor_kernels import across
-from rpo_nav.sensors import Sensors, SensorsStage
+from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
 pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
 
@@ -64,6 +66,9 @@ def test_position_and_velocity_by_axis():
     assert np.allclose(errors.std(axis=0), [1.0] * 3 + [0.01] * 3, rtol=0.05)
     assert np.allclose(np.corrcoef(errors.T), np.eye(6), atol=0.07)
     assert np.allclose(rows[:, [15, 19, 23]].mean(axis=0), 1e-4, rtol=0.05)
+    first, second = (noise.philox(9, block, 1, 0, 7, 1) for block in range(2))
+    draws = (noise.normal_pair(*first[2:])[1], *noise.normal_pair(*second[:2]))
+    assert np.allclose(errors[9, 3:], 0.01 * np.array(draws))
 
 
 def test_a_camera_measures_a_direction():
@@ -99,6 +104,8 @@ def test_period_latency_and_dropouts(latency):
     due[:latency] = False
     assert not came(rows)[~due].any()
     assert came(rows)[due].mean() == pytest.approx(0.75, abs=0.05)
+    nothing = [0.0] * 6 + [-1.0] + [0.0] * 8 + [-1.0] + [0.0] * 8
+    assert (rows[~came(rows)] == nothing).all()
 
 
 def test_what_comes_late_was_measured_before():
@@ -115,29 +122,40 @@ def test_what_comes_late_was_measured_before():
 
 
 def test_field_of_view_and_outages():
-    ahead = {**LIDAR, 'boresight': [0.0, 2.0, 0.0], 'field_of_view_rad': 0.5}
-    for x, seen in ((40.0, True), (60.0, False), (-40.0, True), (-60.0, False)):
-        rows = measured(ahead, 3, (x, -100.0, 0.0, 0, 0, 0))  # the target is ahead, along V-bar
-        assert came(rows).all() == seen
-    assert not came(measured(ahead, 3, (0.0, 100.0, 0.0, 0, 0, 0))).any()
-    rows = measured({**LIDAR, 'outages_s': [[1.0, 2.0], [2.5, 3.01]]}, 40)
-    assert np.flatnonzero(~came(rows)).tolist() == [*range(10, 20), *range(25, 31)]
+    ahead = {**LIDAR, 'boresight': [3.0, 4.0, 12.0], 'field_of_view_rad': 0.5}
+    b, first = np.array([3.0, 4.0, 12.0]) / 13.0, np.array([4.0, -3.0, 0.0]) / 5.0
+    for side in (first, np.cross(b, first)):
+        for angle in (0.45, 0.55, -0.45, -0.55, np.pi):
+            to_target = np.cos(angle) * b + np.sin(angle) * side
+            rows = measured(ahead, 3, (*(-100.0 * to_target), 0, 0, 0))
+            assert (came(rows) == (abs(angle) < 0.5)).all()
+    outages = [[[1.0, 2.0], [2.5, 3.01]], [[0.1, 99.0]]]
+    flown = make([{**LIDAR, 'outages_s': some} for some in outages], estimator=None)
+    stage = SensorsStage(flown.section(Sensors), flown)
+    rows = np.array([stage.step(tick, FAR) for tick in range(40)])
+    assert np.flatnonzero(~came(rows[:, 0])).tolist() == [*range(10, 20), *range(25, 31)]
+    assert np.flatnonzero(~came(rows[:, 1])).tolist() == [*range(1, 40)]
 
 
 def test_outliers():
     rows = measured({**LIDAR, 'outlier_share': 0.1, 'outlier_size_m': 50.0})
-    far = np.abs(rows[:, :3] - FAR[:3]).max(axis=1) > 6.0
+    errors = rows[:, :3] - FAR[:3]
+    far = np.abs(errors).max(axis=1) > 6.0
     assert far.mean() == pytest.approx(0.1, abs=0.02)
+    assert np.allclose(errors[far].std(axis=0), 50.0, rtol=0.15)
 
 
 def test_keys_and_sensors_are_independent():
     first, other = measured(LIDAR, key=1), measured(LIDAR, key=2)
     assert np.array_equal(first, measured(LIDAR, key=1))
     assert abs(np.corrcoef(first[:, 0], other[:, 0])[0, 1]) < 0.06
+    unkeyed, keyed = Sensors((Sensor(**LIDAR),)), Sensors((Sensor(**LIDAR),), (0, 0))
+    assert unkeyed == keyed
     flown = make([LIDAR, LIDAR], estimator=None)
     stage = SensorsStage(flown.section(Sensors), flown)
     pairs = np.array([stage.step(tick, FAR) for tick in range(2000)])
     assert abs(np.corrcoef(pairs[:, 0, 0], pairs[:, 1, 0])[0, 1]) < 0.08
+    assert pairs.shape[2] == len(interfaces.row_of('measurement_2').columns)
 
 
 def test_the_frame_of_the_line_of_sight_is_right_handed():
@@ -153,7 +171,7 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
 DIGEST = """
 import hashlib, numpy as np
 from nav_scenarios import LIDAR, PD, make
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 units = [
     {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,

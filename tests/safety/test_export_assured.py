@@ -22,6 +22,7 @@ from rpo_core.world.thrusters import Thrusters
 from rpo_export import c_assured
 from rpo_safety.assurance import ASSURED_FORCE, CONSTRAINTS, AssuranceStage
 from rpo_safety.settings import Assurance
+from rpo_safety.shaping import Shaping
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 
@@ -62,11 +63,19 @@ def program(controller, scenario, folder, optimise='-O2'):
 
 
 @pytest.mark.parametrize(
-    ('name', 'scenario', 'ticks'),
-    [('robust', 'assured', 4000), ('time_to_go', 'docking', 6080)],
+    ('name', 'flown', 'ticks'),
+    [
+        ('robust', ASSURED, 4000),
+        ('time_to_go', load_scenario('docking'), 6080),
+        (
+            'trained',
+            PAPER.equipped(Shaping(0.02, 0.001)).equipped(Assurance(keep_out_m=10.0)),
+            4000,
+        ),
+    ],
 )
-def test_a_flight_has_the_bits_of_the_chain(name, scenario, ticks, tmp_path):
-    controller, flown = load_controller(name), load_scenario(scenario)
+def test_a_flight_has_the_bits_of_the_chain(name, flown, ticks, tmp_path):
+    controller = load_controller(name)
     flight = fly(flown, controller)
     states = flight.signals.get(interfaces.NAVIGATION_STATE, flight.states)
     unread = np.zeros((len(states), 9))

@@ -16,6 +16,7 @@ from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
 from rpo_montecarlo.campaign import config, run_batch, sampling, single
 from rpo_montecarlo.engine import support
 from rpo_nav.estimator import Estimator
+from rpo_safety.shaping import Shaping
 
 pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
 
@@ -42,10 +43,17 @@ FIRING = Thrusters(
 )
 LEAK = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
 SOME = {'initial_position_m': {'uniform': 5.0}, 'mass_share': {'normal': 0.03}}
+MEASURED = replace(scenario.load_scenario('paper_test_measured'), duration_s=12.0)
+AS_FLOWN = config.load(config.find('paper_test_measured'), controller='handmade').config.dispersions
 COMPENSATED = LEO.equipped(replace(LEO.section(Estimator), compensate=True))
 CASES = {
     'leo': (LEO, WORLD),
     'leo, compensated': (COMPENSATED, SOME),
+    'measured and shaped': (
+        MEASURED.equipped(Shaping(0.01, 0.001)),
+        {name: {d.distribution: list(d.spread) if len(d.spread) > 1 else d.spread[0]}
+         for name, d in AS_FLOWN.items()},
+    ),
     'elliptic': (ELLIPTIC, SOME),
     'linear': (replace(PLAIN, sections=(replace(ELLIPTIC.dynamics, kind='linear_elliptic', j2=False,
                                                 eccentricity=0.01),)), SOME),

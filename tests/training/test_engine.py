@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import kernels
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
@@ -17,6 +16,7 @@ from rpo_core.files.starts import Box
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_kernels import kernels
 from rpo_montecarlo.engine import lanes, tick
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.counters import Trace

@@ -17,6 +17,7 @@ from rpo_core.judge.requirements import LIMITS, THRUST
 from rpo_core.judge.verdicts import verdicts
 from rpo_judge.evaluation.comparison import CONTROLLERS
 from rpo_montecarlo.campaign import config, execution, judging
+from rpo_montecarlo.campaign.holding import DRAWS, at_rest_n
 from rpo_montecarlo.campaign.run_batch import fly_runs
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import kept, rate, rates
@@ -62,6 +63,24 @@ def test_every_requirement_can_be_named_and_has_the_value_of_its_verdict(tmp_pat
     by_hand = columns['hold_force_per_axis_n'] <= 20.0 * columns[config.LEVEL]
     assert share.tolist() == by_hand.tolist() and 0 < share.sum() < 90
     assert all(config._success({name: 1.0}) for name in LIMITS)
+
+
+def test_the_hold_force_of_a_chaser_at_rest_is_that_of_the_disturbance():
+    """By hand, run for run: the disturbance at every tick of the hold, over 1 + thrust share."""
+    campaign = config.load(config.find('paper_test'), runs=60)
+    columns = fly_runs(campaign, 0, 60)
+    found = at_rest_n(campaign, columns)
+    nominal, times = campaign.scenario.disturbance, campaign.scenario.times_s
+    for number in range(0, 60, 7):
+        own = {name: float(columns[name][number]) for name in DRAWS}
+        force = nominal.varied(
+            own['disturbance_amplitude_share'],
+            phase_rad=own['disturbance_phase_rad'],
+            frequency_share=own['disturbance_frequency_share'],
+        ).over(times[times >= 200.0])
+        needed = np.abs(force / [1.0 + own[f'thrust_share_{axis}'] for axis in 'xyz']).max()
+        assert found[number] == pytest.approx(needed, rel=1e-4)
+    assert 0 < (found <= columns[config.LEVEL]).sum() < 60
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from rpo_core.control.controller import FuzzyController, load_controller, load_f
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.world.navigation_errors import Navigation
+from rpo_nav.navigation_errors import Navigation
 from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of

@@ -180,6 +180,8 @@ def _print(store: Store, least: float | None) -> bool:
     """Print a campaign; return whether fewer percent of its runs succeed than `least`."""
     from rpo_cli.display import print_table
     from rpo_montecarlo.campaign import judging
+    from rpo_montecarlo.campaign.config import SHARE
+    from rpo_montecarlo.campaign.holding import rate_at_rest
     from rpo_montecarlo.campaign.statistics import QUANTILES, rates, spreads
 
     config = store.campaign.config
@@ -192,6 +194,12 @@ def _print(store: Store, least: float | None) -> bool:
     title = f'{config.name}: {config.controller}, {config.scenario}, seed {config.seed}'
     print_table(('', 'runs', 'share', 'Wilson 95 %'), shares, title)
     echo(f'success: {judging.sentence(store.campaign)}')
+    if at_rest := rate_at_rest(store):
+        echo(
+            f'{judging.words(SHARE, unit=False)}: a chaser that rests at the target keeps it in '
+            f'{at_rest.percent} % of these runs: in the others its thrusters need more to balance '
+            'the disturbance'
+        )
     numbers = [
         (s.name, *(f'{x:.3g}' for x in (s.mean, *s.quantiles, s.worst)), str(s.worst_run))
         for s in spreads(store)

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.control.controller_file import Reason
     from rpo_core.control.explain import Decision, FiredRule
-    from rpo_core.kernels import Vector
     from rpo_ctrl.family import Family
     from rpo_judge.analysis.certificate import Certificate
+    from rpo_kernels.kernels import Vector
 
 
 EXAMPLES = """

@@ -121,8 +121,11 @@ class CampaignConfig:
     @property
     def judging(self) -> tuple[str, ...]:
         """Names of the columns that success is judged by."""
-        forces = ('hold_force_per_axis_n', LEVEL)
-        return tuple(c for name in self.success for c in (forces if name == SHARE else (name,)))
+        return tuple(column for name in self.success for column in self.judging_of(name))
+
+    def judging_of(self, name: str) -> tuple[str, ...]:
+        """Names of the columns that a limit is judged by: the value; its size, if a run's own."""
+        return ('hold_force_per_axis_n', LEVEL) if name == SHARE else (name,)
 
     @property
     def most_delay(self) -> int:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from rpo_core.kernels import Vector
+from rpo_kernels.kernels import Vector
 from rpo_montecarlo.campaign.config import Campaign, CampaignConfig
 from rpo_montecarlo.campaign.quantities import CUT, QUANTITIES, SHELL, Dispersion
 from rpo_nav.sensors import Sensors
@@ -34,6 +34,9 @@ ON_THEIR_OWN = (
     'sensor_bias_x_m',
     'sensor_bias_y_m',
     'sensor_bias_z_m',
+    'sensor_velocity_bias_x_m_s',
+    'sensor_velocity_bias_y_m_s',
+    'sensor_velocity_bias_z_m_s',
 )
 """Quantities that are drawn each by itself; results have a column of those that are dispersed."""
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest
 
 from rpo_montecarlo.campaign import judging
-from rpo_montecarlo.campaign.config import CampaignConfig
+from rpo_montecarlo.campaign.config import SHARE, CampaignConfig
 from rpo_montecarlo.campaign.store import Store
 
 Floats = NDArray[np.float64]
@@ -116,8 +116,12 @@ def rates(store: Store) -> list[Rate]:
 
 def spreads(store: Store) -> list[Spread]:
     """Return how every metric is distributed; one column in memory at a time."""
-    shown = store.campaign.metrics
-    return [spread(name, unit, store.column(name)) for name, unit in shown.items()]
+    config, shown = store.campaign.config, store.campaign.metrics
+    found = [spread(name, unit, store.column(name)) for name, unit in shown.items()]
+    if SHARE in config.success:
+        value, level = (store.column(name) for name in config.judging_of(SHARE))
+        found.append(spread(SHARE, judging.OF_ITS_OWN, value / level))
+    return found
 
 
 def document(store: Store) -> dict[str, Any]:

@@ -20,11 +20,12 @@ from rpo_montecarlo.engine.parts import (
     estimation,
     goal,
     link,
+    shaping,
     thrusters,
 )
 from rpo_montecarlo.engine.tick import KINDS, Kind
 
-PARTS = (estimation, approach, goal, control, link, thrusters, disturbance, dynamics)
+PARTS = (estimation, approach, goal, control, shaping, link, thrusters, disturbance, dynamics)
 """The modules that register themselves."""
 
 _announced: set[str] = set()

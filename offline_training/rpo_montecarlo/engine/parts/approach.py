@@ -14,10 +14,10 @@ import numpy as np
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import cw_step, unpacked
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
+from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     KNOWN_R,
@@ -179,7 +179,7 @@ def _refuse_assurance(scenario: Scenario) -> str:
 
 
 def vary(kind: type[Guidance] | type[Assurance], scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return guidance or assurance of a run, which are told the nominal mass."""
+    """Return guidance or assurance of a run, which assume the nominal mass."""
     settings: Any = scenario.section(kind)
     if settings is None or 'mass_share' not in draw.dispersed:
         return []

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import saturate
 from rpo_ctrl.baseline_kernels import GAINS, BaselineLaw, axis_force, baseline_force
 from rpo_ctrl.baselines import Baseline
+from rpo_kernels.kernels import saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
     E_V,

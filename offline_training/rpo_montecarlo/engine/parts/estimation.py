@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import measured
-from rpo_core.kernels.noise import six_normals
-from rpo_core.world.navigation_errors import Navigation
+from rpo_kernels.kernels import measured
+from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     PAIRED_LANES,
@@ -37,6 +36,7 @@ from rpo_montecarlo.engine.tick import (
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, X, estimate
+from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import NOISES, Sensing, Sensors
 
@@ -82,11 +82,11 @@ def navigate(w, m, t, tick):  # type: ignore[no-untyped-def]
     a, b = int(t[SIZES]), int(t[SIZES + 1])
     sensors, filters, c, d = _memories(m, t)
     for s in range(RUNS):
-        y, z, told = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
+        y, z, settings = s + RUNS, s + 2 * RUNS, t[TABLES + (a + b) * s :][: a + b]
         state = (w[R + s], w[R + y], w[R + z], w[V + s], w[V + y], w[V + z])
         arrived, memory = m[sensors + c * s :][:c], m[filters + d * s :][:d]
-        sense(tick, state, told[:a], arrived)
-        estimate(tick, (m[s], m[y], m[z]), arrived, told[a:], memory)
+        sense(tick, state, settings[:a], arrived)
+        estimate(tick, (m[s], m[y], m[z]), arrived, settings[a:], memory)
         w[SEEN_R + s], w[SEEN_R + y], w[SEEN_R + z] = memory[X], memory[X + 1], memory[X + 2]
         w[SEEN_V + s], w[SEEN_V + y], w[SEEN_V + z] = memory[X + 3], memory[X + 4], memory[X + 5]
 
@@ -148,37 +148,38 @@ def estimators_of(batch: Batch) -> Part | None:
     memories = [np.pad(m, (0, longest - len(m))) for m in memories]
     tables = [table_of(s.table, f) for s, f in zip(sensing, filters, strict=True)]
     sizes = [len(v) for v in (sensing[0].table, filters[0], sensing[0].memory, memories[0])]
-    rest = [0] * (RUNS - len(filters))  # lanes without a run are the first's
     return Part(
         'estimator',
         ((Place.ESTIMATOR, navigate), (ADDED + 1, oppose), (PASSED, remember)),
-        table_of(sizes, batch.base.compensated, *tables, *(tables[i] for i in rest)),
+        table_of(sizes, batch.base.compensated, batch.lanes(tables).T),
         table_of(
             np.zeros(PAIRED_LANES),
-            *(s.memory for s in sensing),
-            *(sensing[i].memory for i in rest),
-            *memories,
-            *(memories[i] for i in rest),
+            batch.lanes([s.memory for s in sensing]).T,
+            batch.lanes(memories).T,
         ),
     )
 
 
 def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
-    """Return sensors and estimator of a run; the filter is told what is nominal."""
+    """Return sensors and estimator of a run; the filter assumes what is nominal."""
     sensors, estimator = scenario.section(Sensors), scenario.section(Estimator)
     if sensors is None:
         return []
     louder = 1.0 + draw.values.get('sensor_noise_share', 0.0)
     bias = [draw.values.get(f'sensor_bias_{axis}_m', 0.0) for axis in 'xyz']
+    drift = [draw.values.get(f'sensor_velocity_bias_{axis}_m_s', 0.0) for axis in 'xyz']
     units = []
     for unit in sensors.units:
         changed: dict[str, Any] = {name: getattr(unit, name) * louder for name in NOISES}
         changed['scale_error'] = unit.scale_error + draw.values.get('sensor_scale_error', 0.0)
         changed['bias_m'] = tuple(b + more for b, more in zip(unit.bias_m, bias, strict=True))
+        if unit.velocity_floor_m_s > 0.0:
+            pairs = zip(unit.velocity_bias_m_s, drift, strict=True)
+            changed['velocity_bias_m_s'] = tuple(b + more for b, more in pairs)
         units.append(replace(unit, **changed))
     found: list[Any] = [replace(sensors, units=tuple(units), noise_key=draw.key)]
     if estimator is not None:
-        told = replace(
+        assumed = replace(
             estimator,
             noise_scale=estimator.noise_scale / louder,
             mass_kg=estimator.mass_kg or scenario.mass_kg,
@@ -186,7 +187,7 @@ def vary_sensors(scenario: Scenario, draw: Draw) -> list[Any]:
             if estimator.delay_ticks < 0
             else estimator.delay_ticks,
         )
-        found.append(told)
+        found.append(assumed)
     return found
 
 

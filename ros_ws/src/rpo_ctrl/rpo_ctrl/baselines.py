@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control.controller_file import ControllerFile, ControllerStage, register
 from rpo_core.files import codec
-from rpo_core.files.validation import InputError, check_fields, real, shown, store
-from rpo_core.kernels import State, Vector
+from rpo_core.files.validation import check_fields, matrix, real, store
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import (
     GAINS,
@@ -33,6 +32,7 @@ from rpo_ctrl.baseline_kernels import (
     law_of,
     least_energy_gains,
 )
+from rpo_kernels.kernels import State, Vector
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000
@@ -118,21 +118,7 @@ class Baseline(ControllerFile):
         return float(fx), float(fy), float(fz)
 
 
-def _matrix(name: str, value: Any) -> tuple[tuple[float, ...], ...]:
-    if hasattr(value, 'tolist'):  # a NumPy array
-        value = value.tolist()
-    rows = isinstance(value, (list, tuple)) and len(value) == 3
-    if not rows or not all(isinstance(row, (list, tuple)) and len(row) == 6 for row in value):
-        raise InputError(f'`{name}` must be 3 rows of 6 numbers; got {shown(value)}')
-    return tuple(
-        tuple(
-            real(f'{name}[{i}][{j}]', number, least=-MAX_GAIN, most=MAX_GAIN)
-            for j, number in enumerate(row)
-        )
-        for i, row in enumerate(value)
-    )
-
-
+_matrix = partial(matrix, rows=3, columns=6, bound=MAX_GAIN)
 _gain = partial(real, least=0.0, most=MAX_GAIN)
 _positive = partial(real, least=1e-6, most=MAX_GAIN)
 

@@ -26,8 +26,7 @@ from typing import Annotated, Any, ClassVar
 from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, register
-from rpo_core.files.validation import InputError, real, shown
-from rpo_core.kernels import State
+from rpo_core.files.validation import InputError, matrix, real, shown
 from rpo_ctrl.baseline_kernels import (
     BaselineLaw,
     baseline_force,
@@ -35,7 +34,9 @@ from rpo_ctrl.baseline_kernels import (
     law_of,
     pace_inputs,
 )
+from rpo_ctrl.baselines import MAX_GAIN
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_kernels.kernels import State
 
 HELD_M = 0.5
 """Error within which a disturbance is held, the paper's."""
@@ -51,17 +52,9 @@ def numbers(name: str, value: Any) -> Numbers:
     if not isinstance(value, (list, tuple)):
         raise InputError(f'`{name}` must be a list of numbers; got {shown(value)}')
     return tuple(
-        real(f'{name}[{i}]', number, least=-1e6, most=1e6) for i, number in enumerate(value)
+        real(f'{name}[{i}]', number, least=-MAX_GAIN, most=MAX_GAIN)
+        for i, number in enumerate(value)
     )
-
-
-def rows(name: str, value: Any, count: int, width: int) -> tuple[Numbers, ...]:
-    """Return `count` lists of `width` numbers; raises InputError."""
-    given = value if isinstance(value, (list, tuple)) else ()
-    found = tuple(numbers(f'{name}[{i}]', row) for i, row in enumerate(given))
-    if len(found) != count or any(len(row) != width for row in found):
-        raise InputError(f'`{name}` must be {count} rows of {width} numbers; got {shown(value)}')
-    return found
 
 
 def ascending(name: str, peaks: Numbers, count: int, positive: bool = False) -> None:
@@ -284,7 +277,7 @@ class Pace(ForceTable):
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
     distance_peaks_m: Annotated[Numbers, numbers]
     pace_peaks: Annotated[Numbers, numbers]
-    forces_n: Annotated[tuple[Numbers, ...], partial(rows, count=7, width=9)]
+    forces_n: Annotated[tuple[Numbers, ...], partial(matrix, rows=7, columns=9, bound=MAX_GAIN)]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -393,7 +386,7 @@ class MoreWords(ForceTable):
     distance_peaks_m: Annotated[Numbers, numbers]
     speed_peaks_m_s: Annotated[Numbers, numbers]
     damping_n_s_m: Annotated[float, partial(real, unit='N s/m', above=0.0, most=1e6)]
-    forces_n: Annotated[tuple[Numbers, ...], partial(rows, count=6, width=8)]
+    forces_n: Annotated[tuple[Numbers, ...], partial(matrix, rows=6, columns=8, bound=MAX_GAIN)]
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,12 +22,12 @@ from rpo_core.control.blend import Reasons, is_same, newtons
 from rpo_core.control.controller_file import Reason, register
 from rpo_core.files.validation import InputError, check_fields, choice, real, store
 from rpo_core.judge import metrics
-from rpo_core.kernels import State
-from rpo_core.kernels.jit import as_table
 from rpo_core.world.cw import TickLength
 from rpo_ctrl.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
 from rpo_ctrl.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import State
 
 WORDS = ('long', 'medium', 'short', 'very short', 'due')
 """The words of the time to go; `due` is also the word after arrival."""

@@ -16,11 +16,12 @@ from typing import Any
 import yaml
 
 import rpo_core
+import rpo_kernels
 import rpo_log
 from rpo_log.errors import cannot_write
 from rpo_log.format.run import INFO_FILE
 
-_PACKAGES = (rpo_core, rpo_log)
+_PACKAGES = (rpo_kernels, rpo_core, rpo_log)
 
 
 @cache

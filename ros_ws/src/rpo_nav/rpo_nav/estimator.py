@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, flag, real, whole
-from rpo_core.kernels import CwStep, cw_step
-from rpo_core.kernels.jit import as_table
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import PREVIOUS_COMMAND
 from rpo_core.world import cw
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import CwStep, cw_step
 from rpo_nav.filter_kernels import (
     BASE,
     COMMANDS,
@@ -53,7 +53,7 @@ _least = partial(real, least=0.0, most=1e6)
 
 @dataclass(frozen=True)
 class Estimator:
-    """A Kalman filter, told the noise of the sensors as the scenario has it.
+    """A Kalman filter; it assumes the noise of the sensors that the scenario has.
 
     position_sigma_m, velocity_sigma_m_s : each axis, of the state at the start: the filter begins
         with the start of the scenario plus an error of that size, drawn with the sensors' key
@@ -113,7 +113,7 @@ def gate(numbers: int, sigmas: float) -> float:
 
 
 def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
-    """Return what the filter of a scenario is told, a table of `rpo_nav.filter_kernels`."""
+    """Return the settings of the filter of a scenario, a table of `rpo_nav.filter_kernels`."""
     n, units = settings.states, sensors.units
     rows = np.array([unit.row(scenario.dt_s) for unit in units])
     rows[:, :5] *= settings.noise_scale
@@ -126,7 +126,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
     mass_kg = settings.mass_kg or scenario.mass_kg
     step = cw.discretise(scenario.mean_motion_rad_s, mass_kg, scenario.dt_s)
     delay_ticks = int(getattr(scenario.thrusters, 'delay_ticks', 0))
-    told = [
+    table = [
         n,
         scenario.max_force_n,
         delay_ticks if settings.delay_ticks < 0 else settings.delay_ticks,
@@ -142,7 +142,7 @@ def filter_of(settings: Estimator, sensors: Sensors, scenario: Any) -> Any:
         *_diagonal([*again, *disturbed]),
         *rows.ravel(),
     ]
-    return as_table(told)
+    return as_table(table)
 
 
 def _diagonal(sigmas: list[float]) -> list[float]:

@@ -11,7 +11,7 @@ An update is in Joseph's form: P - K h' P, then the same from the other side, pl
 Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, 5.2
 and 10.4.
 
-A filter is two flat tables, f of what it is told and m of what it remembers: a view of a part of a
+A filter is two flat tables, f of its settings and m of what it remembers: a view of a part of a
 table costs a compiled kernel more than an update does.
 """
 
@@ -20,8 +20,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels import CwStep, Vector, cw_step, saturate, unpacked
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
 from rpo_nav.sensor_kernels import (
     COLUMNS,
     CROSS_SHARE,
@@ -44,7 +44,7 @@ SQUARE = STATES * STATES
 N, LIMIT, DELAY, PATIENCE, NEWEST, FULL, UNITS = range(7)
 STEP, GATES, START = 7, 33, 40
 PROCESS_NOISE, SPREAD, AGAIN, SENSORS = (START + STATES + SQUARE * i for i in range(4))
-"""Places in what a filter is told: 6 or 9 states; limit of the thrusters [N]; ticks from a command
+"""Places in a filter's settings: 6 or 9 states; limit of the thrusters [N]; ticks from a command
 to its force; so many rejected measurements in a row restart it (0: none do); largest latency of a
 sensor [ticks]; 1 if the covariance of the newest tick is wanted (0: the state alone, which is
 faster); number of sensors. Then the exact step of the relative dynamics for one tick (26,), the

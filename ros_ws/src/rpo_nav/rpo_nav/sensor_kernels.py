@@ -11,20 +11,20 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels import State, Vector
-from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.noise import normal_pair, philox
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import State, Vector
+from rpo_kernels.noise import normal_pair, philox
 
 (
     NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,
     BIAS_X, BIAS_Y, BIAS_Z, WALK, SCALE, PERIOD, LATENCY, DROPOUT, OUTLIER, OUTLIER_SIZE,
-    COSINE, AXIS_X, AXIS_Y, AXIS_Z,
-) = range(21)  # fmt: skip
+    COSINE, AXIS_X, AXIS_Y, AXIS_Z, BIAS_VX, BIAS_VY, BIAS_VZ,
+) = range(24)  # fmt: skip
 """Columns of a sensor. CROSS_SHARE is that of the noise across the line of sight. DROPOUT and
 OUTLIER are bounds of a random word of 32 bits. COSINE is that of the half angle of the field of
 view, -2 if there is no limit."""
 
-COLUMNS = 21
+COLUMNS = 24
 
 MEASURED = 7
 """Numbers of a measurement: 1 or 0 for none, position [m] (a unit vector without range), velocity
@@ -162,9 +162,9 @@ def sample(
     if sensor[HAS_VELOCITY] != 0.0:
         n4, n5 = normal_pair(e, f)
         sigma = larger(sensor[VELOCITY_FLOOR], sensor[VELOCITY_SHARE] * distance)
-        m[at + 4] = state[3] + sigma * n3
-        m[at + 5] = state[4] + sigma * n4
-        m[at + 6] = state[5] + sigma * n5
+        m[at + 4] = state[3] + sensor[BIAS_VX] + sigma * n3
+        m[at + 5] = state[4] + sensor[BIAS_VY] + sigma * n4
+        m[at + 6] = state[5] + sensor[BIAS_VZ] + sigma * n5
 
 
 @kernel

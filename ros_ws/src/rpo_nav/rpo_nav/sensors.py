@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
+from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
     InputError,
     check_fields,
@@ -26,10 +27,10 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels import Vector, sin_cos
-from rpo_core.kernels.jit import as_table
 from rpo_core.wire import interfaces
-from rpo_core.world.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector, sin_cos
+from rpo_nav.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
 from rpo_nav.sensor_kernels import COLUMNS, MEASURED, UNITS, describe, sense
 
 MAX_SENSORS = 4
@@ -81,6 +82,7 @@ _metres = partial(real, unit='m', least=0.0, most=MAX_POSITION_ERROR_M)
 _share = partial(real, least=0.0, most=1.0)
 _speed = partial(real, unit='m/s', least=0.0, most=MAX_VELOCITY_ERROR_M_S)
 _vector = partial(vector3, unit='m', bound=MAX_POSITION_ERROR_M)
+_velocity = partial(vector3, unit='m/s', bound=MAX_VELOCITY_ERROR_M_S)
 _direction = partial(vector3, unit='', bound=1e6)
 
 
@@ -94,6 +96,7 @@ class Sensor:
     bearing_noise_rad : sigma across the line of sight; `noise_floor_m` is the floor of that too
     velocity_floor_m_s, velocity_share_1_s : sigma of velocity, by range; both 0: not measured
     bias_m : (3,) added to the position; bias_walk_m_s0_5 : per root of a second, each axis
+    velocity_bias_m_s : (3,) added to the velocity, where that is measured
     scale_error : share by which distances are too long
     period_ticks, latency_ticks : between measurements; from a measurement to its arrival
     dropout_share : probability that a measurement does not come
@@ -120,6 +123,7 @@ class Sensor:
     outages_s: Annotated[tuple[tuple[float, float], ...], _outages] = ()
     outlier_share: Annotated[float, partial(real, least=0.0, below=1.0)] = 0.0
     outlier_size_m: Annotated[float, _metres] = 0.0
+    velocity_bias_m_s: Annotated[Vector, _velocity] = unless_default((0.0, 0.0, 0.0))
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -135,6 +139,8 @@ class Sensor:
             raise InputError('`velocity_floor_m_s` must be > 0 m/s where velocity is measured')
         if self.kind != POSITION and self.velocity_floor_m_s > 0.0:
             raise InputError('`velocity_floor_m_s` must be 0 but for a sensor of relative_position')
+        if any(self.velocity_bias_m_s) and self.velocity_floor_m_s == 0.0:
+            raise InputError('`velocity_bias_m_s` must be 0 where velocity is not measured')
         if not any(self.boresight):
             raise InputError('`boresight` must have a direction; got [0, 0, 0]')
 
@@ -163,6 +169,7 @@ class Sensor:
             x / size,
             y / size,
             z / size,
+            *self.velocity_bias_m_s,
         ]
         if len(found) != COLUMNS:
             raise RuntimeError(f'a sensor must have {COLUMNS} columns; it has {len(found)}')

@@ -1,9 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Node `assurance`: what the controller commands, changed where it would break a limit.
+"""Node `assurance`: what the controller commands, shaped, and changed where it would break a limit.
 
-It reads the state that the controller reads, and `control_force`; the plant then takes
-`assured_force`. Each intervention, from its first tick, is published on `assurance_status`. Where
+It runs the stages between controller and thrusters. It reads the state that the controller reads,
+and `control_force`; the plant then takes `assured_force`, or `shaped_force` where there is no
+runtime assurance. Each intervention, from its first tick, is published on `assurance_status`. Where
 the scenario has an abort table, what it does is published on `stage_status`; the services `~/arm`,
 `~/inhibit`, `~/resume`, `~/hold`, `~/retreat`, `~/drift` and `~/abort` act from the next state on.
 """
@@ -33,8 +34,8 @@ class AssuranceNode(PlaceNode):
     """Answers each state and command with an assured force."""
 
     node_name = 'assurance'
-    places = (Place.ASSURANCE,)
-    what = ('assuring', 'runtime assurance')
+    places = (Place.SHAPING, Place.ASSURANCE)
+    what = ('shaping or assuring', 'shaping or runtime assurance')
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         self._constraint = ''

@@ -9,7 +9,17 @@ from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
 from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE, AssuranceStage, check_start
 from rpo_safety.settings import Assurance
+from rpo_safety.shaping import SHAPED_FORCE, Shaping, ShapingStage, check
 
+interfaces.add(
+    Interface(
+        SHAPED_FORCE,
+        interfaces.FORCE_TYPE,
+        'command after shaping, target LVLH, stamp of the state it answers',
+        interfaces.COMMAND,
+    ),
+    before=interfaces.DISTURBANCE_FORCE,
+)
 interfaces.add(
     Interface(
         ASSURED_FORCE,
@@ -30,6 +40,7 @@ interfaces.add(
     ),
     before=interfaces.RUN_STATUS,
 )
+register(Section('shaping', Shaping, Place.SHAPING, ShapingStage, check))
 register(
     Section(
         'assurance',

@@ -80,8 +80,7 @@ class Chain:
         Raises InputError if the controller counts ticks of another length, or a stage reads a
         signal that nothing before it makes.
         """
-        named = {section_of(settings).name: settings for settings in scenario.sections}
-        unnamed = [s for s in sections().values() if s.always and s.name not in named]
+        unnamed = [s for s in sections().values() if s.always and scenario.named(s.name) is None]
         placed = [(section.place, section.make(None, scenario)) for section in unnamed]
         placed += more
         for settings in scenario.sections:

@@ -40,6 +40,7 @@ class Place(IntEnum):
     ESTIMATOR = 20
     GUIDANCE = 30
     CONTROLLER = 40
+    SHAPING = 45
     ASSURANCE = 50
     DISTURBANCE = 60
     LINK = 70

@@ -14,7 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import files, kernels
+from rpo_core import files
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control import controller_file
 from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage
@@ -31,7 +31,8 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels.jit import as_table
+from rpo_kernels import kernels
+from rpo_kernels.jit import as_table
 
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""

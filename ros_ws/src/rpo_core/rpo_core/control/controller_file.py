@@ -30,8 +30,8 @@ from rpo_core.files.validation import (
     shown,
     store,
 )
-from rpo_core.kernels import State, Vector
 from rpo_core.wire import interfaces
+from rpo_kernels.kernels import State, Vector
 
 SCHEMA = 'rpo/controller/1'
 

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from rpo_core import kernels
 from rpo_core.control import blend
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import ControllerFile, Reason
@@ -18,6 +17,7 @@ from rpo_core.control.fuzzy import WORDS, FuzzySystem
 from rpo_core.files.scenario import MAX_VELOCITY_M_S
 from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, real
+from rpo_kernels import kernels
 
 AXES = ('x', 'y', 'z')
 

@@ -36,9 +36,9 @@ from rpo_core.files.validation import (
 from rpo_core.judge import requirements
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.zones import Zones, filled, without
-from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.world import cw
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
+from rpo_kernels.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 
 Settings = TypeVar('Settings')
 

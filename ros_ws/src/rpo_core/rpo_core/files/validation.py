@@ -11,36 +11,14 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Annotated, Any, get_type_hints
 
-MOST_SHOWN = 2000
-"""Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
+from rpo_kernels.errors import InputError as InputError
+from rpo_kernels.errors import printable as printable
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
 
 MOST_PATH = 4096
 """Longest path; Linux has no longer one."""
-
-
-def printable(text: object, most: int = MOST_SHOWN) -> str:
-    r"""Return a foreign text as one line that is safe on a terminal and in a log.
-
-    Escape sequences, newlines and marks that turn the direction of writing become escapes like
-    `\x1b`; of a longer text, the first `most` characters stay. What is printable stays as it is.
-    """
-    line = str(text)
-    line = line if len(line) <= most else f'{line[: most - 3]}...'
-    return line if line.isprintable() else ''.join(map(_escaped, line))
-
-
-def _escaped(character: str) -> str:
-    return character if character.isprintable() else repr(character)[1:-1]
-
-
-class InputError(ValueError):
-    """A value from a user is not usable; the message is one printable sentence."""
-
-    def __init__(self, sentence: object) -> None:
-        super().__init__(printable(sentence))
 
 
 def shown(value: Any, limit: int = 60) -> str:
@@ -177,6 +155,25 @@ def vector3(name: str, value: Any, unit: str, *, bound: float) -> tuple[float, f
         for i, component in enumerate(value)
     )
     return x, y, z
+
+
+def matrix(
+    name: str, value: Any, rows: int, columns: int, *, bound: float
+) -> tuple[tuple[float, ...], ...]:
+    """Return rows of finite floats, each within `bound` of zero; raises InputError."""
+    if hasattr(value, 'tolist'):  # a NumPy array
+        value = value.tolist()
+    lists = (list, tuple)
+    right = isinstance(value, lists) and len(value) == rows
+    if not right or not all(isinstance(row, lists) and len(row) == columns for row in value):
+        raise InputError(f'`{name}` must be {rows} rows of {columns} numbers; got {shown(value)}')
+    return tuple(
+        tuple(
+            real(f'{name}[{i}][{j}]', number, least=-bound, most=bound)
+            for j, number in enumerate(row)
+        )
+        for i, row in enumerate(value)
+    )
 
 
 def text(name: str, value: Any, *, most: int = MOST_NAME) -> str:

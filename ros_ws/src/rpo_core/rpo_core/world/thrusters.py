@@ -18,7 +18,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import kernels
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -26,16 +25,18 @@ from rpo_core.files.validation import (
     check_fields,
     choice,
     flag,
+    matrix,
     real,
     shown,
     vector3,
     whole,
 )
-from rpo_core.kernels import Vector, pulse_kernels
-from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.pulse_kernels import OFF, ON, Tank, Valves
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector
+from rpo_kernels.pulse_kernels import OFF, ON, Tank, Valves
 
 Floats = NDArray[np.float64]
 
@@ -52,12 +53,6 @@ PULSE_WIDTH, SIGMA_DELTA = MODULATIONS = ('pulse_width', 'sigma_delta')
 _NEVER_S = 1e9
 
 
-def _matrix(name: str, value: Any) -> tuple[Vector, ...]:
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise InputError(f'`{name}` must be a list of 3 rows of 3 numbers; got {shown(value)}')
-    return tuple(vector3(f'{name}[{i}]', row, '', bound=MAX_GAIN) for i, row in enumerate(value))
-
-
 def _count(name: str, value: Any) -> int:
     if value not in (6, 12) or isinstance(value, bool):
         raise InputError(f'`{name}` must be 6 or 12; got {shown(value)}')
@@ -70,6 +65,7 @@ def valve_names(count: int) -> list[str]:
     return sides if count == 6 else [side + which for side in sides for which in 'ab']
 
 
+_matrix = partial(matrix, rows=3, columns=3, bound=MAX_GAIN)
 _time = partial(real, unit='s', least=0.0, most=_NEVER_S)
 _misalignment = partial(vector3, unit='deg', bound=90.0)
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import norm
 from rpo_core.wire import cdr, interfaces
+from rpo_kernels.kernels import norm
 from rpo_log import topics
 from rpo_log.read.decode import Event, TickBlock
 from rpo_log.topics import Topic

@@ -171,13 +171,11 @@ class TickOrderer:
         released = self._released.get(tick)
         if released is not None:
             self._choose(tick, released)
-        if self._asks:
-            self._follow()
-        self._advance()
+        self._go_on()
 
     def add(self, index: int, tick: int, data: bytes) -> None:
         """Take one message; releases the ticks that it completes."""
-        asks = self.asks_from is not None
+        asks = self._asks
         if index in self.events:
             self._add_event(index, tick, data)
         elif index == self.leader and tick > self._latest + (WINDOW if asks else 1):
@@ -188,6 +186,9 @@ class TickOrderer:
             if index == self.leader and not asks:
                 self._lead(tick)
             self._take(index, tick, data)
+        self._go_on()
+
+    def _go_on(self) -> None:
         if self._asks:
             self._follow()
         self._advance()

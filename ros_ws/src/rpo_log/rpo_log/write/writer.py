@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
@@ -103,11 +104,7 @@ class RunLogWriter:
         """Take what the plant reports of a tick: numbers by signal (`PlantTick`); never raises."""
         index = self._index
         by_index = {index[name]: text for name, text in taken.items() if name in index}
-        try:
-            if self.failure is None and not self._closed:
-                self._orderer.report(tick, by_index)
-        except (OSError, LogError) as error:
-            self._fail(error)
+        self._try(self._orderer.report, tick, by_index)
 
     def _read(self, index: int, data: bytes) -> tuple[str, bool]:
         """Return the numbers of a message as a text, and whether it holds nothing else."""
@@ -118,19 +115,11 @@ class RunLogWriter:
     def attach(self, name: str, data: bytes) -> None:
         """Attach one more file in flight; never raises."""
         self._attachments[name] = data
-        try:
-            if self.failure is None and not self._closed:
-                self._file.attach(name, data)
-        except OSError as error:
-            self._fail(error)
+        self._try(self._file.attach, name, data)
 
     def end(self, tick: int) -> None:
         """Take the last tick of the flight; never raises."""
-        try:
-            if self.failure is None and not self._closed:
-                self._orderer.end(tick)
-        except (OSError, LogError) as error:
-            self._fail(error)
+        self._try(self._orderer.end, tick)
 
     def record(self, name: str, data: bytes) -> None:
         """Take the CDR of a message as it came; never raises.
@@ -168,12 +157,9 @@ class RunLogWriter:
         if not 0 <= tick <= self.base.last_tick:
             self._foreign += 1
             return
-        try:
-            self._orderer.add(index, tick, data)
-            if index == self._status:
-                self._drop(data)
-        except (OSError, LogError) as error:
-            self._fail(error)
+        self._try(self._orderer.add, index, tick, data)
+        if index == self._status:
+            self._try(self._drop, data)
 
     def _drop(self, data: bytes) -> None:
         """Expect no more of the topics that the plant goes on without."""
@@ -184,22 +170,19 @@ class RunLogWriter:
     def close(self) -> RunSummary:
         """End the log and return what it holds; never raises."""
         if not self._closed:
+            self._try(self._finish)
             self._closed = True
-            try:
-                if self.failure is None:
-                    self._orderer.close(self.base.last_tick)
-                    self._file.finish()
-                    files = [entry for entry, _ in self._files()]
-                    rosbag2.write_metadata(
-                        self.folder, bag_topics(self.topics, self._logged()), files
-                    )
-            except (OSError, LogError) as error:
-                self._fail(error)
             try:
                 self._file.close()
             except OSError as error:
                 self._fail(error)
         return self.summary
+
+    def _finish(self) -> None:
+        self._orderer.close(self.base.last_tick)
+        self._file.finish()
+        files = [entry for entry, _ in self._files()]
+        rosbag2.write_metadata(self.folder, bag_topics(self.topics, self._logged()), files)
 
     @property
     def waiting(self) -> int:
@@ -273,6 +256,14 @@ class RunLogWriter:
         if now_s - self._synced_s >= SYNC_INTERVAL_S:
             self._synced_s = now_s
             file.sync()
+
+    def _try(self, write: Callable[..., None], *arguments: Any) -> None:
+        """Write, unless the log is closed or has failed; an error is its failure."""
+        try:
+            if self.failure is None and not self._closed:
+                write(*arguments)
+        except (OSError, LogError) as error:
+            self._fail(error)
 
     def _fail(self, error: OSError | LogError) -> None:
         self.failure = getattr(error, 'strerror', None) or str(error)

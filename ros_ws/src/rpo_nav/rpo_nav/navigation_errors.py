@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Navigation with errors: the truth plus a bias and white noise. Section `navigation`.
 
-Noise is a function of tick and key (`rpo_core.kernels.noise`), so all of it can be repeated.
+Noise is a function of tick and key (`rpo_kernels.noise`), so all of it can be repeated.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, Any
 
-from rpo_core import kernels
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.validation import InputError, check_fields, real, shown, vector3, whole
-from rpo_core.kernels import State, Vector
-from rpo_core.kernels.noise import six_normals
 from rpo_core.wire import interfaces
+from rpo_kernels import kernels
+from rpo_kernels.kernels import State, Vector
+from rpo_kernels.noise import six_normals
 
 MAX_POSITION_ERROR_M = 1e5
 MAX_VELOCITY_ERROR_M_S = 1e3

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop of thrusters that fire in pulses, waste fuel and fail.
 
-Kernels of + - * / and comparisons (`rpo_core.kernels.jit`), the same bits everywhere. A thruster is
+Kernels of + - * / and comparisons (`rpo_kernels.jit`), the same bits everywhere. A thruster is
 a valve, open for a part of each tick. What a tick remembers is a row of `MEMORY` numbers.
 """
 
@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from rpo_core.kernels import Vector
-from rpo_core.kernels.jit import kernel
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import Vector
 
 MOST_VALVES = 12
 
@@ -117,7 +117,7 @@ def spend(m: Any, impulse: float, tank: Tank) -> tuple[float, float]:
 
 @kernel
 def allocate(tick: int, command: Vector, m: Any, v: Valves, on: Any) -> None:
-    """Fill `on`: for how long [s] each valve is told to open.
+    """Fill `on`: for how long [s] each valve is commanded to open.
 
     An axis fires the valves of one side, all alike, or one alone where the impulse is too small for
     all. Valves that are known to be stuck are left

@@ -17,8 +17,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from rpo_core.files.validation import InputError
-from rpo_core.kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.errors import InputError
 
 Kernel = TypeVar('Kernel', bound=Callable[..., Any])
 
@@ -85,7 +85,7 @@ def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]
 
 @cache
 def _numba() -> Any:
-    """Return numba, told to fill AVX-512 registers: of its own LLVM fills half, a tenth slower."""
+    """Return numba, set to fill AVX-512 registers: by default LLVM fills half, a tenth slower."""
     import numba
     from numba.core import codegen
 

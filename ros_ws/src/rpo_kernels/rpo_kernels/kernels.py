@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop, written once: membership, inference, centroid, CW step, closed loop.
 
-Plain functions of floats, interpreted or compiled (`rpo_core.kernels.jit`) with the same bits: only
+Plain functions of floats, interpreted or compiled (`rpo_kernels.jit`) with the same bits: only
 + - * / and comparisons, in the order written. Tables come from `rpo_core.control.fuzzy` and
 `rpo_core.world.cw`.
 
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_kernels.jit import inlined, kernel
 
 LN, SN, Z, SP, LP = range(5)
 """Words: large negative, small negative, zero, small positive, large positive."""

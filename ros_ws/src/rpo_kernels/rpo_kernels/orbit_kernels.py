@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The inner loop of true dynamics: the target's orbit, and the chaser's motion relative to it.
 
-Kernels of + - * / sqrt and comparisons (`rpo_core.kernels.jit`), the same bits everywhere. Both
+Kernels of + - * / sqrt and comparisons (`rpo_kernels.jit`), the same bits everywhere. Both
 motions are integrated by the Runge-Kutta method of fourth order, at a fixed step. Half-way through
 a step the target is where Hermite's cubic between both ends puts it.
 
@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import State, Vector
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import State, Vector
 
 _LN_2_A = (
     0.6931471803691238  # ln 2 in two parts; the first has 32 bits, so that k times it is exact

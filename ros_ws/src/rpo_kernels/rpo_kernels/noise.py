@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.kernels.jit import inlined
+from rpo_kernels.jit import inlined
 
 Words = tuple[int, int, int, int]
 
