@@ -18,11 +18,11 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import codec
 from rpo_core.files.scenario import load_set
 from rpo_core.judge.metrics import UNITS, row_of
-from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import Thrusters
 from rpo_ctrl.baselines import Pd
 from rpo_judge.evaluation import robustness
 from rpo_judge.evaluation.robustness import Margin, Off, Quantity, search
+from rpo_nav.navigation_errors import Navigation
 from rpo_report import robustness as picture
 
 MASS_KG, DT_S, LIMIT_N = 10.0, 0.1, 0.5
