@@ -21,11 +21,11 @@ from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_judge.evaluation import optimal
-from rpo_log.errors import LogError
-from rpo_log.format.run import INFO_FILE
-from rpo_log.read.run_log import RunLog, controller_of, read_run
 from rpo_log.show import report as log_report
 from rpo_log.show import style
+from rpo_mcap.errors import LogError
+from rpo_mcap.format.run import INFO_FILE
+from rpo_mcap.read.run_log import RunLog, controller_of, read_run
 from rpo_nav.estimator import Estimator
 from rpo_report import assured, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight

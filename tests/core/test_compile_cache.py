@@ -103,7 +103,7 @@ def edit(path: Path, old: str, new: str) -> None:
     os.utime(path, (before + 2.0, before + 2.0))  # Python's bytecode is new from the next second on
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.slow
 def test_an_edit_of_another_module_reaches_what_was_compiled_from_it(tmp_path, imported):
     modules = tmp_path / 'first/small'
     modules.mkdir(parents=True)

@@ -46,7 +46,7 @@ PACE, TO_GO, MORE = map(start_of, FAMILIES)
 
 
 @pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(state=states, tick=st.integers(0, 4000))
 def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(law, state, tick):
     force = law.force_n(state[:3], state[3:], tick)

@@ -24,17 +24,17 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from rpo_core.wire import cdr
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import rosbag2
-from rpo_log.format.run import TimeBase
-from rpo_log.read import decode, stream
-from rpo_log.read.records import MAGIC, RECORD_HEAD
-from rpo_log.read.run_log import controller_of, read_flight, read_run, scenario_of
-from rpo_log.write.mcap_file import McapFile
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.format import rosbag2
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read import decode, stream
+from rpo_mcap.read.records import MAGIC, RECORD_HEAD
+from rpo_mcap.read.run_log import controller_of, read_flight, read_run, scenario_of
+from rpo_mcap.write.mcap_file import McapFile
+from rpo_mcap.write.writer import RunLogWriter
 from tools.mutate_runs import Parts
 
-QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+QUICK = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 
 
 @pytest.fixture
@@ -117,7 +117,7 @@ def test_in_chunks_of_another_writer(short_run, tmp_path):
 
 
 def topics_of(run):
-    from rpo_log.topics import resolve
+    from rpo_mcap.topics import resolve
 
     return resolve(run.topics)
 

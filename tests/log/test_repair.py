@@ -14,10 +14,10 @@ from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
 
 
 def cut(folder: Path, content: bytes, size: int) -> Path:

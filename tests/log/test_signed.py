@@ -17,14 +17,14 @@ from log_runs import record
 from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_log import signature
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import sums
-from rpo_log.format.run import prepare_folder
-from rpo_log.format.sums import MAX_BESIDE_BYTES, Sums
-from rpo_log.read.records import MAX_REST_BYTES
-from rpo_log.read.stream import RunReader
 from rpo_log.signature import sign_run
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.format import sums
+from rpo_mcap.format.run import prepare_folder
+from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
+from rpo_mcap.read.records import MAX_REST_BYTES
+from rpo_mcap.read.stream import RunReader
 from tools import mutate_runs
 from tools.mutate_runs import Parts, SignedCase, run_cases
 

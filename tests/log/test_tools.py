@@ -24,14 +24,14 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.wire import cdr
 from rpo_log import commands
-from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.provenance import machine_facts, write_run_info
-from rpo_log.read import stream
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read import stream
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
 
 
 @pytest.fixture(scope='module')

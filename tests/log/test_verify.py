@@ -18,9 +18,9 @@ from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
 
 from rpo_core.wire import cdr
 from rpo_kernels.jit import COMPILED
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.read import stream
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read import stream
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 

@@ -21,12 +21,12 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.world.thrusters import Propellant, Thrusters
-from rpo_log.errors import ExitCode, LogError
-from rpo_log.format.run import TimeBase
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import ExitCode, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.writer import RunLogWriter
 from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
 

@@ -35,12 +35,12 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_core.world.thrusters import Thrusters
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.writer import RunLogWriter
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -210,7 +210,7 @@ subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', {folder!r}], 
 from log_runs import make_run
 run = make_run(40.0)
 summary = run.write(pathlib.Path({folder!r}))
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 print(summary.failure, '|', len(read_run({folder!r}).ticks) > 10, summary.lost > 0)
 """
 

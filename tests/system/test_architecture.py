@@ -28,6 +28,7 @@ FLOWN = {
     'rpo_guidance',
     'rpo_kernels',
     'rpo_log',
+    'rpo_mcap',
     'rpo_nav',
     'rpo_safety',
 }
@@ -37,7 +38,8 @@ FLOWN = {
 MAY_IMPORT = {
     'rpo_kernels': set(),
     'rpo_core': {'rpo_kernels'},
-    'rpo_log': {'rpo_core', 'rpo_kernels'},
+    'rpo_mcap': {'rpo_core'},
+    'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap'},
     'rpo_montecarlo': FLOWN,
     'rpo_judge': {*FLOWN, 'rpo_montecarlo'},
     'rpo_export': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
@@ -62,13 +64,8 @@ MAY_IMPORT = {
     'rpo_safety': {'rpo_core', 'rpo_kernels', 'rpo_nav'},
     'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
-    'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_log', 'rpo_ros'},
-    'rpo_view': {
-        'rpo_core',
-        'rpo_kernels',
-        'rpo_ros',
-        'rpo_log',
-    },  # messages' definitions, the palette
+    'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
+    'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_mcap', 'rpo_log'},  # definitions, the palette
     'rpo_bringup': {
         'rpo_core',
         'rpo_kernels',
@@ -78,6 +75,7 @@ MAY_IMPORT = {
         'rpo_safety',
         'rpo_sim',
         'rpo_ctrl',
+        'rpo_mcap',
         'rpo_log',
     },
     'tools': {'rpo_ros', *FLOWN, *OFFLINE_ROOMS},
@@ -119,7 +117,7 @@ def imports(path: Path) -> set[str]:
 def rooms() -> dict[str, list[Path]]:
     """Return room -> its modules."""
     found = {name: sorted((path / name).rglob('*.py')) for name, path in PACKAGES.items()}
-    for room in sorted(FLOWN - {'rpo_core', 'rpo_kernels'}):
+    for room in sorted(FLOWN - {'rpo_core', 'rpo_kernels', 'rpo_mcap'}):
         nodes = [
             path
             for path in found[room]

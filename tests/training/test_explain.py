@@ -20,8 +20,8 @@ from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import parse
 from rpo_core.wire import cdr
-from rpo_log.format.run import TimeBase
 from rpo_log.verify import verify
+from rpo_mcap.format.run import TimeBase
 
 
 def run(*arguments):

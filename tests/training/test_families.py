@@ -57,6 +57,7 @@ def short(name, **changes):
 # Training.
 
 
+@pytest.mark.slow
 def test_a_training_that_was_interrupted_goes_on_to_the_same_controller(tmp_path):
     chosen = short('time_to_go')
     whole = FamilyTraining.create(chosen, tmp_path / 'whole', 1).run()

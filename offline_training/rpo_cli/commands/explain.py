@@ -144,7 +144,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     from rpo_core.control.explain import decisions
     from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
     from rpo_ctrl.family import Family
-    from rpo_log.read.run_log import controller_of, read_run, scenario_of
+    from rpo_mcap.read.run_log import controller_of, read_run, scenario_of
 
     log = read_run(path)
     times = log.times_s
@@ -188,7 +188,7 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
 def _compare_decision(console: Console, path: str, stamp_ns: int, found: Sequence[Reason]) -> bool:
     """Compare with the decision that the controller published; return whether none differs."""
-    from rpo_log.read.run_log import decision_at
+    from rpo_mcap.read.run_log import decision_at
 
     logged = decision_at(path, stamp_ns)
     if logged is None:

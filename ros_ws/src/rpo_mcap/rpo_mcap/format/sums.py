@@ -13,10 +13,10 @@ from pathlib import Path
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_log.errors import Fault, LogError, cannot_read, cannot_write, read_at_most
-from rpo_log.format import sums
-from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
-from rpo_log.read.records import FileRecords
+from rpo_mcap.errors import Fault, LogError, cannot_read, cannot_write, read_at_most
+from rpo_mcap.format import sums
+from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
+from rpo_mcap.read.records import FileRecords
 
 MAX_SUMS_BYTES = 1 << 20
 

@@ -21,12 +21,12 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
-from rpo_log.read.decode import Event, NonCanonical
-from rpo_log.read.records import FileRecords, RawMessage, message_at
-from rpo_log.read.stream import Completeness, RunReader
-from rpo_log.topics import Topic
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
+from rpo_mcap.read.decode import Event, NonCanonical
+from rpo_mcap.read.records import FileRecords, RawMessage, message_at
+from rpo_mcap.read.stream import Completeness, RunReader
+from rpo_mcap.topics import Topic
 
 _Parsed = TypeVar('_Parsed')
 

@@ -21,13 +21,13 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE, RUN_STATUS, row_of
 from rpo_core.wire.statuses import numbers_text
-from rpo_log import topics
-from rpo_log.errors import LogError, cannot_write
-from rpo_log.format import rosbag2
-from rpo_log.format.rosbag2 import BagFile
-from rpo_log.format.run import RunSummary, TimeBase, prepare_folder
-from rpo_log.write.mcap_file import BagFileWriter, bag_topics
-from rpo_log.write.orderer import TickOrderer
+from rpo_mcap import topics
+from rpo_mcap.errors import LogError, cannot_write
+from rpo_mcap.format import rosbag2
+from rpo_mcap.format.rosbag2 import BagFile
+from rpo_mcap.format.run import RunSummary, TimeBase, prepare_folder
+from rpo_mcap.write.mcap_file import BagFileWriter, bag_topics
+from rpo_mcap.write.orderer import TickOrderer
 
 SYNC_INTERVAL_S = 1.0
 

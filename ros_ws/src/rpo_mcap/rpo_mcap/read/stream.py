@@ -27,12 +27,12 @@ from mcap.records import Message as MessageRecord
 
 from rpo_core.files.validation import shown
 from rpo_core.wire import interfaces
-from rpo_log import topics
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
-from rpo_log.read.decode import Gathering, Message, Messages, TickBlock
-from rpo_log.read.records import RECORD_HEAD, FileRecords, as_record
-from rpo_log.topics import Topic
+from rpo_mcap import topics
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
+from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
+from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
+from rpo_mcap.topics import Topic
 
 BLOCK_TICKS = 4096
 """Ticks that are decoded at once, about 4 MB."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from rpo_core.wire import cdr, interfaces, statuses
 from rpo_core.wire.interfaces import Interface
-from rpo_log.errors import Fault, LogError
+from rpo_mcap.errors import Fault, LogError
 
 REQUIRED = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE)
 """Signals without which a log is not that of a closed loop."""

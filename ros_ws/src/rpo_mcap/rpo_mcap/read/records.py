@@ -34,7 +34,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import shown
-from rpo_log.errors import Fault, LogError, cannot_read
+from rpo_mcap.errors import Fault, LogError, cannot_read
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 1 << 25

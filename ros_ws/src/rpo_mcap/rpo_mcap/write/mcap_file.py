@@ -12,10 +12,10 @@ from typing import IO, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rpo_log.errors import Fault, LogError, exists
-from rpo_log.format import rosbag2
-from rpo_log.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
-from rpo_log.topics import Topic
+from rpo_mcap.errors import Fault, LogError, exists
+from rpo_mcap.format import rosbag2
+from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase
+from rpo_mcap.topics import Topic
 
 PROFILE = 'ros2'
 LIBRARY = f'rpo_log/{LOG_FORMAT}'

@@ -13,11 +13,11 @@ from pathlib import Path
 
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE, LOCKSTEP, Decimation
-from rpo_log.errors import LogError, cannot_write
-from rpo_log.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
-from rpo_log.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase
-from rpo_log.write.mcap_file import CHUNK_SHARE, McapFile
-from rpo_log.write.orderer import NEVER, REORDER
+from rpo_mcap.errors import LogError, cannot_write
+from rpo_mcap.format.rosbag2 import RECORD, BagFile, BagTopic, record_values
+from rpo_mcap.format.run import DECISIONS_FILE, HEALTH_FILE, TimeBase
+from rpo_mcap.write.mcap_file import CHUNK_SHARE, McapFile
+from rpo_mcap.write.orderer import NEVER, REORDER
 
 CHUNK_S = 2.0
 """Wall time after which a chunk of the health is closed: a crash loses no more."""
@@ -30,7 +30,7 @@ until the file is closed."""
 class SideFile:
     """Writes one topic to an MCAP file; never raises once open.
 
-    path : in the folder of the run, which is prepared (`rpo_log.format.run.prepare_folder`)
+    path : in the folder of the run, which is prepared (`rpo_mcap.format.run.prepare_folder`)
     name : full name of the topic
     failure : why the file ended early; None if it did not
     """

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rpo_log.errors import Fault, LogError, cannot_write
+from rpo_mcap.errors import Fault, LogError, cannot_write
 
 LOG_FORMAT = 1
 """Version of the layout of a run's log: its records, its attachments, its order."""

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import cdr
 from rpo_core.wire.layout import Layout
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import TimeBase
-from rpo_log.read.records import MESSAGE_HEAD, RECORD_HEAD
-from rpo_log.topics import Topic
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.records import MESSAGE_HEAD, RECORD_HEAD
+from rpo_mcap.topics import Topic
 
 _HEAD = np.dtype(
     [

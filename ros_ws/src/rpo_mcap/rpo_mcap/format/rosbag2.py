@@ -17,8 +17,8 @@ from typing import Any
 import yaml
 
 from rpo_core.wire.interfaces import Qos
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import METADATA_FILE, write_whole
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import METADATA_FILE, write_whole
 
 VERSION = 9
 ROS_DISTRO = 'jazzy'
