@@ -25,6 +25,14 @@ MISSIONS = Path(__file__).resolve().parents[2] / 'offline_training' / 'examples'
 GEO = str(MISSIONS / 'geo_servicer.yaml')
 
 
+@pytest.fixture
+def few(monkeypatch):
+    """A few scalings: the search flies 65."""
+    monkeypatch.setattr(scaling, 'LENGTHS', (0.6, 1.0))
+    monkeypatch.setattr(scaling, 'TIMES', (1.0, 3.0))
+    monkeypatch.setattr(scaling, 'STEPS', ())
+
+
 def invoked(*words: str) -> tuple[int, str]:
     """Return exit code and output; the lines of a table may be wrapped."""
     done = CliRunner().invoke(app, list(words))
@@ -32,7 +40,7 @@ def invoked(*words: str) -> tuple[int, str]:
     return done.exit_code, done.output + sentence
 
 
-def test_a_servicer_in_geo_is_flown_without_training(tmp_path):
+def test_a_servicer_in_geo_is_flown_without_training(few, tmp_path):
     """Unscaled, the same controller ends 86 m off."""
     file = tmp_path / 'geo.yaml'
     code, said = invoked('simulate', GEO)
@@ -47,13 +55,20 @@ def test_a_servicer_in_geo_is_flown_without_training(tmp_path):
     assert found.name == 'paper_training' and found.own.mass_kg == pytest.approx(500.0)
     assert made.force_scale_n == pytest.approx(20.0 * found.own.force_n)
     assert invoked('evaluate', str(file))[0] == 0  # judged by the scenario that it was scaled for
-    # scaled again, and back to where it came from
-    again = tmp_path / 'again.yaml'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('mission', ['geo_servicer', 'lunar_logistics', 'weak_thrusters'])
+def test_the_example_missions_are_flown_without_training_and_back(mission, tmp_path):
+    file, again = tmp_path / 'made.yaml', tmp_path / 'again.yaml'
+    scenario = str(MISSIONS / f'{mission}.yaml')
+    code, said = invoked('scale', 'allround', '--scenario', scenario, '-o', str(file))
+    assert code == 0 and 'MISSED' not in said and 'Why' not in said
     code, said = invoked('scale', str(file), '--scenario', 'paper_test', '-o', str(again))
     assert code == 0 and made_for(load_controller(again)).name == 'paper_training'
 
 
-def test_what_scaling_cannot_do_is_said(tmp_path):
+def test_what_scaling_cannot_do_is_said(few, tmp_path):
     """500 kg within the slew limit of 10 kg; the scenario that was changed is kept."""
     file, words = tmp_path / 'heavy.yaml', ['--set', 'mass_kg=500', '--set', 'max_force_n=25']
     given = ['scale', 'allround', '--scenario', 'paper_test', *words, '-o', str(file)]
@@ -84,7 +99,7 @@ def test_bad_input_is_one_sentence(controller, words, message, tmp_path):
     assert code != 0 and message in said and not file.exists()
 
 
-def test_what_it_was_trained_for_must_be_there(tmp_path):
+def test_what_it_was_trained_for_must_be_there(few, tmp_path):
     document = yaml.safe_load((MISSIONS / 'geo_servicer.yaml').read_text())
     document['duration_s'] = 20.0
     document['requirements'] = {'mean_error_norm_m': 1000.0}
