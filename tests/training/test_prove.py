@@ -234,8 +234,11 @@ def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     settings = replace(problem_of('robust', half=BOX).settings, claims=asked)
     problem = Problem.of(load_controller('robust'), strict, settings)
     folder = Folder.create(tmp_path / 'proof', problem)
-    proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    outcome = proving.prove(folder, 1, '', lambda *_: None, probes=20)
+    assert outcome.counterexamples == ['slew_per_axis_n_s']
+    assert all(folder.cells(group).column('depth').min() == 0 for group in GROUPS)
     claims = Folder.open(folder.path).summary()['claims']
+    assert claims['hold_error_per_axis_m']['limit'] == 0.5
     assert [claims[key]['verdict'] for key in asked] == ['proven', 'refuted'] and len(claims) == 2
     path = folder.path / 'counterexample_slew_per_axis_n_s.yaml'
     run = CliRunner().invoke(app, ['simulate', str(path), '--controller', 'robust'])
@@ -255,6 +258,8 @@ def test_what_the_theory_does_not_know_is_refused():
     away = replace(base, goal_position_m=(0.0, 10.0, 0.0))
     with pytest.raises(InputError, match='goal_position_m'):
         Problem.of(load_controller('robust'), away, settings)
+    with pytest.raises(InputError, match='`centre` must be 6 numbers'):
+        replace(settings, centre=(0.0,) * 5)
     robust = load_fuzzy('robust')
     part = replace(robust.system.position, sp_left=robust.system.position.sp_centre)
     jumping = replace(robust, system=replace(robust.system, position=part))
@@ -361,7 +366,10 @@ def test_what_follows_of_the_cells_is_the_same_in_any_order():
         {'planar': cells.CellBounds(half, half[order], values[order], *rest)}
         for order in (np.arange(n), rng.permutation(n))
     )
-    assert ranges_of(problem, plain) == ranges_of(problem, turned)
+    found = ranges_of(problem, plain)
+    assert found == ranges_of(problem, turned)
+    low, high = (values[:, cells.VALUES.index(f'energy_{end}_n2s')] for end in ('low', 'high'))
+    assert (found['energy_n2s'].low, found['energy_n2s'].high) == (low.min(), high.max())
 
 
 def test_the_box_of_a_set_is_rounded_outwards():

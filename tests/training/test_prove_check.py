@@ -190,3 +190,12 @@ def test_flights_of_a_larger_cell_leave_the_tube(bench):
     prover.fly = lambda cell: fly(cell._replace(half=tuple(0.5 * h for h in cell.half)))
     rng = np.random.default_rng(7)
     assert list(check.flight_faults(prover, found, rng, 10, lambda *_: None))
+
+
+def test_what_differs_is_named():
+    theirs, ours = {'a': 1, 'c': {'d': 2.0}}, {'b': 1, 'c': {'d': 3.0}}
+    assert list(check.differences(theirs, ours, '')) == [
+        'summary.yaml: `a` is not what the cells say anything of',
+        'summary.yaml: `b` is missing',
+        'summary.yaml: `c.d` is 2.0; the cells say 3.0',
+    ]
