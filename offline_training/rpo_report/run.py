@@ -26,7 +26,6 @@ from rpo_log.show import style
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import INFO_FILE
 from rpo_mcap.read.run_log import RunLog, controller_of, read_run
-from rpo_nav.estimator import Estimator
 from rpo_report import assured, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight
 from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
@@ -156,7 +155,7 @@ def _tables(shown: LoggedFlight) -> list[Block]:
 
 
 def _navigated(scenario: Scenario) -> bool:
-    return scenario.navigation is not None or scenario.section(Estimator) is not None
+    return any(scenario.named(name) is not None for name in ('navigation', 'estimator'))
 
 
 def _vector(values: tuple[float, ...]) -> str:

@@ -63,7 +63,7 @@ def explain(
     """
     from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
-    from rpo_core.control.explain import decisions, state_of
+    from rpo_core.control.explain import decisions
     from rpo_ctrl.family import Family
 
     console = plain_console()
@@ -71,7 +71,7 @@ def explain(
         if certify or (target and controller is not None):
             raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
         loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
-        seen = _from_goal(console, loaded, state_of(state), scenario)
+        seen = _from_goal(console, loaded, _state_of(state), scenario)
         if isinstance(loaded, Family):
             _print_reasons(console, loaded, seen, at or 0.0)
         elif at is not None:
@@ -110,6 +110,22 @@ def explain(
 
 def _is_run(target: str) -> bool:
     return os.path.isdir(target) or target.endswith('.mcap')
+
+
+def _state_of(text: str) -> tuple[float, ...]:
+    """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
+    from rpo_core.control.explain import STATE
+
+    parts = text.split(',')
+    try:
+        values = tuple(float(part) for part in parts)
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise InputError(
+            f'`state` must be 6 finite numbers {",".join(STATE)} in m and m/s; got {text!r}'
+        )
+    return values
 
 
 def _from_goal(
