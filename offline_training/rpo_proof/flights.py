@@ -91,7 +91,7 @@ def fly(problem: Problem, scenario: Scenario) -> Flight:
     states[0] = scenario.start
     disturbances = np.zeros((ticks + 1, 3))
     if not scenario.disturbance.is_zero:
-        disturbances = scenario.disturbance.over(scenario.times_s)
+        disturbances = scenario.disturbances_n
     _fly(
         controller.scales,
         controller.system.tables,

@@ -186,7 +186,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         """The flight since the last reset; after its end, whole. Its last command is zero."""
         if self.tick < self.scenario.ticks:
             raise InputError('the flight is not over; `flight` exists after the last step')
-        disturbances = self.scenario.disturbance.over(self.scenario.times_s)
+        disturbances = self.scenario.disturbances_n
         return Flight(self.scenario, self._states, self._commands, disturbances)
 
     @property

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rpo_core.control.controller import AnyController, FuzzyController
+    from rpo_core.files.scenario import Scenario, ScenarioSet
     from rpo_judge.evaluation.assessment import Assessment
     from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
@@ -72,6 +73,7 @@ def evaluate(
     """
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_core.files.scenario import load
     from rpo_judge.evaluation.assessment import PAPER, assess
     from rpo_judge.evaluation.judgement import trained_for
 
@@ -89,7 +91,7 @@ def evaluate(
                     '`--starts`, `--csv`, `--everywhere`, `--sensitivity` need a controller that '
                     f'is judged by the targets; {name} is judged by {of}'
                 )
-            missed |= _judge(loaded, name, of)
+            missed |= judge_by(loaded, name, load(of))
             continue
         found = assess(only_fuzzy(loaded), workers)
         missed |= not all(target.holds for target in found.targets())
@@ -109,13 +111,11 @@ def evaluate(
     end(missed, no_fail)
 
 
-def _judge(controller: AnyController, name: str, scenario: str) -> bool:
+def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
     from rpo_cli.display import print_table, progress
-    from rpo_core.files.scenario import load
     from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of
 
-    found = load(scenario)
     with progress() as show:
         judged = judge(controller, found, show)
     print_table(HEADINGS, rows_of(judged.judgements), f'{name}: requirements of {found.name}')

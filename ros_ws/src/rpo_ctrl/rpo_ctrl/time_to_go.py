@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rpo_core.control.blend import Reasons, is_same, newtons
-from rpo_core.control.controller_file import Reason, register
+from rpo_core.control.controller_file import Reason, Scaling, Units, register
 from rpo_core.files.validation import InputError, check_fields, choice, real, store
 from rpo_core.judge import metrics
 from rpo_core.world.cw import TickLength
@@ -90,6 +90,7 @@ class TimeToGo(Family):
 
     kind: ClassVar[str] = 'time_to_go'
     alike: ClassVar[bool] = True
+    units: ClassVar[Units] = {'arrival_s': (0, 1, 0)}
 
     arrival_s: float
     tick_s: TickLength
@@ -110,6 +111,19 @@ class TimeToGo(Family):
     def clock_s(self) -> float | None:
         """Length of the ticks that it counts."""
         return self.tick_s
+
+    def scaled(self, scaling: Scaling, **also: Any) -> TimeToGo:
+        """Return the controller of the similar loop; it counts the ticks of the vehicle."""
+        rules = tuple(
+            Rule(
+                rule.time_to_go,
+                scaling.of(rule.peak_s, (0, 1, 0)),
+                scaling.of(rule.position_gain_n_m, (-1, 0, 1)),
+                scaling.of(rule.velocity_gain_n_s_m, (-1, 1, 1)),
+            )
+            for rule in self.rules
+        )
+        return super().scaled(scaling, tick_s=scaling.vehicle.dt_s, rules=rules, **also)
 
     def time_to_go_s(self, tick: int) -> float:
         """Return the time to go at a tick."""

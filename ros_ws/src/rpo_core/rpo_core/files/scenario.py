@@ -247,6 +247,13 @@ class Scenario:
         """Times (N + 1,) [s] of the states."""
         return np.array([self.time_s(tick) for tick in range(self.ticks + 1)])
 
+    @cached_property
+    def disturbances_n(self) -> NDArray[np.float64]:
+        """Disturbance forces (N + 1, 3), target LVLH, at the times of the states; read-only."""
+        found = self.disturbance.over(self.times_s)
+        found.setflags(write=False)
+        return found
+
 
 @dataclass(frozen=True)
 class ScenarioSet:
