@@ -13,13 +13,13 @@ import numpy as np
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import received
-from rpo_core.control.explain import decisions
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
 from rpo_log.show import report as log_report
 from rpo_log.show import style

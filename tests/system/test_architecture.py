@@ -39,7 +39,7 @@ MAY_IMPORT = {
     'rpo_kernels': set(),
     'rpo_core': {'rpo_kernels'},
     'rpo_mcap': {'rpo_core'},
-    'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap'},
+    'rpo_log': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_ctrl'},
     'rpo_montecarlo': FLOWN,
     'rpo_judge': {*FLOWN, 'rpo_montecarlo'},
     'rpo_export': {*FLOWN, 'rpo_montecarlo', 'rpo_judge'},
@@ -65,7 +65,13 @@ MAY_IMPORT = {
     'rpo_safety nodes': {'rpo_core', 'rpo_kernels', 'rpo_safety', 'rpo_ros'},
     'rpo_sim': {'rpo_core', 'rpo_kernels', 'rpo_ros'},
     'rpo_log nodes': {'rpo_core', 'rpo_kernels', 'rpo_mcap', 'rpo_log', 'rpo_ros'},
-    'rpo_view': {'rpo_core', 'rpo_ros', 'rpo_mcap', 'rpo_log'},  # definitions, the palette
+    'rpo_view': {
+        'rpo_core',
+        'rpo_ros',
+        'rpo_ctrl',
+        'rpo_mcap',
+        'rpo_log',
+    },
     'rpo_bringup': {
         'rpo_core',
         'rpo_kernels',
