@@ -153,12 +153,22 @@ class TimeToGo(Family):
     def law(self) -> BaselineLaw:
         """What the kernels read: gains for each tick, until only `due` fires."""
         last = max(self.arrival_s - self.rules[-1].peak_s, 0.0)
-        ticks = int(last / self.tick_s) + 2
-        rows = np.zeros((ticks, 3, 6))
-        for tick in range(ticks):
-            k, d = self.gains(tick)
-            for axis in range(3):
-                rows[tick, axis, axis], rows[tick, axis, 3 + axis] = k, d
+        ticks = np.arange(int(last / self.tick_s) + 2)
+        to_go = np.maximum(self.arrival_s - ticks * self.tick_s, 0.0)
+        rules = self.rules[::-1]
+        peaks = np.array([rule.peak_s for rule in rules])
+        i = np.clip(np.searchsorted(peaks, to_go, side='right') - 1, 0, len(rules) - 2)
+        share = np.clip((to_go - peaks[i]) / (peaks[i + 1] - peaks[i]), 0.0, 1.0)
+        k, d = (
+            share * gains[i + 1] + (1.0 - share) * gains[i]
+            for gains in (
+                np.array([rule.position_gain_n_m for rule in rules]),
+                np.array([rule.velocity_gain_n_s_m for rule in rules]),
+            )
+        )
+        rows = np.zeros((len(ticks), 3, 6))
+        for axis in range(3):
+            rows[:, axis, axis], rows[:, axis, 3 + axis] = k, d
         return law_of(self.max_force_n, gains=rows)
 
     @classmethod
