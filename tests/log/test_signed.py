@@ -60,6 +60,18 @@ def link(path: Path, target: Path) -> None:
     path.symlink_to(target)
 
 
+def test_sums_are_on_the_disk_before_they_have_their_name_and_not_too_long(folder, monkeypatch):
+    size, synced = len((folder / 'SHA256SUMS').read_bytes()), []
+    monkeypatch.setattr(sums, 'MAX_SUMS_BYTES', size)
+    monkeypatch.setattr(os, 'fsync', synced.append)
+    assert sums.write_sums(folder) == sums.read_sums(folder)
+    assert len(synced) == 1
+    monkeypatch.setattr(sums, 'MAX_SUMS_BYTES', size - 1)
+    for function, said in ((sums.read_sums, 'whole lines'), (sums.write_sums, 'too many')):
+        with pytest.raises(LogError, match=said):
+            function(folder)
+
+
 def written_anew(path: Path) -> bytes:
     """Return the bytes of a log with the same messages in other chunks: it verifies too."""
     aside = path.with_name('aside')

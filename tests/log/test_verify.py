@@ -15,10 +15,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from mcap.records import Schema
 
 from rpo_core.wire import cdr
 from rpo_kernels.jit import COMPILED
-from rpo_log.verify import verify
+from rpo_log.verify import evidence, verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
 from rpo_mcap.read import stream
 
@@ -52,6 +53,15 @@ def test_a_true_log(log):
     assert found.difference is None and found.gaps == ()
     assert found.ticks == 401
     assert 'verified, 401 ticks' in found.sentence()
+
+
+def test_of_a_definition_all_but_comments_counts():
+    wanted = Schema(1, b'float64 x  # of the point\nfloat64 y\n', 'ros2msg', 'a/msg/B')
+    for data, same in (
+        (b'float64 x\nfloat64 y # ours\n', True),
+        (b'float64 y\nfloat64 x\n', False),
+    ):
+        assert evidence._same(Schema(1, data, 'ros2msg', 'a/msg/B'), wanted) == same
 
 
 def test_a_true_log_in_blocks(log, monkeypatch):

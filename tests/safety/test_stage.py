@@ -60,6 +60,7 @@ def test_a_file_is_read_back_the_same():
     again = scenario.parse(yaml.safe_load(scenario.dumps(ASSURED)))
     assert again == ASSURED
     assert again.section(Assurance) == ASSURED.section(Assurance)
+    assert again.section(Assurance).corridor.port_m == ASSURED.zones.port_m[1] == 1.0
 
 
 def test_what_is_not_finite_becomes_a_stop():
