@@ -33,9 +33,11 @@ test:  ## style, types and all quick tests (ARGS='-k plant' is passed to pytest)
 	$(SETUP) lint test
 	@$(MAKE) --no-print-directory -j 2 lint tests
 
-# Beside `lint`, and without what `make` tells the commands that it starts side by side.
+# Beside `lint`, and without what `make` tells the commands that it starts side by side. In a new
+# checkout one process compiles the bytecode that else each worker would compile.
 tests:
-	$(ENV) unset MAKEFLAGS MAKELEVEL && pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
+	$(ENV) unset MAKEFLAGS MAKELEVEL && { [ -e .pytest_cache ] || pytest -q --collect-only >/dev/null || true; } && \
+		pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
 
 test-slow:  ## the slow tests
 	$(SETUP) test

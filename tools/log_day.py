@@ -43,11 +43,11 @@ def step(name: str, hours: float, folder: Path) -> None:
     elif name == FLY:
         print(day(hours).flight.states.shape, 'states')
     elif name == READ:
-        from rpo_log.read.stream import RunReader
+        from rpo_mcap.read.stream import RunReader
 
         print(sum(len(block.ticks) for block in RunReader(log).blocks()), 'ticks')
     elif name == ARRAYS:
-        from rpo_log.read.run_log import read_run
+        from rpo_mcap.read.run_log import read_run
 
         print(read_run(log).states.shape, 'states')
     elif name == VERIFY:
@@ -63,14 +63,14 @@ def step(name: str, hours: float, folder: Path) -> None:
     elif name == ROSBAGS:
         rosbags(log)
     elif name == EMPTY:
-        import rpo_log.read.stream  # noqa: F401
+        import rpo_mcap.read.stream  # noqa: F401
 
 
 def write(hours: float, log: Path, split: bool) -> None:
     """Write the log, one message at a time, as a recorder does."""
     from log_runs import TOPICS
 
-    from rpo_log.write.writer import RunLogWriter
+    from rpo_mcap.write.writer import RunLogWriter
 
     run = day(hours)
     before = resident_mb()

@@ -36,14 +36,14 @@ from mcap.writer import CompressionType, Writer
 
 from rpo_core.files.validation import InputError
 from rpo_log import signature
-from rpo_log.errors import ExitCode
-from rpo_log.format import sums
-from rpo_log.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
-from rpo_log.read.records import FileRecords, RawMessage, message_at
-from rpo_log.read.run_log import read_decisions, read_run
 from rpo_log.signature import sign_run
 from rpo_log.tools.info import inspect
 from rpo_log.verify import Verification, verify
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.format import sums
+from rpo_mcap.format.run import DECISIONS_FILE, METADATA_FILE, SIGNATURE_FILE, SUMS_FILE
+from rpo_mcap.read.records import FileRecords, RawMessage, message_at
+from rpo_mcap.read.run_log import read_decisions, read_run
 from tools.mutating import (
     NOT_WRITTEN,
     Case,

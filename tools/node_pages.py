@@ -25,8 +25,8 @@ from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr
-from rpo_log.format import run
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.format import run
+from rpo_mcap.write.writer import RunLogWriter
 from rpo_ros import names, qos
 from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode

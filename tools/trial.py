@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from rpo_core.files.validation import InputError
-from rpo_log.errors import LogError
+from rpo_mcap.errors import LogError
 from tools.node_processes import NodeProcessError
 from tools.trials import fuzz, links, soak
 

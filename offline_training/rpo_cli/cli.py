@@ -22,13 +22,14 @@ from rpo_cli.commands import (
     prove,
     report,
     safety,
+    scale,
     simulate,
     train,
     truth,
     watch,
 )
 from rpo_core.files.validation import InputError
-from rpo_log.errors import LogError
+from rpo_mcap.errors import LogError
 
 
 def _version(wanted: bool) -> None:
@@ -77,6 +78,7 @@ def _options(
 app.command(epilog=train.EXAMPLES)(train.train)
 app.command(epilog=train.TUNE_EXAMPLES)(train.tune)
 app.command(epilog=simulate.EXAMPLES)(simulate.simulate)
+app.command(epilog=scale.EXAMPLES)(scale.scale)
 app.command(epilog=evaluate.EXAMPLES)(evaluate.evaluate)
 app.command(epilog=bench.EXAMPLES)(bench.bench)
 app.command(epilog=optimal.EXAMPLES)(optimal.optimal)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Compile the kernels ahead of their first use: `python -m rpo_cli.precompile`.
 
-What is compiled is kept in the user's cache (`rpo_core.kernels.compile_cache`). Several processes
+What is compiled is kept in the user's cache (`rpo_kernels.compile_cache`). Several processes
 that start at once after an edit would each compile the same kernels; one before them spares them
 that.
 """

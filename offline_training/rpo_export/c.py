@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core import kernels
 from rpo_core.control.controller import AnyController, FuzzyController, only_fuzzy
 from rpo_ctrl.baselines import Baseline
 from rpo_export import formats
 from rpo_export.c_source import Source, number, wrapped
 from rpo_export.kernel_source import law_of
+from rpo_kernels import kernels
 from rpo_montecarlo.outputs import identifier
 
 SOURCE = """{facts}

@@ -19,10 +19,10 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import cw_step
 from rpo_core.wire import interfaces
 from rpo_export import c, formats
 from rpo_export.c_source import Source, number, wrapped
+from rpo_kernels.kernels import cw_step
 from rpo_montecarlo.outputs import identifier
 from rpo_safety import filters
 from rpo_safety.assurance import CONSTRAINTS, MODES, UNKNOWN, AssuranceStage, step_of

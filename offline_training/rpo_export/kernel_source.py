@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kernel that answers for a controller, and its source without what its constants exclude.
 
-A kernel (`rpo_core.kernels.jit`) is a function of floats, tuples of floats and tables, with
+A kernel (`rpo_kernels.jit`) is a function of floats, tuples of floats and tables, with
 annotations.
 """
 
@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from rpo_core import kernels
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.files.validation import InputError, shown
-from rpo_core.kernels import State, Vector, saturate
 from rpo_ctrl.baseline_kernels import baseline_force
 from rpo_ctrl.baselines import Baseline
+from rpo_kernels import kernels
+from rpo_kernels.kernels import State, Vector, saturate
 
 Type = Any
 """'double', 'int', or a table: 'table' of floats, 'ints', 'rows' of floats; a tuple of types; or a

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rpo_core.control.controller import FuzzyController
 from rpo_core.control.fuzzy import MembershipFunctions
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import infer, saturate
 from rpo_judge.analysis import surface
+from rpo_kernels.kernels import infer, saturate
 from rpo_montecarlo.engine.lanes import compiled
 
 Cells = tuple[NDArray[np.intp], NDArray[np.intp]]

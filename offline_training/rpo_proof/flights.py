@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import CwStep, fuzzy_force, plant_step
 from rpo_core.world.disturbance import Disturbance
+from rpo_kernels.kernels import CwStep, fuzzy_force, plant_step
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_proof.cells import CellBounds
 from rpo_proof.claims import Groups, of_planar, values_of
@@ -91,7 +91,7 @@ def fly(problem: Problem, scenario: Scenario) -> Flight:
     states[0] = scenario.start
     disturbances = np.zeros((ticks + 1, 3))
     if not scenario.disturbance.is_zero:
-        disturbances = scenario.disturbance.over(scenario.times_s)
+        disturbances = scenario.disturbances_n
     _fly(
         controller.scales,
         controller.system.tables,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
-from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
+from rpo_mcap.read.run_log import RunLog
 from rpo_report import guided
 from rpo_report.guided import Phase
 from rpo_report.logged import steps_again

@@ -16,8 +16,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_guidance.guidance import GuidanceStage
-from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
+from rpo_mcap.read.run_log import RunLog
 from rpo_report.logged import steps_again
 from rpo_report.page import Picture, Section, Table
 

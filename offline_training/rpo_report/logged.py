@@ -16,8 +16,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.chain.stage import Stage
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_log.read.run_log import RunLog, flight_of, other_signals, scenario_of
 from rpo_log.verify.recomputation import StageStates
+from rpo_mcap.read.run_log import RunLog, flight_of, other_signals, scenario_of
 
 Floats = NDArray[np.float64]
 AnyStage = TypeVar('AnyStage', bound=Stage)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
-from rpo_log.read.run_log import RunLog
 from rpo_log.show import style
 from rpo_log.show.report import by_axis
+from rpo_mcap.read.run_log import RunLog
 from rpo_nav.estimator import EstimatorStage
 from rpo_report.logged import steps_again
 from rpo_report.page import Picture, Section, Table

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rpo_core.files.validation import InputError
-from rpo_log.format.run import log_files
 from rpo_log.show import style
+from rpo_mcap.format.run import log_files
 from rpo_montecarlo.outputs import writing
 
 

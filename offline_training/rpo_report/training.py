@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,88 +24,114 @@ from rpo_report.controller import (
 from rpo_training.training import FINALISTS, FRONT, HISTORY
 
 _ENERGIES = (2.5, 3, 3.5, 4, 5, 7, 10, 15, 20)
-_SHARES = (0.01, 0.1, 1, 10, 100)
+_SHARES = (0.01, 0.1, 1, 10, 50, 90, 99, 99.9, 99.99)
+_FUZZY = ('fuzzy', 'more_words', 'pace', 'time_to_go')
 
 
-def best(rows: Sequence[ComparedController]) -> list[ComparedController]:
-    """Return the controllers that no other beats in energy and in runs kept, by rising energy."""
-    found: list[ComparedController] = []
-    for row in sorted(rows, key=lambda row: (row.mean_energy_n2s, -_kept(row))):
-        if row.met and all(_kept(row) > _kept(other) for other in found):
-            found.append(row)
+def best(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the points (energy, value) that no other beats in both, by rising energy.
+
+    The larger a value, the better.
+    """
+    found: list[tuple[float, float]] = []
+    for point in sorted(points, key=lambda point: (point[0], -point[1])):
+        if all(point[1] > value for _, value in found):
+            found.append(point)
     return found
 
 
 def draw(rows: Sequence[ComparedController], path: Path) -> None:
-    """Write the picture; a controller that arrives from no start is left out.
+    """Write the picture: energy against two shares of the dispersed runs, and against time.
 
-    The share of missed runs is logarithmic, the better the higher; none missed is drawn at half a
-    run.
+    In every panel the better is higher, and further left. A controller that arrives from no start
+    is left out. Shares are on a logistic scale; none and all are drawn at half a run.
     """
     shown = [row for row in rows if row.met]
     with style.applied():
-        figure, axes = style.new_panels(4.6, 1, 1)
-        for row in shown:
-            x, y = row.mean_energy_n2s, _missed(row)
-            share = _share(row)
-            low, high = max(1.0 - share.high, 0.1 / row.runs), 1.0 - share.low
-            fuzzy = row.kind in ('fuzzy', 'more_words', 'pace', 'time_to_go')
-            colour = style.LIGHT['x'] if fuzzy else style.LIGHT['muted']
-            axes.plot([x, x], [100 * low, 100 * high], color=colour, linewidth=1)
-            axes.plot(x, 100 * y, 'o' if fuzzy else 's', color=colour, markersize=6)
-            side = 'right' if _crowded(row, shown) else 'left'
-            at = (-6, 4) if side == 'right' else (6, 4)
-            axes.annotate(row.name, (x, 100 * y), at, textcoords='offset points', ha=side)
-        front = best(shown)
-        axes.step(
-            [row.mean_energy_n2s for row in front],
-            [100 * _missed(row) for row in front],
-            where='post',
-            color=style.LIGHT['ink'],
-            linewidth=0.8,
-            linestyle=':',
-        )
-        axes.set(
-            xscale='log',
-            yscale='log',
+        figure, panels = style.new_panels(11.5, 3, 1, sharex=True)
+        heights = [
+            _draw_shares(panels[0], shown, MOTION, lambda row: row.moving),
+            _draw_shares(panels[1], shown, 'all limits', _all_limits),
+            [-row.settled_s for row in shown],
+        ]
+        panels[2].set(
+            title='Energy against time',
+            ylabel='mean time to stay within 0.5 m [s]',
             xlabel='mean J of the training starts [N²s]',
-            ylabel=f'dispersed runs that miss {_judged(rows)} [%], the fewer the higher',
-            title=f'Energy against {_judged(rows)} kept: fuzzy controllers ●, baselines ■',
         )
-        axes.invert_yaxis()
+        panels[2].yaxis.set_major_formatter(lambda value, _: f'{-value:g}')
+        style.log_scale(panels[2], x=True, y=False)
+        for axes, values in zip(panels, heights, strict=True):
+            _draw_points(axes, shown, values)
         energies = [row.mean_energy_n2s for row in shown] or [1.0]
-        axes.set_xlim(0.8 * min(energies), 1.5 * max(energies))
-        for axis, ticks in ((axes.xaxis, _ENERGIES), (axes.yaxis, _SHARES)):
-            low, high = sorted(axis.get_view_interval())
-            inside = [tick for tick in ticks if low <= tick <= high]
-            axis.set_ticks(inside, [f'{tick:g}' for tick in inside])
-            axis.set_ticks([], minor=True)
+        panels[2].set_xlim(0.8 * min(energies), 1.3 * max(energies))
+        _set_ticks(panels[2].xaxis, _ENERGIES)
+        figure.suptitle('fuzzy controllers ●, baselines ■; dotted: no other is better in both')
+        for axes, values in zip(panels, heights, strict=True):
+            names = [
+                (row.mean_energy_n2s, y, row.name) for row, y in zip(shown, values, strict=True)
+            ]
+            style.label_points(axes, names)
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
 
 
-def _crowded(row: ComparedController, shown: Sequence[ComparedController]) -> bool:
-    """Return whether the name of a point would hide its neighbour on the right."""
-    x, y = row.mean_energy_n2s, _missed(row)
-    return any(
-        1.0 < other.mean_energy_n2s / x < 1.25 and 0.5 < _missed(other) / y < 2.0 for other in shown
-    )
+def _draw_shares(
+    axes: Any,
+    rows: Sequence[ComparedController],
+    what: str,
+    share: Callable[[ComparedController], Share | None],
+) -> list[float]:
+    """Draw the intervals of shares [%], and return the shares; none of a controller is 0."""
+    found = []
+    for row in rows:
+        own, least = share(row) or Share(0, 0.0, 0.0), 0.5 / row.runs
+        low, middle, high = (
+            100.0 * min(max(part, least), 1.0 - least)
+            for part in (own.low, own.kept / row.runs, own.high)
+        )
+        axes.plot([row.mean_energy_n2s] * 2, [low, high], color=_colour(row), linewidth=1)
+        found.append(middle)
+    axes.set_yscale('function', functions=(_logit, _share))
+    axes.margins(y=0.15)
+    axes.set(title=f'Energy against {what} kept', ylabel='dispersed runs [%]')
+    _set_ticks(axes.yaxis, _SHARES)
+    return found
 
 
-def _share(row: ComparedController) -> Share:
-    return row.moving or Share(row.kept, row.low, row.high)
+def _draw_points(axes: Any, rows: Sequence[ComparedController], values: Sequence[float]) -> None:
+    """Draw points, the higher the better, and the line of those that no other beats."""
+    for row, value in zip(rows, values, strict=True):
+        marker = 'o' if row.kind in _FUZZY else 's'
+        axes.plot(row.mean_energy_n2s, value, marker, color=_colour(row), markersize=6)
+    front = best([(row.mean_energy_n2s, value) for row, value in zip(rows, values, strict=True)])
+    x, y = (np.repeat(part, 2) for part in zip(*front, strict=True))
+    axes.plot(x[1:], y[:-1], ':', color=style.LIGHT['ink'], linewidth=0.8)
 
 
-def _judged(rows: Sequence[ComparedController]) -> str:
-    return MOTION if any(row.moving for row in rows) else 'all limits'
+def _set_ticks(axis: Any, ticks: Sequence[float]) -> None:
+    """Set those ticks that are in view."""
+    low, high = sorted(axis.get_view_interval())
+    inside = [tick for tick in ticks if low <= tick <= high]
+    axis.set_ticks(inside, [f'{tick:g}' for tick in inside])
+    axis.set_ticks([], minor=True)
 
 
-def _kept(row: ComparedController) -> float:
-    return _share(row).kept / row.runs
+def _logit(percent: Any) -> Any:
+    share = np.clip(np.asarray(percent) / 100.0, 1e-7, 1.0 - 1e-7)
+    return np.log(share / (1.0 - share))
 
 
-def _missed(row: ComparedController) -> float:
-    return max(1.0 - _kept(row), 0.5 / row.runs)
+def _share(logit: Any) -> Any:
+    return 100.0 / (1.0 + np.exp(-np.asarray(logit)))
+
+
+def _colour(row: ComparedController) -> str:
+    return style.LIGHT['x' if row.kind in _FUZZY else 'muted']
+
+
+def _all_limits(row: ComparedController) -> Share:
+    return Share(row.kept, row.low, row.high)
 
 
 def draw_run(folder: Path, controller: FuzzyController) -> list[Path]:

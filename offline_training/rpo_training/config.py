@@ -31,11 +31,12 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.judge.metrics import PENALTY
+from rpo_ctrl.similarity import range_m, time_s
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name
 from rpo_training.algorithms import CmaSettings
-from rpo_training.fitting import penalty_n2s, range_m, time_s, training_set
+from rpo_training.fitting import penalty_n2s, training_set
 from rpo_training.genes import GeneSpace
 from rpo_training.genetic import GaSettings
 from rpo_training.staged import RaceSettings
@@ -341,7 +342,7 @@ def fitted(base: TrainingConfig, scenario: str) -> TrainingConfig:
 def _force_n(base: Scenario, length: float, time: float) -> float:
     """Return the force at full output: the paper's authority, enough against what pushes."""
     n, m = base.mean_motion_rad_s, base.mass_kg
-    pushed = float(np.abs(base.disturbance.over(base.times_s)).max()) + 3.0 * m * n * n * length
+    pushed = float(np.abs(base.disturbances_n).max()) + 3.0 * m * n * n * length
     wanted = max(AUTHORITY * m * length / time**2, _OVER_GRAVITY * pushed)
     return min(base.max_force_n, _short(wanted))
 

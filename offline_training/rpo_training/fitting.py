@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
 from rpo_core.files.scenario import Scenario, ScenarioSet, load
 from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.requirements import Requirements
+from rpo_ctrl.similarity import base_of, range_m, time_s
 
 AROUND = 0.1
 """A single flight is trained from its start and around it, by this share of the distance."""
@@ -32,44 +31,31 @@ def training_set(name: str) -> ScenarioSet:
     """Return the starts that a search flies; raises InputError, also where none can be kept."""
     found = load(name)
     if isinstance(found, Scenario):
-        found = ScenarioSet(found, _around(found))
+        found = ScenarioSet(found, around(found))
     elif found.base.sections:
         raise InputError(
             f'a search flies to the goal; the flights of {name} follow a plan (section `guidance`)'
         )
-    _refuse_impossible(found)
+    refuse_impossible(found)
     return found
 
 
-def _around(scenario: Scenario) -> Grid:
+def around(scenario: Scenario) -> Grid:
+    """Return the start of a scenario and starts around it, by `AROUND` of the distance."""
     x, y, z, *_ = scenario.from_goal(scenario.start)
     off = AROUND * sqrt(x * x + y * y + z * z)
     axes = [(r - off, r, r + off) if off else (r,) for r in scenario.initial_position_m]
     return Grid(*axes)
 
 
-def range_m(starts: ScenarioSet) -> float:
-    """Return the largest distance of an axis between a start and the goal."""
-    errors = starts.initial_positions_m - np.array(starts.base.goal_position_m)
-    return float(np.abs(errors).max())
-
-
-def time_s(base: Scenario) -> float:
-    """Return the time until which a flight must be at its goal."""
-    required = base.requirements
-    times = [base.duration_s]
-    if required is not None:
-        times += [t for t in (required.arrival_time_s, required.hold_from_s) if t]
-    return min(times)
-
-
-def _refuse_impossible(starts: ScenarioSet) -> None:
+def refuse_impossible(starts: Scenario | ScenarioSet) -> None:
     """Raise InputError if the force cannot stop the farthest start at the goal in time.
 
     The least time to be within e of the goal and able to stay is that of full force to the middle
     of the way to the far side of e, and full force back. Relative gravity may help: it is added.
     """
-    base, far_m, limit_s = starts.base, range_m(starts), time_s(starts.base)
+    base = base_of(starts)
+    far_m, limit_s = range_m(starts), time_s(base)
     within_m = _error_m(base.requirements)
     if within_m is None or far_m <= within_m:
         return

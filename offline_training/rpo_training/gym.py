@@ -28,7 +28,6 @@ from rpo_core.files.starts import MAX_POSITION_M
 from rpo_core.files.validation import InputError, mapping, real, shown, vector3, whole, within
 from rpo_core.judge.metrics import PENALTY, of_flight
 from rpo_core.judge.verdicts import verdicts
-from rpo_core.kernels import Vector, saturate
 from rpo_core.wire.interfaces import (
     CONTROL_FORCE,
     NAVIGATION_STATE,
@@ -36,6 +35,7 @@ from rpo_core.wire.interfaces import (
     SATURATED_FORCE,
 )
 from rpo_judge.scoring.conditions import LABELS, PAPER
+from rpo_kernels.kernels import Vector, saturate
 from rpo_safety.assurance import AssuranceStage
 
 Floats = NDArray[np.float64]
@@ -186,7 +186,7 @@ class FinalApproach(gymnasium.Env[Floats, Floats]):
         """The flight since the last reset; after its end, whole. Its last command is zero."""
         if self.tick < self.scenario.ticks:
             raise InputError('the flight is not over; `flight` exists after the last step')
-        disturbances = self.scenario.disturbance.over(self.scenario.times_s)
+        disturbances = self.scenario.disturbances_n
         return Flight(self.scenario, self._states, self._commands, disturbances)
 
     @property

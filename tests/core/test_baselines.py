@@ -41,7 +41,7 @@ def test_one_of_each_kind_ships():
 
 
 @pytest.mark.parametrize('name', NAMES)
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(state=states, tick=st.integers(0, 5000))
 def test_forces_are_odd_bit_for_bit_and_within_the_limit(name, state, tick):
     baseline = load(name)

@@ -17,13 +17,13 @@ from rosbags.typesys import Stores, get_typestore
 
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.layout import Layout
-from rpo_log.format import rosbag2
+from rpo_mcap.format import rosbag2
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ODOMETRY, WRENCH = interfaces.STATE_TYPE, interfaces.FORCE_TYPE
 CLOCK, STATUS, ARRAY = interfaces.CLOCK_TYPE, interfaces.STATUS_TYPE, interfaces.ARRAY_TYPE
 
-QUICK = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+QUICK = settings(max_examples=30, deadline=None, derandomize=True, database=None)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 words = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=40)
 # every bit pattern, so that infinities, subnormals, negative zeros and NaNs are among them
@@ -207,7 +207,7 @@ DECODERS = {
 
 
 @pytest.mark.parametrize('type_name', DECODERS)
-@settings(QUICK, max_examples=200)
+@settings(QUICK, max_examples=60)
 @given(st.data())
 def test_other_bytes_are_refused_in_words(type_name, data):
     whole = {

@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""Every public name of the core says what it is; its dataclasses are frozen."""
+"""Every public name of core and kernels says what it is; its dataclasses are frozen."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 import rpo_core
+import rpo_kernels
 
-MODULES = sorted(Path(rpo_core.__file__).parent.rglob('*.py'))
+FOLDERS = [Path(str(package.__file__)).parent for package in (rpo_core, rpo_kernels)]
+MODULES = sorted(path for folder in FOLDERS for path in folder.rglob('*.py'))
 
 
 def undocumented(node: ast.AST, place: str) -> list[str]:

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from core_documents import document, refusal
-from core_oracles import python
 from orbit_oracle import Inertial, kepler_start
 
 from rpo_core import files
@@ -18,10 +17,10 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
-from rpo_core.kernels import orbit_kernels
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
+from rpo_kernels import orbit_kernels
 
 BASE = replace(
     scenario.load_scenario('approach'),
@@ -267,30 +266,6 @@ def test_a_tick_is_a_function_of_its_number_and_inputs():
     (after,) = stage.steps(ticks, flight.states[:-1], calm, calm)
     assert after.tobytes() == flight.states[1:].tobytes()
     assert {RELATIVE_STATE, THRUST_FORCE} <= set(Chain.of(flown).outputs)
-
-
-DIGEST = """
-import hashlib
-from rpo_core.kernels import jit
-from rpo_core.chain.flight import fly
-from rpo_core.control.controller import load_controller
-from rpo_core.world.dynamics import Drag, Dynamics
-from rpo_core.files.scenario import load_scenario
-air = Drag(density_kg_m3=2e-11, target_ballistic_coefficient_kg_m2=150.0, scale_height_m=5e4,
-           chaser_ballistic_coefficient_kg_m2=110.0, atmosphere_rate_rad_s=7e-5)
-world = Dynamics(kind='two_body', eccentricity=0.02, inclination_deg=51.6, j2=True, drag=air)
-flight = fly(load_scenario('quick').equipped(world), load_controller('pd'))
-print(jit.COMPILED, hashlib.sha256(flight.states.tobytes()).hexdigest())
-"""
-RECORDED = '2b4c817043012906c67ee1198d6a8cf017c6fb13066fb989f86d9dc2cd4df9ff'
-
-
-@pytest.mark.timeout(180)
-def test_interpreted_and_compiled_have_the_same_bits():
-    interpreted = python(DIGEST, RPO_JIT='0').split()
-    compiled = python(DIGEST, RPO_JIT='1').split()
-    assert (interpreted[0], compiled[0]) == ('False', 'True')
-    assert interpreted[1] == compiled[1] == RECORDED
 
 
 def test_a_scenario_with_dynamics_is_written_and_read_back():

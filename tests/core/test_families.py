@@ -16,13 +16,13 @@ from scipy.interpolate import RegularGridInterpolator
 
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
-from rpo_core.control.explain import in_words, reasons
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import axis_force, baseline_force
 from rpo_ctrl.baselines import Model, Mpc
+from rpo_ctrl.explain import in_words, reasons
 from rpo_ctrl.family import Gene, Mission, family_of
 from rpo_ctrl.time_to_go import WORDS, Rule, TimeToGo
 
@@ -46,7 +46,7 @@ PACE, TO_GO, MORE = map(start_of, FAMILIES)
 
 
 @pytest.mark.parametrize('law', [PACE, TO_GO, MORE], ids=FAMILIES)
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(state=states, tick=st.integers(0, 4000))
 def test_forces_are_odd_bit_for_bit_within_the_limit_and_the_same_axis_by_axis(law, state, tick):
     force = law.force_n(state[:3], state[3:], tick)
@@ -140,6 +140,14 @@ def test_grades_of_the_time_to_go_add_up_to_1_and_hold_after_arrival():
     assert TO_GO.gains(10**6) == (due.position_gain_n_m, due.velocity_gain_n_s_m)
     last = TO_GO.force_n((1, 0, 0), (0, 0, 0), 10**6)[0]
     assert last == -due.position_gain_n_m
+
+
+def test_the_gains_of_all_ticks_at_once_have_the_bits_of_each():
+    table = np.asarray(TO_GO.law.gains).reshape(-1, 3, 6)
+    for tick, rows in enumerate(table):
+        k, d = TO_GO.gains(tick)
+        np.testing.assert_array_equal(rows, np.hstack([k * np.eye(3), d * np.eye(3)]))
+    assert TO_GO.gains(len(table) - 1) == TO_GO.gains(10**6)
 
 
 def test_claims_bound_all_flights_and_a_corner_comes_near():

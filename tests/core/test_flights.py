@@ -14,7 +14,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from rpo_core import kernels
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
@@ -24,6 +23,7 @@ from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
+from rpo_kernels import kernels
 
 
 @pytest.mark.parametrize('name', ['paper_test', 'paper_test_phase'])

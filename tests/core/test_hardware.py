@@ -12,9 +12,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import noise
-from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import IDENTITY, Thrusters
+from rpo_kernels import noise
+from rpo_nav.navigation_errors import Navigation
 
 QUICK = scenario.load_scenario('quick')
 MATRIX = ((0.9, 0.1, 0.0), (0.0, 1.1, -0.2), (0.05, 0.0, 1.0))
@@ -66,8 +66,12 @@ def test_a_scenario_is_written_and_read_back_to_the_same_bits():
     [
         ('thrusters', [], '`thrusters` must be a mapping'),
         ('thrusters', {'matrx': []}, 'did you mean `matrix`'),
-        ('thrusters', {'matrix': [[1.0, 0.0, 0.0]]}, 'thrusters: `matrix` must be a list of 3'),
-        ('thrusters', {'matrix': [[1.0, 0.0]] * 3}, '`matrix[0]` must be a list of 3'),
+        (
+            'thrusters',
+            {'matrix': [[1.0, 0.0, 0.0]]},
+            'thrusters: `matrix` must be 3 rows of 3',
+        ),
+        ('thrusters', {'matrix': [[1.0, 0.0]] * 3}, '`matrix` must be 3 rows of 3 numbers'),
         ('thrusters', {'matrix': [[11.0, 0.0, 0.0]] * 3}, '`matrix[0][0]` must be a finite'),
         ('thrusters', {'delay_ticks': 1.5}, '`delay_ticks` must be a whole number'),
         ('thrusters', {'delay_ticks': -1}, '`delay_ticks` must be a whole number'),

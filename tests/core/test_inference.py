@@ -21,9 +21,9 @@ from core_strategies import (
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rpo_core import kernels
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable
 from rpo_core.files.validation import InputError
+from rpo_kernels import kernels
 
 TEXTBOOK = MembershipFunctions(0.5, 0.0, 0.5, 1.0, 0.5)
 """Five triangles half as wide as the range: grades add to 1 everywhere."""

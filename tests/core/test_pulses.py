@@ -10,13 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from core_documents import document, refusal
-from core_oracles import python
 
 from rpo_core import files
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
-from rpo_core.kernels import pulse_kernels
 from rpo_core.wire.interfaces import CHASER_MASS, EXERTED_FORCE
 from rpo_core.world.dynamics import Dynamics
 from rpo_core.world.thrusters import (
@@ -30,6 +28,7 @@ from rpo_core.world.thrusters import (
     stage_of,
     valve_names,
 )
+from rpo_kernels import pulse_kernels
 
 BASE = scenario.load_scenario('approach')  # 10 kg, 0.5 N, ticks of 0.1 s
 BIT_N_S = 0.5 * 0.01
@@ -213,40 +212,12 @@ def test_a_reset_stage_has_forgotten():
     flown = BASE.equipped(Thrusters(delay_ticks=1, pulses=pulses()))
     stage = stage_of(flown.thrusters, flown)
     assert isinstance(stage, ThrustersStage) and stage.memory_ticks is None
+    assert pulse_kernels.MEMORY == 18
     commands = [(0.013, -0.3, 0.2)] * 20
     first = [stage.step(k, c) for k, c in enumerate(commands)]
     assert first[0][2] == (0.0, 0.0, 0.0)  # the delay
     stage.reset()
     assert [stage.step(k, c) for k, c in enumerate(commands)] == first
-
-
-DIGEST = """
-import hashlib
-from rpo_core.kernels import jit
-from rpo_core.control.controller import load_controller
-from rpo_core.chain.flight import fly
-from rpo_core.files.scenario import load_scenario
-from rpo_core.world.thrusters import Failure, Propellant, Pulses, ThrusterError, Thrusters
-on = Failure(thruster='x+a', stuck='on', from_s=1.0, until_s=2.0, known=True)
-off = Failure(thruster='y-b', stuck='off', from_s=1.5)
-askew = ThrusterError(thruster='z+a', magnitude_share=0.02, misalignment_deg=(1.0, 2.0, 3.0))
-pulses = Pulses(count=12, modulation='sigma_delta', minimum_on_time_s=0.01, on_time_quantum_s=0.001,
-                dead_time_s=0.002, rise_time_s=0.003, errors=(askew,), failures=(on, off))
-tank = Propellant(specific_impulse_s=2.0, mass_kg=0.3)
-hardware = Thrusters(delay_ticks=1, pulses=pulses, propellant=tank)
-flight = fly(load_scenario('quick').equipped(hardware), load_controller('pd'))
-print(jit.COMPILED, hashlib.sha256(flight.states.tobytes()).hexdigest())
-"""
-RECORDED = '57ef2837ec2b19c6a0b9f4074b2dbfbfddedb1e5c9000d8c5ed0a5a9c3d43a7b'
-
-
-@pytest.mark.timeout(180)
-def test_interpreted_and_compiled_have_the_same_bits():
-    interpreted = python(DIGEST, RPO_JIT='0').split()
-    compiled = python(DIGEST, RPO_JIT='1').split()
-    assert (interpreted[0], compiled[0]) == ('False', 'True')
-    assert interpreted[1] == compiled[1] == RECORDED
-    assert pulse_kernels.MEMORY == 18
 
 
 def test_a_scenario_with_pulses_is_written_and_read_back():

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rpo_core import kernels
 from rpo_core.world import cw
 from rpo_guidance.legs import FlyingAround, Profile, Straight, Transferring, Vehicle
 from rpo_guidance.transfers import Limits
+from rpo_kernels import kernels
 
 N_RAD_S = cw.mean_motion(6_678_000.0)
 VEHICLE = Vehicle(N_RAD_S, 10.0, 0.1, 0.3, cw.discretise(N_RAD_S, 10.0, 0.1))

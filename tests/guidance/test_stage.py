@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from rpo_core import files, kernels
+from rpo_core import files
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.chain.stage import Place
@@ -20,6 +20,7 @@ from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import REFERENCE_STATE
 from rpo_core.world import cw
 from rpo_guidance import guidance, plan, rehearsal, transfers
+from rpo_kernels import kernels
 
 KEEP_OUT_M, PORT_M = 10.0, np.array([0.0, 1.0, 0.0])
 

@@ -13,7 +13,7 @@ from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 
 from rpo_log import signature
-from rpo_log.read import stream
+from rpo_mcap.read import stream
 
 
 @pytest.fixture(scope='session')

@@ -23,15 +23,16 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.control import controller, explain
+from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
-from rpo_log.format import sums
-from rpo_log.format.run import RunSummary, TimeBase
-from rpo_log.write.mcap_file import McapFile
-from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter
-from rpo_log.write.writer import RunLogWriter
+from rpo_ctrl import explain
+from rpo_mcap.format import sums
+from rpo_mcap.format.run import RunSummary, TimeBase
+from rpo_mcap.write.mcap_file import McapFile
+from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter
+from rpo_mcap.write.writer import RunLogWriter
 
 CLOCK, STATE = '/clock', '/relative_state'
 FORCE, DISTURBANCE, STATUS = '/control_force', '/disturbance_force', '/run_status'

@@ -15,8 +15,8 @@ from rpo_core.files import scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world.disturbance import NONE
-from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance

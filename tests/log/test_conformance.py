@@ -17,10 +17,10 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rpo_core.wire import interfaces
-from rpo_log.errors import Fault, LogError
-from rpo_log.format import rosbag2
 from rpo_log.tools.repair import repair
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format import rosbag2
+from rpo_mcap.write.side_file import HealthLogWriter
 
 INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 QOS_KEYS = [

@@ -14,11 +14,11 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import ARRAY_TYPE as TYPE
 from rpo_core.wire.interfaces import Decimation
-from rpo_log.errors import LogError
-from rpo_log.format.run import DECISIONS_FILE, TimeBase
-from rpo_log.read.run_log import decision_at, read_decisions
 from rpo_log.verify import verify
-from rpo_log.write.side_file import DecisionLogWriter
+from rpo_mcap.errors import LogError
+from rpo_mcap.format.run import DECISIONS_FILE, TimeBase
+from rpo_mcap.read.run_log import decision_at, read_decisions
+from rpo_mcap.write.side_file import DecisionLogWriter
 
 BASE = TimeBase(1_767_225_600_000_000_000, 100_000_000, 40)
 RATE_HZ = 2.0

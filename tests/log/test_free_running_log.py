@@ -12,12 +12,12 @@ from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 from rpo_core.control.controller import load_controller
 from rpo_core.wire import cdr
 from rpo_core.wire.statuses import numbers_text
-from rpo_log.read.run_log import read_flight
-from rpo_log.read.stream import RunReader
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import tables
 from rpo_log.verify import verify
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.read.run_log import read_flight
+from rpo_mcap.read.stream import RunReader
+from rpo_mcap.write.writer import RunLogWriter
 from rpo_sim.free_running import FreeRunningPlant
 
 APPLIED, APPLIED_DISTURBANCE = '/applied_force', '/applied_disturbance'

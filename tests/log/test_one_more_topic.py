@@ -11,12 +11,12 @@ from log_runs import TOPICS, Run, make_run, rewrite
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Interface
-from rpo_log.errors import ExitCode
-from rpo_log.read.run_log import read_run
-from rpo_log.read.stream import RunReader
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.read.stream import RunReader
 
 TOY_STATE, TOY_FORCE = '/toy_state', '/ns/toy_force'
 

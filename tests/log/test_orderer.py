@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_log.write import orderer
-from rpo_log.write.orderer import HOLD, LINE, MOST_MESSAGES, NOTHING, REORDER, WINDOW, TickOrderer
+from rpo_mcap.write import orderer
+from rpo_mcap.write.orderer import HOLD, LINE, MOST_MESSAGES, NOTHING, REORDER, WINDOW, TickOrderer
 
-QUICK = settings(max_examples=150, deadline=None, derandomize=True, database=None)
+QUICK = settings(max_examples=40, deadline=None, derandomize=True, database=None)
 EVENT = 2
 
 

@@ -18,9 +18,9 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from rpo_log.errors import LogError
-from rpo_log.read.run_log import read_run
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import LogError
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JAVASCRIPT_PACKAGES = [

@@ -14,14 +14,14 @@ import pytest
 from log_runs import STATUS, TOPICS, Run, make_run
 
 from rpo_core.wire import cdr
-from rpo_log.errors import ExitCode, LogError
-from rpo_log.format import sums
-from rpo_log.read.stream import RunReader
 from rpo_log.signature import sign_run
 from rpo_log.tools.repair import repair
 from rpo_log.verify import verify
 from rpo_log.verify.evidence import decision_rate_hz
 from rpo_log.verify.recomputation import held_ticks
+from rpo_mcap.errors import ExitCode, LogError
+from rpo_mcap.format import sums
+from rpo_mcap.read.stream import RunReader
 from tools.mutate_runs import Parts, run_cases
 
 

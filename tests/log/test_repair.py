@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.format import rosbag2
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
 
 
 def cut(folder: Path, content: bytes, size: int) -> Path:
@@ -135,10 +137,14 @@ def test_a_whole_log_is_left_alone(run, tmp_path):
     assert not (tmp_path / 'log-repaired').exists()
 
 
-def test_only_metadata_yaml_lacks(run, tmp_path):
+def test_only_metadata_yaml_lacks(run, tmp_path, monkeypatch):
     run.write(tmp_path / 'log')
     wanted = (tmp_path / 'log' / 'metadata.yaml').read_bytes()
     (tmp_path / 'log' / 'metadata.yaml').unlink()
+    with monkeypatch.context() as full:
+        full.setattr(rosbag2, 'write_metadata', Mock(side_effect=OSError(28, 'the disk is full')))
+        with pytest.raises(LogError, match=r'metadata\.yaml.*the disk is full'):
+            repair(tmp_path / 'log', in_place=True)
     repair(tmp_path / 'log', in_place=True)
     assert (tmp_path / 'log' / 'metadata.yaml').read_bytes() == wanted
 

@@ -17,14 +17,14 @@ from log_runs import record
 from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_log import signature
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.format import sums
-from rpo_log.format.run import prepare_folder
-from rpo_log.format.sums import MAX_BESIDE_BYTES, Sums
-from rpo_log.read.records import MAX_REST_BYTES
-from rpo_log.read.stream import RunReader
 from rpo_log.signature import sign_run
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.format import sums
+from rpo_mcap.format.run import prepare_folder
+from rpo_mcap.format.sums import MAX_BESIDE_BYTES, Sums
+from rpo_mcap.read.records import MAX_REST_BYTES
+from rpo_mcap.read.stream import RunReader
 from tools import mutate_runs
 from tools.mutate_runs import Parts, SignedCase, run_cases
 
@@ -58,6 +58,18 @@ def parts(tmp_path_factory) -> Path:
 def link(path: Path, target: Path) -> None:
     path.unlink(missing_ok=True)
     path.symlink_to(target)
+
+
+def test_sums_are_on_the_disk_before_they_have_their_name_and_not_too_long(folder, monkeypatch):
+    size, synced = len((folder / 'SHA256SUMS').read_bytes()), []
+    monkeypatch.setattr(sums, 'MAX_SUMS_BYTES', size)
+    monkeypatch.setattr(os, 'fsync', synced.append)
+    assert sums.write_sums(folder) == sums.read_sums(folder)
+    assert len(synced) == 1
+    monkeypatch.setattr(sums, 'MAX_SUMS_BYTES', size - 1)
+    for function, said in ((sums.read_sums, 'whole lines'), (sums.write_sums, 'too many')):
+        with pytest.raises(LogError, match=said):
+            function(folder)
 
 
 def written_anew(path: Path) -> bytes:

@@ -14,9 +14,9 @@ from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.wire import cdr
 from rpo_core.world.disturbance import NONE
-from rpo_log.errors import ExitCode
-from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.read.run_log import read_run
 
 STAGE_STATUS = '/stage_status'
 OFF = range(20, 30)

@@ -24,14 +24,15 @@ from typer.testing import CliRunner
 from rpo_cli.cli import app
 from rpo_core.wire import cdr
 from rpo_log import commands
-from rpo_log.errors import ExitCode, Fault, LogError
 from rpo_log.provenance import machine_facts, write_run_info
-from rpo_log.read import stream
-from rpo_log.read.run_log import read_run
+from rpo_log.show import style
 from rpo_log.tools.diff import diff
 from rpo_log.tools.export import export
 from rpo_log.tools.info import inspect
-from rpo_log.write.side_file import HealthLogWriter
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read import stream
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
 
 
 @pytest.fixture(scope='module')
@@ -39,6 +40,16 @@ def log(run, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp('tools')
     run.write(folder)
     return folder / 'run.mcap'
+
+
+def test_numbers_along_a_logarithmic_axis_are_plain():
+    figure, axes = style.new_panels(3.0)
+    axes.plot([0.001, 1000.0], [2.0, 6.0])
+    style.log_scale(axes, x=True)
+    figure.draw_without_rendering()
+    along = {label.get_text() for label in axes.get_xticklabels()}
+    assert {'0.001', '1000'} <= along
+    assert '3' in {label.get_text() for label in axes.get_yticklabels(minor=True)}
 
 
 # info

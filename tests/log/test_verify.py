@@ -15,12 +15,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from mcap.records import Schema
 
-from rpo_core.kernels.jit import COMPILED
 from rpo_core.wire import cdr
-from rpo_log.errors import ExitCode, Fault, LogError
-from rpo_log.read import stream
-from rpo_log.verify import verify
+from rpo_kernels.jit import COMPILED
+from rpo_log.verify import evidence, verify
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read import stream
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 
@@ -52,6 +53,15 @@ def test_a_true_log(log):
     assert found.difference is None and found.gaps == ()
     assert found.ticks == 401
     assert 'verified, 401 ticks' in found.sentence()
+
+
+def test_of_a_definition_all_but_comments_counts():
+    wanted = Schema(1, b'float64 x  # of the point\nfloat64 y\n', 'ros2msg', 'a/msg/B')
+    for data, same in (
+        (b'float64 x\nfloat64 y # ours\n', True),
+        (b'float64 y\nfloat64 x\n', False),
+    ):
+        assert evidence._same(Schema(1, data, 'ros2msg', 'a/msg/B'), wanted) == same
 
 
 def test_a_true_log_in_blocks(log, monkeypatch):
@@ -110,8 +120,8 @@ def test_the_first_of_two_is_named(log, tmp_path):
 def test_a_consistent_lie_is_found_from_the_start(run, log, tmp_path):
     # Everything after tick 100 follows from a state that was nudged there: each law holds, but for
     # the one step; and with that step's state forged too, the flight no longer starts where it did.
-    from rpo_core import kernels
     from rpo_core.control.controller import load_controller
+    from rpo_kernels import kernels
 
     control, flown = load_controller('handmade'), run.flight.scenario
     state = tuple(run.flight.states[100].tolist())

@@ -20,14 +20,14 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import cdr, interfaces
-from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import Propellant, Thrusters
-from rpo_log.errors import ExitCode, LogError
-from rpo_log.format.run import TimeBase
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import ExitCode, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.writer import RunLogWriter
+from rpo_nav.navigation_errors import Navigation
 from rpo_sim.free_running import FreeRunningPlant
 
 EXERTED, MEASURED, ESTIMATE = '/exerted_force', '/measurement', '/navigation_state'
@@ -120,7 +120,7 @@ def test_a_controller_that_saw_another_state_than_navigation_found_is_noticed(bl
     """The messages of navigation are right; the commands answer the true state."""
     blind, seen = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,))), []
     for tick, state in enumerate(blind.flight.states.tolist()):
-        seen.append(HARDWARE.navigation.solution(tick, state))
+        seen.append(HARDWARE.named('navigation').solution(tick, state))
     signals = blind.flight.signals | {ESTIMATE[1:]: np.array(seen)}
     run = replace(
         blind, flight=replace(blind.flight, signals=signals), topics=(*blind.topics, ESTIMATE)

@@ -13,9 +13,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import yaml
 from log_runs import (
     CLOCK,
     DISTURBANCE,
@@ -35,12 +38,13 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.interfaces import MOST_AHEAD_TICKS, REMEMBERED_TICKS
 from rpo_core.world.thrusters import Thrusters
-from rpo_log.errors import Fault, LogError
-from rpo_log.format.run import TimeBase
 from rpo_log.manifests import Manifests
-from rpo_log.read.run_log import read_run
 from rpo_log.tools.repair import repair
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.side_file import HealthLogWriter
+from rpo_mcap.write.writer import Claims, RunLogWriter
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -210,7 +214,7 @@ subprocess.run(['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', {folder!r}], 
 from log_runs import make_run
 run = make_run(40.0)
 summary = run.write(pathlib.Path({folder!r}))
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 print(summary.failure, '|', len(read_run({folder!r}).ticks) > 10, summary.lost > 0)
 """
 
@@ -227,6 +231,27 @@ def test_a_small_tmpfs(tmp_path):
         ['unshare', '-m', sys.executable, '-c', script], capture_output=True, text=True, timeout=50
     )
     assert done.stdout.strip() == 'No space left on device | True True', done.stderr
+
+
+def test_a_side_file_whose_end_does_not_reach_the_disk_says_so(tmp_path, monkeypatch):
+    file = HealthLogWriter(tmp_path)
+    monkeypatch.setattr(file._file, 'close', Mock(side_effect=OSError(5, 'Input/output error')))
+    file.close()
+    assert file.failure == 'Input/output error'
+
+
+def test_a_status_is_of_the_run_if_it_fits_a_state_that_was_published():
+    """Two were published at that tick, and nobody knows yet which one is the plant's."""
+    states = [(3.0, 4.0, 0.0, 0.0, 0.1, 0.0), (30.0, 40.0, 0.0, 0.0, 0.2, 0.0)]
+    said = [cdr.encode_odometry(0, 'target_lvlh', 'chaser', state) for state in states]
+    log = SimpleNamespace(base=TimeBase(0, 10**8, 50), latest=7, messages=lambda *_: said)
+    claims = Claims()
+    heard = [('5.0', '0.1'), ('50.0', '0.2'), ('5.0', '0.2')]
+    values = [(('phase', 'running'), ('tick', '7'), ('distance_m', d), ('speed_m_s', v))
+              for d, v in heard]  # fmt: skip
+    for found in values:
+        claims.take(cdr.encode_status(0, 'run', '', 'none', found))
+    assert [fits for _, fits in claims.weigh(log, None, 1.0)] == [True, True, False]
 
 
 def test_a_folder_that_vanishes_is_noticed(run, tmp_path):
@@ -356,7 +381,12 @@ def test_a_manifest_without_a_usable_controller_is_not_attached_in_flight():
     good = files.read_text(files.find('controller', 'handmade'))
     found = Manifests()
     values = {'role': 'controller', 'file.controller.yaml': good}
-    assert found.take('a', values) == '' and 'controller.yaml' in found.attachments({})
+    texts = {'parameter.a': f'[{"1" * 998}]', 'parameter.b': f'[{"1" * 999}]'}  # at most 1000
+    assert found.take('a', values | texts) == ''
+    attached = found.attachments({})
+    assert attached['controller.yaml'] == good.encode()
+    told = yaml.safe_load(attached['parameters.yaml'])['a']
+    assert told == {'a': [int('1' * 998)], 'b': texts['parameter.b']}
     for text in ('', '[', good.replace('z_half_width', '\ufffdz_half_width')):
         said = found.take('b', {**values, 'file.controller.yaml': text})
         assert said == 'b has no usable controller file' and found.another_controller() is None

@@ -10,9 +10,9 @@ from typing import Any
 from rpo_core.chain.stage import Place, Stage
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels.noise import six_normals
 from rpo_core.wire import interfaces
 from rpo_ctrl.baselines import Pd
+from rpo_kernels.noise import six_normals
 from rpo_nav.estimator import Estimator
 
 LIDAR = {

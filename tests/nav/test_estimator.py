@@ -14,8 +14,8 @@ from nav_scenarios import LIDAR, PD, make, unmodelled
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import jit
 from rpo_core.world import cw
+from rpo_kernels import jit
 from rpo_nav.estimator import Estimator, EstimatorStage, gate
 from rpo_nav.filter_kernels import (
     COMMANDS,
@@ -263,7 +263,7 @@ def test_a_camera_alone_finds_the_distance_while_the_chaser_manoeuvres():
     assert error[-1] < 0.5 * error[0]
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(
     st.lists(
         st.tuples(*[st.floats(-1e5, 1e5)] * 6, st.sampled_from([-1.0, 1.0])),

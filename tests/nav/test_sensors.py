@@ -14,8 +14,8 @@ import pytest
 from nav_scenarios import LIDAR, make
 from scipy.stats import kstest
 
-from rpo_core.kernels import noise
 from rpo_core.wire import interfaces
+from rpo_kernels import noise
 from rpo_nav.sensor_kernels import across
 from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
@@ -171,7 +171,7 @@ def test_the_frame_of_the_line_of_sight_is_right_handed():
 DIGEST = """
 import hashlib, numpy as np
 from nav_scenarios import LIDAR, PD, make
-from rpo_core.kernels import jit
+from rpo_kernels import jit
 from rpo_core.chain.flight import fly
 units = [
     {**LIDAR, 'latency_ticks': 2, 'dropout_share': 0.1, 'outlier_share': 0.02,

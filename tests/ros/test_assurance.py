@@ -14,9 +14,9 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.judge import metrics
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_safety.assurance import ASSURANCE_STATUS, ASSURED_FORCE
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_safety.settings import Assurance

@@ -8,8 +8,8 @@ import pytest
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_flight
 from rpo_log.verify import ExitCode, verify
+from rpo_mcap.read.run_log import read_flight
 from tools.node_processes import node_processes
 
 

@@ -15,8 +15,8 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_flight
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight
 from tools.node_processes import NodeProcesses, node_processes
 
 SCENARIO = 'paper_test'

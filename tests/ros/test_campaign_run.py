@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from rpo_cli.cli import app
 from rpo_core.judge import metrics
-from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_montecarlo.campaign import config
 from rpo_montecarlo.campaign.run_batch import FINAL, fly_runs
 from tools.node_processes import node_processes

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 from steering import steering
 
 from rpo_core import files
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 from tools.node_processes import executable
 
 NODES = {

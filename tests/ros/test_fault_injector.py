@@ -12,7 +12,7 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.world.link import CORRUPTIONS
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 
 CONTROLLER = 'handmade'
 FAULTS = {'drop': 0.2, 'freeze': 0.2, 'repeat': 0.2, 'delay': 0.2, 'reorder': 0.2}
@@ -60,7 +60,7 @@ def counted(node, kind):
     return int(found[1]) if found else 0
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.slow
 def test_lost_frozen_repeated_delayed_and_reordered_messages_leave_the_same_bytes(ros):
     scenario = lasting(10.0, ros.folder)
     faulty, injectors = fly_through(ros, scenario, **FAULTS)

@@ -40,7 +40,7 @@ def test_every_row_of_the_table_has_hostile_messages_the_same_for_the_same_seed(
     plain = messages.Encoder(Random(1), 0.0).encode(kind())
     assert deserialize_message(plain, kind) == kind()
     for how in messages.KINDS:
-        made = [[messages.spoilt(kind(), how, Random(f'{i}')) for i in range(99)] for _ in '12']
+        made = [[messages.spoilt(kind(), how, Random(f'{i}')) for i in range(30)] for _ in '12']
         assert made[0] == made[1]
         assert any(data != plain for data in made[0]), how
 

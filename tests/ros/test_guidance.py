@@ -15,9 +15,9 @@ from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_guidance.operator_node import OperatorNode
-from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, qos
 from rpo_safety.assurance_node import AssuranceNode

@@ -25,11 +25,11 @@ from rpo_core.wire import interfaces
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log import provenance
-from rpo_log.errors import Fault, LogError
-from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_log.write import mcap_file
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write import mcap_file
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import conversions, names, qos
 from rpo_ros.signals import Outlet
@@ -220,7 +220,7 @@ def test_a_run_info_that_cannot_be_written_is_no_success(ros_env, tmp_path, monk
 
 FULL = """
 import errno, sys
-from rpo_log.write import mcap_file
+from rpo_mcap.write import mcap_file
 def fails(sink):
     raise OSError(errno.ENOSPC, 'No space left on device')
 mcap_file._Sink.flush = fails

@@ -9,8 +9,8 @@ import pytest
 from scenarios import lasting
 from steering import steering
 
-from rpo_log.errors import ExitCode
 from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode
 from tools.node_processes import node_processes
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from rpo_core import files
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, qos
 from tools.node_processes import node_processes
 

@@ -14,9 +14,9 @@ from scenarios import lasting
 import rpo_log.recorder_node
 from rpo_core import files
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_ros import health, names, qos
 from rpo_sim.plant_node import PlantNode
 

@@ -12,8 +12,8 @@ from nav_scenarios import LIDAR, make
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario as scenarios
-from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight, read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros import patience
 from rpo_ros.signals import Outlet
@@ -98,6 +98,7 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
     assert verified.exit_code == 0, verified.sentence()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_command_that_was_lost_is_sent_again(ros_env, tmp_path):
     """Half of the commands do not reach navigation; its repeated answers bring them again."""

@@ -10,10 +10,10 @@ from scenarios import lasting
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_ros.signals import Outlet, listen
 from rpo_sim.plant_node import PlantNode
 

@@ -11,8 +11,8 @@ from scenarios import lasting
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, names, qos
 
 
@@ -32,7 +32,9 @@ def test_only_the_plant_is_told_what_to_fly(ros):
     assert dict(read_run(output).statuses[-1][1].values)['phase'] == 'finished'
 
 
-@pytest.mark.parametrize('node', ['disturbance_injector', 'fuzzy_controller'])
+@pytest.mark.parametrize(
+    'node', ['fuzzy_controller', pytest.param('disturbance_injector', marks=pytest.mark.slow)]
+)
 def test_a_node_of_another_scenario_refuses_and_nothing_flies(ros, node):
     package = 'rpo_ctrl' if node == 'fuzzy_controller' else 'rpo_sim'
     plant = ros.node('rpo_sim', 'plant', scenario='approach')
@@ -63,6 +65,7 @@ def refusal(node):
     return conversions.to_status(b'\x01', node, 'so', values.items())
 
 
+@pytest.mark.slow
 def test_in_flight_a_refusal_is_a_warning(ros, tmp_path):
     """A controller of another scenario that came late ended the flight of the others."""
     path = lasting(30.0, tmp_path, 'paper_test')
@@ -94,6 +97,7 @@ def test_in_flight_a_refusal_is_a_warning(ros, tmp_path):
     assert verify(tmp_path / 'run').exit_code == 0
 
 
+@pytest.mark.slow
 def test_a_node_of_another_flight_does_not_keep_this_one_from_beginning(ros):
     shared = {f'/other/{name}': f'/{name}' for name in ('stage_status', 'node_manifest')}
     ros.node('rpo_ctrl', 'fuzzy_controller', controller='handmade')

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from rpo_log.errors import Fault, LogError
-from rpo_log.read.run_log import read_run
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.read.run_log import read_run
 from tools.node_cards import CARDS
 from tools.node_pages import tiny_log
 

@@ -8,8 +8,8 @@ import pytest
 from scenarios import lasting
 from steering import steering
 
-from rpo_log.read.run_log import read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 
 pytestmark = pytest.mark.slow
 

@@ -10,9 +10,9 @@ from scenarios import lasting
 from rpo_bringup.monitor_node import MonitorNode
 from rpo_core import files
 from rpo_ctrl.controller_node import ControllerNode
-from rpo_log.read.run_log import read_run
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_run
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
 

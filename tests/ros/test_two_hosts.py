@@ -12,7 +12,7 @@ from scenarios import lasting
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
-from rpo_log.read.run_log import read_run
+from rpo_mcap.read.run_log import read_run
 from tools.node_processes import node_processes
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]

@@ -15,8 +15,8 @@ from tools.node_processes import node_processes
     ('options', 'most_n2s', 'code', 'word'),
     [
         ([], 1e-3, 1, 'MISSED'),
-        (['--no-fail'], 1e-3, 0, 'MISSED'),
-        ([], 1e3, 0, 'holds'),
+        pytest.param(['--no-fail'], 1e-3, 0, 'MISSED', marks=pytest.mark.slow),
+        pytest.param([], 1e3, 0, 'holds', marks=pytest.mark.slow),
         (['--no-report'], 1e-3, 0, ''),
     ],
 )

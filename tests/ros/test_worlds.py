@@ -8,8 +8,8 @@ import pytest
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files import overrides, scenario
-from rpo_log.read.run_log import read_flight, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import read_flight, read_run
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_a_world_flies_the_bits_of_the_core(ros, world, more):
     output = ros.folder / 'run'
     changes = ['duration_s=20.0', *more]
     changed = [word for change in changes for word in ('--set', change)]
-    short = [*changed, '--controller', 'pd', '--output', str(output)]
+    short = [*changed, '--controller', 'pd', '--no-report', '--output', str(output)]
     node = ros.node('rpo_bringup', 'final_approach', '--no-fail', '--scenario', world, *short)
     assert node.wait() == 0, node.output
     verified = verify(output)
@@ -39,6 +39,7 @@ def test_a_world_flies_the_bits_of_the_core(ros, world, more):
     np.testing.assert_array_equal(read_run(output).values[last], flight.signals[last])
 
 
+@pytest.mark.slow
 def test_a_world_flies_against_the_wall_clock(ros):
     output = ros.folder / 'run'
     recorder = ros.node('rpo_log', 'recorder', output=str(output))

@@ -87,6 +87,8 @@ def test_a_hold_stops_and_stays():
     assert np.linalg.norm(end[-1, 3:]) < 1e-4
     assert np.linalg.norm(end[-1, :3] - end[-500, :3]) < 0.01
     assert np.linalg.norm(end[-1, :3] - end[AT, :3]) < 5.0
+    slow = AT + int(np.argmax(np.linalg.norm(end[AT:, 3:], axis=1) <= 0.02))
+    assert np.linalg.norm(end[-1, :3] - end[slow, :3]) < 0.01
     assert flight.said == ['holding']
 
 
@@ -116,6 +118,8 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
     flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
     assert flight.said[0] == 'aborting' and flight.said[-1] == 'drifting'
     assert not np.any(flight.forces[-1])
+    radius = 10.0 if flight.ranges()[when] > 10.0 else SETTINGS.corridor.port_m
+    assert f' of {radius:g} m at the worst' in flight.stage.abort.changes[0].reason
     n = AROUND.mean_motion_rad_s
     for along in (-1.2e-6, 1.2e-6):
         assert drift(flight.states[-1], n, along) > 10.0
@@ -206,13 +210,17 @@ def test_the_worst_reaction_acts():
         Row(quantity='range_m', most=50.0, reaction=reaction)
         for reaction in ('warn', 'abort', 'hold')
     )
-    flight = Flight(with_table(table=rows)).until(5)
+    rows += (Row(quantity='speed_m_s', most=0.0, reaction='abort'),)
+    moving = replace(AROUND, initial_velocity_m_s=(0.01, 0.0, 0.0))
+    flight = Flight(with_table(moving, table=rows)).until(5)
     assert flight.said == ['warned', 'aborting']
+    assert flight.stage.abort.changes[-1].reason.startswith('range_m above 50 in 1 of 1 ticks; ')
 
 
 def test_each_quantity_is_looked_at():
     """Each number beside its own computation."""
-    found = Flight(with_table(table=())).until(3).stage.abort
+    flight = Flight(with_table(table=())).until(3)
+    found = flight.stage.abort
     quantities = found._quantities(2, looked_at(found.guard))
     assert set(quantities) == {
         'range_m', 'speed_m_s', 'closing_excess_m_s', 'off_corridor_m', 'tracking_error_m',
@@ -225,7 +233,9 @@ def test_each_quantity_is_looked_at():
     # the corridor at 14 m from the port is 0.07 m + 14 m x tan 10 deg / sqrt 2 wide
     width = 0.07 + 14.0 * math.tan(math.radians(10.0)) / math.sqrt(2.0)
     assert quantities['off_corridor_m'] == pytest.approx(3.0 - width, abs=1e-3)
+    assert found._world.drift_s == pytest.approx(2.0 * 2.0 * math.pi / AROUND.mean_motion_rad_s)
     assert quantities['intervention'] == 1.0
+    assert quantities['impulse_n_s'] == pytest.approx(np.abs(flight.forces).sum() * AROUND.dt_s)
     assert (quantities['sigma_m'], quantities['sigma_m_s']) == (0.5, 0.01)
 
 

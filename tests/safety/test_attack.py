@@ -53,7 +53,7 @@ def test_the_same_seed_gives_the_same_runs():
         assert (a.rows != c.rows).any()
 
 
-@pytest.mark.parametrize('name', ['trained', 'robust'])
+@pytest.mark.parametrize('name', ['trained', pytest.param('robust', marks=pytest.mark.slow)])
 @pytest.mark.parametrize('found', ['paper_training', 'paper_test', 'paper_test_phase'])
 def test_the_shipped_controllers_need_no_help(name, found):
     """S2: the preset `sqrt` changes none of their commands."""

@@ -15,10 +15,13 @@ import pytest
 from scipy.linalg import expm
 
 from rpo_core.files import scenario
+from rpo_core.world.disturbance import Disturbance, Harmonic
 from rpo_core.world.thrusters import Thrusters
 from rpo_safety import filters, kernels
+from rpo_safety.assumed import largest_n
 from rpo_safety.assurance import AssuranceStage
-from rpo_safety.corridor import approach_margins
+from rpo_safety.corridor import approach_margins, backup_approach
+from rpo_safety.edge import _Edge
 from rpo_safety.guard import errors_of, guard_of
 from rpo_safety.kernels import APPROACH, OPEN
 from rpo_safety.settings import Assurance, Passage
@@ -261,6 +264,34 @@ def test_no_step_in_the_corridor_leaves_its_walls(name, errors):
             for x, y, z, *_ in path:
                 half = CORRIDOR.width_m + guard.slope * max(y - CORRIDOR.port_m, 0.0)
                 assert max(abs(x), abs(z)) <= half or np.hypot(np.hypot(x, y), z) >= ZONE
+
+
+def test_amid_the_corridor_the_backup_law_stops_in_a_tick():
+    """So little speed that the thrusters can: across, and along the axis towards the port."""
+    guard = guard_of(Assurance(keep_out_m=ZONE, corridor=CORRIDOR, **BOUNDS), PAPER)
+    v = np.array([0.003, -0.004, -0.002])
+    force = backup_approach((0.0, 5.0, 0.0, *v.tolist()), guard)
+    np.testing.assert_allclose(force, -PAPER.mass_kg * v / PAPER.dt_s, rtol=1e-12)
+
+
+def test_tides_that_take_all_of_the_brake_leave_no_room_in_the_domain():
+    settings = Assurance(keep_out_m=ZONE, **BOUNDS)
+    guard, errors = guard_of(settings, PAPER), errors_of(settings, PAPER)
+    tide = guard.authority_m_s2 / settings.domain_m
+    for share, room in ((0.5, True), (1.0 - 1e-6, False)):
+        strong = guard._replace(tide_1_s2=share * tide)
+        assert _Edge(strong, errors, settings, PAPER).has_room(1.0, 0.1) == room
+    edge = _Edge(guard, errors, settings, PAPER)
+    edge.from_m = guard.keep_out_m  # no way is left to brake on
+    assert edge.arriving_m_s(0.3, (0.0, 0.0)) == pytest.approx(0.3, rel=1e-12)
+
+
+def test_the_bound_of_a_disturbance_is_the_largest_one_of_any_time():
+    waves = Harmonic('x', 'sin', 0.02, 0.1), Harmonic('z', 'sin', -0.04, 0.1)
+    push = Disturbance((0.01, 0.0, -0.03), waves[:1]), Disturbance((0.01, 0.0, -0.03), waves)
+    most = [np.linalg.norm(some.over(np.arange(0.0, 1000.0, 0.5)), axis=1).max() for some in push]
+    assert largest_n(push[0]) == pytest.approx(most[0], rel=1e-3)
+    assert most[1] <= largest_n(push[1]) == pytest.approx(np.hypot(0.03, 0.07))
 
 
 def test_the_guard_is_what_the_proof_says():

@@ -135,6 +135,10 @@ def test_what_comes_before_the_first_force_is_counted(start_m):
         disturbance=Disturbance((0.0, -0.05, 0.0)),
     )
     thrusters, settings = Thrusters(delay_ticks=20), Assurance(keep_out_m=50.0)
+    passing = {'initial_position_m': (0.0, 50.2, -12.0), 'initial_velocity_m_s': (0.0, 0.0, 1.2)}
+    if start_m < 50.1:  # nearest after 10 ticks, 0.25 m nearer; at the first force it is away again
+        with pytest.raises(InputError, match=r'before the first force acts, after \d+ ticks'):
+            replace(found, **passing).equipped(thrusters, settings)
     if start_m < 51.1:
         with pytest.raises(InputError, match=r'`assurance.keep_out_m` and the start exclude'):
             found.equipped(thrusters, settings)

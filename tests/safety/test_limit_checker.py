@@ -99,6 +99,7 @@ def test_shipped_flights_are_no_fault(scenario, controller):
     [
         ('schema', 'rpo/monitor/2', '`schema` must be rpo/monitor/1'),
         ('limits.range_m', math.nan, '`limits.range_m` must be a finite number'),
+        ('limits.speed_per_range_1_s', 1001.0, '`limits.speed_per_range_1_s` must be'),
         ('limits.corridor_axis', [0, 0, 0], '`limits.corridor_axis` must not be zero'),
         ('limits.corridor_axis', [0, 1], '`limits.corridor_axis` must be a list of 3'),
         ('faults.too_fast.count', 31, '`faults.too_fast.count` must be a whole number >= 1'),

@@ -109,6 +109,12 @@ def flown(states, wanted):
     return np.min([*worst, *far.reshape(len(ends), -1)], axis=0)
 
 
+def test_it_may_go_along_all_axes_and_diagonals():
+    turned = manoeuvre.DIRECTIONS
+    assert len({tuple(np.sign(direction)) for direction in turned}) == len(turned) == 26
+    assert np.allclose(np.linalg.norm(turned, axis=1), 1.0)
+
+
 def test_what_is_clear_stays_out_whatever_is_stuck():
     """200 random states and 50 of the shipped plan: no path of a clear manoeuvre enters."""
     flight = fly(AROUND, load_controller('allround'))

@@ -17,7 +17,7 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import LATE_POSITION, SLEW, row_of
-from rpo_core.world.navigation_errors import Navigation
+from rpo_nav.navigation_errors import Navigation
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
 from rpo_safety.shaping import SHAPED_FORCE, Shaping, ShapingStage

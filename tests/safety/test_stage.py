@@ -19,9 +19,9 @@ from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.kernels import cw_step
 from rpo_core.wire.interfaces import EXERTED_FORCE
 from rpo_core.world.thrusters import Pulses, Thrusters
+from rpo_kernels.kernels import cw_step
 from rpo_safety import filters
 from rpo_safety.assurance import ASSURED_FORCE, AssuranceStage
 from rpo_safety.guard import guard_of
@@ -60,6 +60,7 @@ def test_a_file_is_read_back_the_same():
     again = scenario.parse(yaml.safe_load(scenario.dumps(ASSURED)))
     assert again == ASSURED
     assert again.section(Assurance) == ASSURED.section(Assurance)
+    assert again.section(Assurance).corridor.port_m == ASSURED.zones.port_m[1] == 1.0
 
 
 def test_what_is_not_finite_becomes_a_stop():

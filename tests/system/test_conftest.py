@@ -41,16 +41,13 @@ def test_a_skip_without_a_known_reason_is_a_failure(tmp_path, workers):
     (tmp_path / 'conftest.py').write_text(text.replace('ALLOWED_SKIPS = {', allowed))
     (tmp_path / 'pytest.ini').write_text('[pytest]\n')
     command = [sys.executable, '-m', 'pytest', '-p', 'xdist', '-n', workers, '-rA']
+    command += ['--continue-on-collection-errors']
     env = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': ''}
-    inner = [*command, 'test_inner.py']
-    done = subprocess.run(inner, cwd=tmp_path, env=env, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True)
     assert done.returncode == 1
-    assert '1 failed, 1 passed, 1 skipped, 1 xfailed, 1 error' in done.stdout
+    assert '1 failed, 1 passed, 1 skipped, 1 xfailed, 2 errors' in done.stdout
     assert 'does not say why it may be: no mood' in done.stdout
-    module = [*command, 'test_module.py']
-    done = subprocess.run(module, cwd=tmp_path, env=env, capture_output=True, text=True)
-    assert done.returncode != 0
-    assert 'does not say why it may be' in done.stdout
+    assert 'does not say why it may be: could not import' in done.stdout
 
 
 def test_domains_are_held_one_by_one():

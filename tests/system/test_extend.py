@@ -53,6 +53,7 @@ def run(folder, ros_env):
 FLY = 'ros2 run rpo_bringup final_approach --no-report'
 
 
+@pytest.mark.cpu_s(5)
 @pytest.mark.timeout(120)
 def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
@@ -63,8 +64,13 @@ def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     assert 'lagged_fx_n' in head and len(rows) == 51
     said = run('RPO_PLUGINS= rpo verify runs/mine', code=2)
     assert '`lag` is not a known field' in said or '`kind` must be one of' in said
+    scenario = folder / 'lagging.yaml'
+    (folder / 'slower.yaml').write_text(scenario.read_text().replace('0.4', '0.39'))
+    run(f'{FLY} --scenario slower.yaml --controller mine.yaml --output runs/slower')
+    assert 'lagged_force' in run('rpo log diff runs/mine runs/slower', code=1)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_a_node_of_ones_own_flies_is_logged_and_verifies(folder, ros_env, run):
     """All but its commands, which no file of the log explains."""
@@ -88,17 +94,6 @@ def test_a_node_of_ones_own_flies_is_logged_and_verifies(folder, ros_env, run):
 
 
 @pytest.mark.timeout(120)
-def test_one_bit_less_is_found_in_the_stages_own_topic(run, folder):
-    """The log of a lag of another share, with the scenario of the first, is not verified."""
-    run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/a')
-    scenario = folder / 'lagging.yaml'
-    (folder / 'slower.yaml').write_text(scenario.read_text().replace('0.4', '0.39'))
-    run(f'{FLY} --scenario slower.yaml --controller mine.yaml --output runs/b')
-    said = run('rpo log diff runs/a runs/b', code=1)
-    assert 'lagged_force' in said
-
-
-@pytest.mark.timeout(120)
 def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')
     assert 'mine has a stage of its own: the engine does not know it' in said
@@ -116,6 +111,7 @@ print(columns['energy_n2s'].tolist())
 """
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(120)
 def test_its_lanes_have_the_bits_of_the_chain(folder, run):
     """A campaign flies forty at once with the page's file, and run by run without it."""

@@ -17,6 +17,7 @@ COMMON = {'cell_type', 'id', 'metadata', 'source'}
 KEYS = {'markdown': COMMON, 'code': COMMON | {'execution_count', 'outputs'}}
 
 each_notebook = pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.stem)
+FLOWN = [NOTEBOOKS[0], pytest.param(NOTEBOOKS[1], marks=pytest.mark.slow)]
 
 
 def test_both_are_here_and_linked():
@@ -49,8 +50,7 @@ def test_its_links_lead_somewhere(path):
         assert (path.parent / target).exists(), target
 
 
-@pytest.mark.cpu_s(6)
-@each_notebook
+@pytest.mark.parametrize('path', FLOWN, ids=lambda path: path.stem)
 def test_its_cells_run_in_order(path, monkeypatch, capsys):
     import matplotlib
 

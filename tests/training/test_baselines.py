@@ -215,6 +215,8 @@ def compare(tmp_path, monkeypatch):
     """Return a function that runs `rpo compare`, with the optimum as if it had been computed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(comparison, 'WORLD_RUNS', 8)
+    some = [q for q in comparison.robustness.QUANTITIES if q.name == 'delay']
+    monkeypatch.setattr(comparison.robustness, 'QUANTITIES', some)
     path = write_campaign(tmp_path, runs=50)
 
     def run(*arguments):
@@ -256,7 +258,9 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
         assert baseline['plans']['starts']['within'] == baseline['plans']['starts']['plans'] > 216
     table = (tmp_path / 'doc.md').read_text()
     shown = f'{baseline["mean_energy_n2s"]:.3f} | {baseline["ratio"]:.3f} | 216 of 216'
-    assert f'| {name} | {shown} |' in table and table.count('| drift |') == 3
+    assert f'| {name} | {shown} |' in table and table.count('| drift |') == 4
+    delay = baseline['margins']['delay']
+    assert delay['fails'] == delay['holds'] + 1.0 and 'no margins' in drift['margins']['judged']
     assert (tmp_path / 'out' / 'compare.csv').read_text().count('\n') == 3
 
     def fly_again(*_):
@@ -265,6 +269,7 @@ def test_a_comparison_is_printed_written_and_kept(name, compare, tmp_path, monke
     monkeypatch.setattr(comparison, 'metrics_of', fly_again)
     monkeypatch.setattr(comparison.execution, 'fly_unit', fly_again)
     monkeypatch.setattr(comparison.run_batch, 'fly_runs', fly_again)
+    monkeypatch.setattr(comparison.robustness, 'margins_of', fly_again)
     again = compare('drift', name)
     assert again.exit_code == 0, again.output
     rows = json.loads((tmp_path / 'out' / 'compare.json').read_text())['controllers']

@@ -247,6 +247,7 @@ def test_what_the_engine_does_not_know_is_judged_by_the_same_columns(write, monk
     np.testing.assert_array_equal(run_batch.fly_unit(campaign, 0), side_by_side)
 
 
+@pytest.mark.slow
 def test_runs_that_never_arrive_are_infinite_and_reported(write, tmp_path):
     limits = {'arrival_time_s': 9.0, 'arrival_error_norm_m': 1.0, 'final_error_norm_m': 70.0}
     limits |= {'contact_range_m': 1.0, 'contact_closing_speed_m_s': 1.0}

@@ -212,7 +212,13 @@ def test_too_few_boxes_prove_less_but_nothing_false(trained, proven):
     assert found['monotone in position error'].verdict == UNDECIDED
 
 
-@pytest.mark.parametrize('name', ['robust', 'trained', 'handmade', 'paper_ga'])
+@pytest.mark.parametrize(
+    'name',
+    [
+        'robust',
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ('trained', 'handmade', 'paper_ga')),
+    ],
+)
 def test_damping_is_bounded_above_what_random_points_show(name):
     """sign(v) (u(e, v) - u(e, 0)) by the kernel, at points that the grid does not have."""
     system = load_controller(name).system

@@ -51,10 +51,10 @@ def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
 def test_in_its_world_errors_are_held_against_the_filters_own_covariance():
     """NEES of a flight by hand; in `world_leo` the filter claims more than its errors."""
     scenario, controller = load_scenario('world_leo'), load_controller('allround')
-    found = in_its_world(scenario, controller, 3)
+    found = in_its_world(scenario, controller, 2)
     sensors, tick = scenario.section(Sensors), 2000  # the fifth of ten moments
     expected = []
-    for run in range(3):
+    for run in range(2):
         flight = fly(scenario.equipped(replace(sensors, noise_key=(run, 2**31))), controller)
         error = (flight.signals['navigation_state'] - flight.states)[tick, 3:]
         spread = flight.signals['navigation_covariance'][tick, 9:].reshape(3, 3)

@@ -169,7 +169,7 @@ def short():
     return configs.override(configs.PRESETS['best'], settings)
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.slow
 def test_a_race_by_stages_resumes_to_the_same_bits(short, tmp_path):
     whole = Training.create(short, tmp_path / 'whole', 1)
     best = whole.run()

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rpo_core import kernels
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario, load_set
@@ -17,6 +16,7 @@ from rpo_core.files.starts import Box
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
+from rpo_kernels import kernels
 from rpo_montecarlo.engine import lanes, tick
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.counters import Trace
@@ -111,7 +111,7 @@ def test_metrics_are_those_of_the_core(rules):
     case = case_of_set(TRAINING, horizon_s=220.0, late_s=10.0)
     with Simulator([case], 2) as simulator:
         found = simulator.fly(population_of(*controllers))[0]
-    for index in (0, 100, 173, 215):
+    for index in (0, 173):
         for controller, rows in zip(controllers, found, strict=True):
             scenario = TRAINING.scenarios()[index]
             f = metrics.of_flight(fly(scenario, controller))
@@ -141,7 +141,7 @@ def test_results_do_not_depend_on_the_number_of_threads():
     np.testing.assert_array_equal(outcomes[0], outcomes[2])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from(['free', 'odd']),

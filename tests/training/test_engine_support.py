@@ -18,12 +18,12 @@ from rpo_core.files.starts import Cube
 from rpo_core.judge import metrics
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world import cw
-from rpo_core.world.navigation_errors import Navigation
 from rpo_ctrl.baselines import Pd
 from rpo_montecarlo.campaign import config, run_batch, single
 from rpo_montecarlo.engine import support
 from rpo_montecarlo.engine.cases import case_of_flights, case_of_set
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_nav.navigation_errors import Navigation
 
 
 class LaggedStage(ControllerStage):

@@ -50,7 +50,7 @@ def codes(*words: object) -> tuple[int, int]:
         'simulate paper_test --controller drift',
         'evaluate drift --scenario paper_test',
         pytest.param('explain allround --certify', marks=pytest.mark.slow),
-        'report drift',
+        pytest.param('report drift', marks=pytest.mark.slow),
     ],
 )
 def test_what_is_judged_and_missed_is_1(words, tmp_path):

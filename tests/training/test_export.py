@@ -78,7 +78,7 @@ def test_python_gives_the_bits_without_us(name, tmp_path):
     assert bits(json.loads(done.stdout)) == bits(expected)
 
 
-@settings(max_examples=60)
+@settings(max_examples=15)
 @given(
     systems(parts=functions, samples=st.sampled_from([3, 101, 201])),
     st.lists(st.floats(1e-3, 1e3), min_size=3, max_size=3),
@@ -200,7 +200,7 @@ def test_scales_may_be_given(tmp_path):
     assert load_controller(tmp_path / 'mine.yaml').scales == (50.0, 0.7, 0.4)
 
 
-@settings(max_examples=150)
+@settings(max_examples=40)
 @given(st.data(), st.sampled_from([(importing.read_fis, FIS), (importing.read_fll, FLL)]))
 def test_spoilt_texts_are_read_or_refused(data, case):
     """Anything but an InputError would be a traceback for the user."""

@@ -16,11 +16,11 @@ from c_programs import bits, compiled, driven, states
 from rpo_core.control import controller_file
 from rpo_core.control.controller import load_controller
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import State, Vector, saturate
 from rpo_ctrl.baselines import Pd
 from rpo_ctrl.family import Family, Mission, family_of
 from rpo_export import c, text_of
 from rpo_export.c_source import Source
+from rpo_kernels.kernels import State, Vector, saturate
 
 pytestmark = pytest.mark.skipif(shutil.which('cc') is None, reason='cc is not installed')
 

@@ -23,7 +23,7 @@ SPACES = [
 ]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.sampled_from(SPACES), st.data())
 def test_every_chromosome_is_a_controller_of_its_space(space, data):
     genes = data.draw(arrays(np.float64, space.size, elements=st.floats(0.0, 1.0)))
@@ -39,7 +39,7 @@ def test_every_chromosome_is_a_controller_of_its_space(space, data):
             assert (grades.max(axis=1) > 0.0).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.sampled_from(SPACES), st.integers(0, 2**32 - 1))
 def test_a_controller_encodes_to_itself(space, seed):
     genes = np.random.default_rng(seed).random((1, space.size))

@@ -140,6 +140,7 @@ def test_a_margin_costs_energy_and_is_kept():
         optimal.Conditions.of(scenario, 1.0)
 
 
+@pytest.mark.slow
 def test_the_optimum_does_not_know_planar_and_vertical_signs():
     starts = np.array([[50.0, -5.0, 100.0, 0.1, 0, 0], [-50.0, 5.0, -100.0, -0.1, 0, 0]])
     both = optimal.least_constrained(TRAINING.base, starts)
@@ -153,6 +154,7 @@ def test_least_constrained_energy_is_the_missions():
     assert optimal.least_constrained(TRAINING.base, STARTS).mean() == pytest.approx(2.41, rel=0.01)
 
 
+@pytest.mark.slow
 def test_an_infeasible_optimum_names_what_would_have_to_give():
     scenario = from_start(100.0, 100.0, 100.0, duration_s=90.0)
     message = r'no flight of 90 s .* force .* N instead of 0.5'

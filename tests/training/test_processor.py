@@ -59,7 +59,7 @@ def test_a_process_is_pinned_whatever_its_environment_asks_for():
     """Read from the libraries of the process; without a warning of NumPy."""
     free = said(python(READ, environment=OLD))
     assert free['openblas'].startswith('Nehalem, ') and free['pinned'] is False
-    for environment in ({}, HOSTILE, OLD):
+    for environment in (HOSTILE, OLD):
         done = python(PIN, environment=environment)
         found = said(done)
         assert found['pinned'] is True and done.stderr == ''
@@ -69,6 +69,7 @@ def test_a_process_is_pinned_whatever_its_environment_asks_for():
         assert found['numpy'] == ' '.join(features['baseline'])
 
 
+@pytest.mark.slow
 def test_the_processes_of_a_local_cluster_are_pinned():
     found = said(python(ON_A_WORKER, environment=OLD))
     assert found['pinned'] is True and found['openblas'] == 'Prescott, 1 thread'

@@ -21,7 +21,7 @@ from rpo_core.control.controller import FuzzyController, load_controller, load_f
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.world.navigation_errors import Navigation
+from rpo_nav.navigation_errors import Navigation
 from rpo_proof import cells, check, check_sets, enclosure, flights, folder, proving, sets
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
@@ -36,7 +36,10 @@ NOWHERE = InvariantSet(0.0, 0.06, 0.0)
 """No tube is in it, so each flies on to the end."""
 
 
-@pytest.fixture(scope='module', params=SHIPPED)
+@pytest.fixture(
+    scope='module',
+    params=['robust', *(pytest.param(x, marks=pytest.mark.slow) for x in ('trained', 'handmade'))],
+)
 def surface(request):
     controller = load_fuzzy(request.param)
     return controller, enclosure.table_of(controller, 0.5, COARSE)
@@ -80,7 +83,7 @@ def test_the_table_agrees_with_rational_numbers(surface):
     assert not list(check_sets.surface_faults(problem, rng, 8))
 
 
-@pytest.mark.parametrize('name', ['robust', 'trained'])
+@pytest.mark.parametrize('name', ['robust', pytest.param('trained', marks=pytest.mark.slow)])
 def test_tubes_hold_the_flights_of_their_cells(name):
     """States, forces and slew of every tick: corners and random starts, with a velocity."""
     problem = problem_of(name, half=(40.0, 40.0, 40.0, 0.05, 0.05, 0.05))
@@ -200,7 +203,7 @@ def test_rounding_of_a_cell_leaves_no_gap():
         assert list(check.cover_faults(problem, group, fewer))
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.slow
 def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp_path):
     """A table that somebody changed meanwhile is never read as true: it is made anew."""
     summary = sound.summary()

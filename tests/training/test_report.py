@@ -25,9 +25,9 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_judge.evaluation import optimal
-from rpo_log.errors import LogError
-from rpo_log.read.run_log import read_run
 from rpo_log.show import style
+from rpo_mcap.errors import LogError
+from rpo_mcap.read.run_log import read_run
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.outputs import digest_of
@@ -248,7 +248,7 @@ def test_a_campaign_that_still_flies_and_a_folder_that_takes_nothing(store, tmp_
         page.write(Report('', '', ()), tmp_path / 'file')
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(st.text(st.characters(exclude_categories=['Cs', 'Cc']), min_size=1))
 def test_no_text_of_a_file_becomes_markup(text):
     blocks = (Text(text), Table(text, (text, text), ((text, text), (text,))), File(text, text))

@@ -18,8 +18,8 @@ from rpo_core.files import scenario
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire import cdr
 from rpo_guidance.stages import GuidanceStage
-from rpo_log.read.run_log import flight_of, read_run
 from rpo_log.verify import verify
+from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_nav.estimator import EstimatorStage
 from rpo_report import assured, guided, logged, navigation, page, run, run_plots
 from rpo_report.page import Table

@@ -23,7 +23,7 @@ ROBUST = load_controller('robust')
 @pytest.fixture(scope='module')
 def found():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sensitivity, 'RUNS', 20)
+        patch.setattr(sensitivity, 'RUNS', 10)
         yield sensitivity.effects(ROBUST, 1)
 
 

@@ -92,13 +92,13 @@ def _columns(campaign, controller, runs):
 
 @pytest.mark.timeout(240)  # compiling on a busy machine
 def test_world_meets_its_world_and_saves_valves():
-    kept, world = _columns('world_leo', 'world', 120)
-    with_stuck, _ = _columns('world_leo_stuck', 'world', 120)
-    assert kept == 120
-    assert with_stuck >= 118, '99.8 % of 10 000'
-    _, ideal = _columns('world_leo_ideal', 'world', 120)
+    kept, world = _columns('world_leo', 'world', 40)
+    with_stuck, _ = _columns('world_leo_stuck', 'world', 40)
+    assert kept == 40
+    assert with_stuck >= 39, '99.8 % of 10 000'
+    _, ideal = _columns('world_leo_ideal', 'world', 40)
     assert world['energy_n2s'].mean() < 1.2 * ideal['energy_n2s'].mean()
-    _, default = _columns('world_leo', DEFAULT_CONTROLLER, 120)
+    _, default = _columns('world_leo', DEFAULT_CONTROLLER, 40)
     for name in ('valve_openings', 'propellant_kg'):
         assert world[name].mean() < 0.96 * default[name].mean()
 
@@ -171,7 +171,7 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
         assert trained.provenance[key] == shipped.provenance[key]
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.slow
 @pytest.mark.timeout(180)
 def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
     """At rest within 6 mm of the target it commands no force: the pull is refuted there."""

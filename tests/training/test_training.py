@@ -50,10 +50,7 @@ class Interrupted(Exception):
 
 @pytest.mark.parametrize(
     'algorithm',
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name in ('race', 'ga-cmaes')))
-        for name in configs.ALGORITHMS
-    ],
+    [pytest.param(name, marks=[pytest.mark.slow] * (name != 'ga')) for name in configs.ALGORITHMS],
 )
 def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(algorithm, tmp_path):
     whole = Training.create(small(algorithm), tmp_path / 'whole', workers=1)

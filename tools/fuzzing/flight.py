@@ -21,11 +21,11 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import Scenario, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_log.errors import LogError
-from rpo_log.format.run import TimeBase
-from rpo_log.read.run_log import read_flight
 from rpo_log.verify import verify
-from rpo_log.write.writer import RunLogWriter
+from rpo_mcap.errors import LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.run_log import read_flight
+from rpo_mcap.write.writer import RunLogWriter
 from tools.fuzzing.sender import VOLLEY, Sender
 from tools.node_cards import CARDS
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses

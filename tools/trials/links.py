@@ -19,7 +19,7 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
-from rpo_log.read.run_log import flight_of, read_run
+from rpo_mcap.read.run_log import flight_of, read_run
 from tools.node_processes import NodeProcess, NodeProcessError, NodeProcesses, node_processes
 
 

@@ -65,8 +65,7 @@ def compare(
         )
         least, rows = compared.least(), compared.rows()
     flown = compared.campaigns[0]
-    tables = (comparison_table.overview, comparison_table.robustness, comparison_table.tests)
-    for headings, *lines in (table(rows) for table in tables):
+    for headings, *lines in (table(rows) for table in comparison_table.TABLES):
         columns = zip(headings, *lines, strict=True)
         widths = (max(_HEADING, *map(len, cells)) for _, *cells in columns)
         print_table([fill(*pair) for pair in zip(headings, widths, strict=True)], lines)

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Workers, end
+from rpo_cli.commands.shared import NoFail, Workers, echo, end
 from rpo_core.files.validation import InputError
-from rpo_montecarlo.outputs import writing
+from rpo_montecarlo.outputs import identifier, writing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rpo_core.control.controller import AnyController, FuzzyController
+    from rpo_core.files.scenario import Scenario, ScenarioSet
     from rpo_judge.evaluation.assessment import Assessment
     from rpo_judge.evaluation.sensitivity import Effect, Outcome
 
@@ -26,7 +27,7 @@ Examples: `rpo evaluate trained` | `rpo evaluate trained paper_ga` |
 `rpo evaluate runs/best/best.yaml --starts` | `rpo evaluate trained --csv starts.csv` |
 `rpo evaluate trained pd --scenario mine.yaml` | `rpo evaluate robust --everywhere` |
 `rpo evaluate allround --scenario least_energy_starts` | `rpo evaluate robust --sensitivity` |
-`rpo evaluate --estimator world_leo --runs 100`
+`rpo evaluate --estimator world_leo --runs 100` | `rpo evaluate allround mpc --robustness`
 """
 
 WORLD_RUNS = 100
@@ -52,6 +53,14 @@ def evaluate(
     sensitivity: Annotated[
         bool, typer.Option('--sensitivity', help='change each parameter alone, and fly again')
     ] = False,
+    robustness: Annotated[
+        bool,
+        typer.Option('--robustness', help='margins: gain, thrust, delay, mass, bias; nothing else'),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option('--output', '-o', help='folder of the pictures of --robustness  [runs]'),
+    ] = None,
     seed: Annotated[
         int | None, typer.Option(help='of the draws of --everywhere  [2026]', show_default=False)
     ] = None,
@@ -72,6 +81,7 @@ def evaluate(
     """
     from rpo_cli.display import print_table
     from rpo_core.control.controller import load_controller, only_fuzzy
+    from rpo_core.files.scenario import load
     from rpo_judge.evaluation.assessment import PAPER, assess
     from rpo_judge.evaluation.judgement import trained_for
 
@@ -79,9 +89,16 @@ def evaluate(
         raise InputError('`controllers` or `--estimator` must be given, and not both')
     if seed is not None and not everywhere:
         raise InputError('`--seed` needs `--everywhere`')
+    if output is not None and not robustness:
+        raise InputError('`--output` needs `--robustness`')
+    if robustness and (estimator or scenario or starts or csv or everywhere or sensitivity):
+        raise InputError('`--robustness` takes controllers, `--output`, `--workers` and no more')
     missed = _judge_estimator(estimator, runs) if estimator else False
     for name in controllers or ():
         loaded = load_controller(name)
+        if robustness:
+            missed |= _robustness(loaded, output or Path('runs'), workers)
+            continue
         of = scenario or trained_for(loaded)
         if of and (scenario or of != PAPER):
             if starts or csv or everywhere or sensitivity:
@@ -89,7 +106,7 @@ def evaluate(
                     '`--starts`, `--csv`, `--everywhere`, `--sensitivity` need a controller that '
                     f'is judged by the targets; {name} is judged by {of}'
                 )
-            missed |= _judge(loaded, name, of)
+            missed |= judge_by(loaded, name, load(of))
             continue
         found = assess(only_fuzzy(loaded), workers)
         missed |= not all(target.holds for target in found.targets())
@@ -109,13 +126,11 @@ def evaluate(
     end(missed, no_fail)
 
 
-def _judge(controller: AnyController, name: str, scenario: str) -> bool:
+def judge_by(controller: AnyController, name: str, found: Scenario | ScenarioSet) -> bool:
     """Print how a controller keeps the requirements of a scenario; return whether it misses any."""
     from rpo_cli.display import print_table, progress
-    from rpo_core.files.scenario import load
     from rpo_judge.evaluation.judgement import HEADINGS, judge, rows_of
 
-    found = load(scenario)
     with progress() as show:
         judged = judge(controller, found, show)
     print_table(HEADINGS, rows_of(judged.judgements), f'{name}: requirements of {found.name}')
@@ -255,6 +270,35 @@ def _sensitivity(controller: FuzzyController, workers: int) -> None:
         f'starts, % (now {100 * base.margin:.1f}). miss: of {RUNS} dispersed runs, judged by '
         f'position and speed, not by force and slew (now {base.missed}). -: no such step.'
     )
+
+
+def _robustness(controller: AnyController, folder: Path, workers: int) -> bool:
+    """Print and draw the margins of a controller; return whether a start misses a condition."""
+    from rpo_cli.display import print_table, progress
+    from rpo_judge.evaluation.robustness import (
+        CROSSED,
+        HEADINGS,
+        crossing_row,
+        margins_of,
+        rows_of,
+    )
+
+    with progress() as show:
+        found = margins_of(controller, workers, show)
+    typer.echo(f'{controller.name}: {found.headline()}.')
+    if found.margins:
+        print_table(HEADINGS, rows_of(found), left=1)
+    if found.crossings:
+        print_table(CROSSED, map(crossing_row, found.crossings), 'describing function of an axis')
+    try:
+        from rpo_report.robustness import draw
+    except ImportError:
+        typer.echo('No picture: matplotlib is not installed.', err=True)
+    else:
+        path = folder / f'robustness_{identifier(controller.name)}.png'
+        draw(found, controller.name, path)
+        echo(path)
+    return found.starts_missed > 0
 
 
 def _bindings(found: Assessment) -> str:

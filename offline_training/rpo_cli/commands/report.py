@@ -79,8 +79,8 @@ Made = tuple['Report', Path, int]
 
 
 def _of_run(target: str, _: str) -> Made:
-    from rpo_log.errors import ExitCode
     from rpo_log.show.report import folder_of, print_table
+    from rpo_mcap.errors import ExitCode
     from rpo_report import run
 
     made, shown = run.report_of(Path(target))

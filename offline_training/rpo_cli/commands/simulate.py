@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, end
+from rpo_cli.commands.shared import NoFail, Set, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
@@ -36,13 +36,19 @@ def simulate(
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_core.judge.verdicts import missed
+    from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
 
     if scenario and named:
         raise InputError(f'give one scenario; got {scenario} and `--scenario {named}`')
-    flown = overrides.load(scenario or named or 'paper_test', changes or [])
-    flight = fly(flown, load_controller(controller))
+    chosen, loaded = scenario or named or 'paper_test', load_controller(controller)
+    flown = overrides.load(chosen, changes or [])
+    flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
+    if line := similarity.hint(
+        flight, loaded, similarity.command(controller, chosen, changes or ())
+    ):
+        echo(line)
     if csv:
         outputs.write_flight(flight, csv)
     end(missed(flight), no_fail)

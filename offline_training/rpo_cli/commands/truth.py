@@ -65,7 +65,7 @@ def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, s
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
-    from rpo_log.read.run_log import read_flight
+    from rpo_mcap.read.run_log import read_flight
 
     if run is not None:
         flight = read_flight(run)

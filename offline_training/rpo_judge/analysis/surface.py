@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.control.fuzzy import FuzzySystem, MembershipFunctions
-from rpo_core.kernels import LN, LP, SN, SP, Z
+from rpo_kernels.kernels import LN, LP, SN, SP, Z
 
 Floats = NDArray[np.float64]
 

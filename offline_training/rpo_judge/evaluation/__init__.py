@@ -4,4 +4,5 @@
 
 `assessment`: targets Q1-Q5. `comparison`, `comparison_table`: all controllers beside each other.
 `judgement`: requirements, campaigns. `optimal`: convex programs. `plan_bound`: plans.
+`robustness`: margins of the loop.
 """

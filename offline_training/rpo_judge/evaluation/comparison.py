@@ -26,6 +26,7 @@ from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control import controller as controllers
 from rpo_core.control.controller import AnyController, FuzzyController
+from rpo_core.files import codec
 from rpo_core.files.scenario import Scenario, load_scenario, load_set
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
@@ -42,7 +43,7 @@ from rpo_core.wire.interfaces import NAVIGATION_STATE
 from rpo_ctrl.baselines import Mpc
 from rpo_ctrl.family import Family
 from rpo_judge.analysis.certificate import PROVEN
-from rpo_judge.evaluation import proven
+from rpo_judge.evaluation import proven, robustness
 from rpo_judge.evaluation.optimal import least_constrained, reach_of
 from rpo_judge.scoring import fitness
 from rpo_judge.scoring.conditions import LABELS
@@ -54,6 +55,7 @@ from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.engine.cases import Case, case_of_set
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.simulator import Simulator
+from rpo_montecarlo.engine.support import why_not
 from rpo_montecarlo.outputs import digest_of, identifier, make_folder, write_text
 
 Floats = NDArray[np.float64]
@@ -73,7 +75,7 @@ CONTACT_M = 1.0
 
 
 @dataclass(frozen=True)
-class Robustness:
+class Examined:
     """What else is known of a controller.
 
     random_runs : of each of `RANDOM`; random_missed : that miss a condition, by campaign
@@ -102,7 +104,7 @@ def examine(
     campaign: Campaign,
     random_runs: int,
     report: Report,
-) -> Robustness:
+) -> Examined:
     """Return what else is known of a controller.
 
     name : shipped name or file; rows : (starts, columns) metrics of the training starts
@@ -115,7 +117,7 @@ def examine(
     contacts = _contacts(controller)
     margin, condition = _margin(controller, rows)
     runs = [fly_run(campaign, i) for i in range(min(OPENED_RUNS, campaign.config.runs))]
-    return Robustness(
+    return Examined(
         random_runs=random_runs,
         random_missed=missed,
         margin=margin,
@@ -285,7 +287,8 @@ class ComparedController:
     saw : what of the campaign the training saw
     command_us : processor time of one command on this machine [us]
     valve_openings, propellant_kg : means of runs of the campaign `WORLD`
-    more : random starts, margins, thrusters, contact, proof
+    more : random starts, smallest margin, thrusters, contact, proof
+    margins : how far the loop may be off; None: the engine cannot fly the controller
     plans : of a predictive controller: peaks from the starts and from some runs of the campaign
     """
 
@@ -309,7 +312,8 @@ class ComparedController:
     command_us: float
     valve_openings: float
     propellant_kg: float
-    more: Robustness
+    more: Examined
+    margins: robustness.Margins | None
     plans: dict[str, dict[str, float]] | None = None
 
 
@@ -436,10 +440,30 @@ class Comparison:
             saw=self._saw(controller, campaign.config.name),
             command_us=command_us(controller, load_scenario(TESTS[0])),
             **spent,
-            more=Robustness(**more),
+            more=Examined(**more),
+            margins=self._margins(controller, text, given),
             plans=plans,
             **{key: value for key, value in found.items() if key != 'tests'},
         )
+
+    def _margins(
+        self, controller: AnyController, text: str, given: str
+    ) -> robustness.Margins | None:
+        """Return how far the loop may be off; None if the engine cannot fly the controller."""
+        drawn = config.load(
+            config.find(robustness.DRAWN),
+            controller=given,
+            runs=robustness.RUNS,
+            seed=robustness.SEED,
+        )
+        if why_not(drawn.scenario, controller):
+            return None
+        found = self._kept(
+            f'{controller.name}-margins',
+            [text, self._shared[0], *drawn.texts],
+            lambda: codec.to_mapping(robustness.margins_of(controller, self.workers, self.report)),
+        )
+        return codec.from_mapping(robustness.Margins, 'margins', found)
 
     def _starts_and_tests(self, controller: AnyController) -> dict[str, Any]:
         """Return the results of the starts and of the tests."""
@@ -458,7 +482,7 @@ class Comparison:
         }
 
     def _more(self, controller: AnyController, given: str, campaign: Campaign) -> dict[str, Any]:
-        """Return random starts, margins, thrusters, contact and proof."""
+        """Return random starts, smallest margin, thrusters, contact and proof."""
         rows = metrics_of(controller, self.case, self.workers)
         runs = self.random_runs
         return asdict(examine(controller, given, rows, campaign, runs, self.report))

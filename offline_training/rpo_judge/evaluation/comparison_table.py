@@ -27,9 +27,10 @@ from rpo_judge.evaluation.comparison import (
     ComparedController,
     Share,
 )
+from rpo_judge.evaluation.robustness import DRAWN, RUNS, SEED, cells, numbers
 from rpo_judge.scoring.conditions import LABELS
 from rpo_montecarlo.campaign.config import Campaign
-from rpo_montecarlo.campaign.judging import motion, sentence, words
+from rpo_montecarlo.campaign.judging import NOT_JUDGED, motion, sentence, words
 from rpo_montecarlo.campaign.statistics import rate
 from rpo_montecarlo.machine import machine
 from rpo_montecarlo.outputs import write_text
@@ -62,13 +63,13 @@ def _share(found: Share | None, runs: int) -> str:
     """Return a share of the dispersed runs with its interval; a dash where no limit is such."""
     if found is None:
         return '–'
-    return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f} to {100 * found.high:.2f})'
+    return f'{100 * found.kept / runs:.2f} ({100 * found.low:.2f}…{100 * found.high:.2f})'
 
 
 def _missed(count: int, runs: int) -> str:
     """Return a share of the random starts with its interval."""
     found = rate('missed', count, runs)
-    return f'{found.percent} ({found.interval})'
+    return f'{found.percent} ({found.interval.replace(" to ", "…")})'
 
 
 def overview(rows: Sequence[ComparedController]) -> Table:
@@ -114,6 +115,13 @@ def robustness(rows: Sequence[ComparedController]) -> Table:
     return lines
 
 
+def margins(rows: Sequence[ComparedController]) -> Table:
+    """Return how far the loop of each controller may be off."""
+    lines = [cells(row.margins) for row in rows]
+    named = zip(rows, lines, strict=True)
+    return [('controller', *lines[0]), *((row.name, *line.values()) for row, line in named)]
+
+
 def tests(rows: Sequence[ComparedController]) -> Table:
     """Return the paper's test in both readings."""
     metrics = ('∣r∣ [m]', '∣v∣ [mm/s]', 'J [N²s]')
@@ -129,6 +137,9 @@ def tests(rows: Sequence[ComparedController]) -> Table:
     return lines
 
 
+TABLES = (overview, robustness, margins, tests)
+
+
 def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> list[str]:
     """Return what the columns mean, with the numbers behind them."""
     moving = ', '.join(words(name, unit=False) for name in motion(campaign.config.success))
@@ -141,19 +152,23 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
         f'phase: largest ∣r∣ and ∣v∣ of an axis in the last {window} s, J over the 400 s.',
         f'Dispersed: campaign `{campaign.config.name}`, {" or ".join(map(str, runs))} runs, with '
         f"Wilson's 95 % interval. All limits: {sentence(campaign)}. Position and speed: of these "
-        f'alone {moving or "none"}. Its training saw these: what the training of the controller, '
-        'by the command in its file, flew of this campaign (its draws have other seeds).',
+        f'{moving or "none"}. Its training saw these: what its training, by the command in its '
+        'file, flew of this campaign (with other seeds).',
         f'Random starts: {more.random_runs} in the box of the training (±100 m on each axis) at '
-        'rest, and as many with up to ±0.05 m/s, judged by its three conditions, with the same '
-        'interval. Smallest margin: '
+        'rest, and as many with up to ±0.05 m/s, judged by its three conditions. Smallest margin: '
         "to any condition, over the training starts and the paper's tests. Thrust starts: how "
         f'often an axis goes beyond {1e3 * OPEN_N:g} mN or changes sides, mean of {OPENED_RUNS} '
-        'dispersed runs. Valve openings, propellant: of a flight of 400 s with sensors, filter and '
-        f'pulses, mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first '
-        'state within 1 m of the target, over the training starts. Proof: of the three conditions '
-        'from every start at rest in the box, undisturbed, as `rpo prove` showed it '
-        '(`offline_training/proofs/proven.yaml`, from checked folders); of a family, its own '
-        'claims, computed by this command.',
+        'dispersed runs. Valve openings, propellant: of 400 s with sensors, filter and pulses, '
+        f'mean of {WORLD_RUNS} runs of the campaign `{WORLD}`. Speed at 1 m: at the first state '
+        'within 1 m of the target, over the training starts. Proof: of the three conditions from '
+        'every start at rest in the box, undisturbed (`offline_training/proofs/proven.yaml`, from '
+        'checked folders; of a family, its own claims).',
+        'Gain to bias: the largest checked at which, and up to which, all training starts meet '
+        f'their conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that '
+        'they keep when nothing is off; each alone. Gain: of the command, before it is saturated. '
+        'Mass: the controller is not told. Bias: of navigation, on all axes, both signs. !: holds '
+        f'again beyond. –: a start misses already. {_not_judged(rows)} Crossing: of the '
+        'describing function of an axis, where its delay margin is least.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]
     for row in rows:
@@ -168,9 +183,23 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
     return found
 
 
+def _not_judged(rows: Sequence[ComparedController]) -> str:
+    """Return which limits the drawn flights of which controllers are not judged by."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for row in rows:
+        if row.margins and row.margins.margins:
+            found.setdefault(tuple(row.margins.not_judged), []).append(row.name)
+    groups = (
+        f'{", ".join(words(name, unit=False) for name in limits)} ({", ".join(names)})'
+        for limits, names in found.items()
+        if limits
+    )
+    return f'{NOT_JUDGED} in these flights: {"; ".join(groups) or "nothing"}.'
+
+
 def markdown(rows: Sequence[ComparedController], least: float, campaign: Campaign) -> str:
     """Return the tables and their notes as Markdown."""
-    parts = [_as_markdown(table(rows)) for table in (overview, robustness, tests)]
+    parts = [_as_markdown(table(rows)) for table in TABLES]
     parts.append([f'- {note}' for note in notes(rows, least, campaign)])
     return '\n\n'.join('\n'.join(part) for part in parts) + '\n'
 
@@ -182,13 +211,18 @@ def _as_markdown(table: Table) -> list[str]:
 
 def as_csv(rows: Sequence[ComparedController]) -> str:
     """Return all numbers as CSV, unrounded."""
-    flat = [_flat(asdict(row)) for row in rows]
+    flat = [_flat(_record(row)) for row in rows]
     names = list(dict.fromkeys(name for line in flat for name in line))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator='\n')
     writer.writeheader()
     writer.writerows(flat)
     return text.getvalue()
+
+
+def _record(row: ComparedController) -> dict[str, Any]:
+    """Return all numbers of a controller; of its margins, not all points that were checked."""
+    return {**asdict(row), 'margins': numbers(row.margins)}
 
 
 def _flat(value: dict[str, Any], prefix: str = '') -> dict[str, Any]:
@@ -209,7 +243,7 @@ def write(
         'campaign': campaign.config.name,
         'success': sentence(campaign),
         'machine': machine(),
-        'controllers': [asdict(row) for row in rows],
+        'controllers': [_record(row) for row in rows],
     }
     texts = {
         'compare.md': markdown(rows, least, campaign),

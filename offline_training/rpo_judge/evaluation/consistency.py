@@ -23,9 +23,9 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import State, Vector, cw_step, saturate, unpacked
-from rpo_core.kernels.jit import kernel
 from rpo_core.wire.interfaces import NAVIGATION_COVARIANCE, NAVIGATION_STATE
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import State, Vector, cw_step, saturate, unpacked
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import LIMIT, SQUARE, STATES, STEP, TESTED, TESTS, X, estimate
 from rpo_nav.sensor_kernels import sense, three_normals

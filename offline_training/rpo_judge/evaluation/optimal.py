@@ -152,7 +152,7 @@ def to_rest(scenario: Scenario, coast_s: float = 0.0) -> Flight:
 def _disturbances(scenario: Scenario) -> Floats:
     if scenario.disturbance.is_zero:
         return np.zeros((scenario.ticks + 1, 3))
-    return scenario.disturbance.over(scenario.times_s)
+    return scenario.disturbances_n
 
 
 def _fly_open_loop(scenario: Scenario, forces: Floats) -> Flight:

@@ -44,12 +44,12 @@ from scipy.optimize import nnls
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.zones import along_and_across, beside_m
-from rpo_core.kernels import CwStep, cw_step
 from rpo_core.world import cw
 from rpo_guidance.guidance import CONE_SHARE
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked, nominal
 from rpo_guidance.transfer_kernels import path_of
+from rpo_kernels.kernels import CwStep, cw_step
 from rpo_montecarlo.campaign.single import scenario_of
 from rpo_montecarlo.campaign.store import Store
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import cw_step, exerted_force, unpacked
-from rpo_core.kernels.noise import philox
 from rpo_core.world import cw
+from rpo_kernels.kernels import cw_step, exerted_force, unpacked
+from rpo_kernels.noise import philox
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_safety.corridor import approach_margins, in_corridor
 from rpo_safety.filters import assure

@@ -15,10 +15,10 @@ from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import CwStep, State
-from rpo_core.kernels.jit import as_table
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import nominal
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import CwStep, State
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_montecarlo.engine.lanes import compiled
 from rpo_safety.abort import AbortMachine

@@ -89,7 +89,7 @@ def conditions_of(base: Scenario) -> Conditions:
     required = base.requirements or PAPER
     limits, hold = dict(required.limits), metrics.hold_tick(base)
     if 'hold_force_per_disturbance' in limits:
-        level_n = float(np.abs(base.disturbance.over(base.times_s)).max())
+        level_n = float(np.abs(base.disturbances_n).max())
         limits['hold_force_per_disturbance'] *= level_n
     columns = dict(_COLUMNS)
     if judged_by(base) is not None:

@@ -13,9 +13,9 @@ from typing import Any
 
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.files.validation import InputError, mapping, real, whole
-from rpo_core.kernels import Vector
 from rpo_core.wire.interfaces import APPLIED_FORCE, COMMAND
 from rpo_core.world.link import FaultyLink, Hits
+from rpo_kernels.kernels import Vector
 from rpo_montecarlo.engine.parts.link import Fates, hits
 
 STALE_AFTER_TICKS = 10

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,12 +21,12 @@ from rpo_montecarlo.campaign.single import fly_run, scenario_of_draw
 from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.judged import VALUES, arrival_s
 from rpo_montecarlo.engine.lanes import RUNS
-from rpo_montecarlo.engine.parts.control import control_of
+from rpo_montecarlo.engine.parts.control import Control, control_of
 from rpo_montecarlo.engine.parts.disturbance import levels_n
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
 from rpo_montecarlo.engine.simulator import Scratch, fly_pairs
 from rpo_montecarlo.engine.support import announce, kinds, why_not
-from rpo_montecarlo.engine.tick import Batch, Runs
+from rpo_montecarlo.engine.tick import Batch, Part, Runs
 
 Floats = NDArray[np.float64]
 
@@ -71,7 +73,7 @@ def _fly(campaign: Campaign, drawn: DrawnRuns) -> Floats:
     reason = reason or uneven_steps(campaign.scenario, drawn.column('orbit_radius_m'))
     if reason:
         announce(reason)
-    found = _singly(campaign, drawn) if reason else _side_by_side(campaign, drawn)
+    found = _singly(campaign, drawn) if reason else side_by_side(campaign, drawn)
     found |= zip(drawn.names, drawn.parameters.T, strict=True)
     return np.array([found[name] for name in columns_of(campaign)])
 
@@ -92,11 +94,24 @@ def _singly(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
     return {name: np.array([values[name] for values in runs]) for name in runs[0]}
 
 
-def _side_by_side(campaign: Campaign, drawn: DrawnRuns) -> dict[str, Floats]:
+def side_by_side(
+    campaign: Campaign,
+    drawn: DrawnRuns,
+    control: Control | None = None,
+    more: Sequence[Part] = (),
+) -> dict[str, Floats]:
+    """Return what is known (n,) of drawn runs that the engine flies, by name.
+
+    control : in the place of the campaign's controller; more : parts of every tick beside theirs
+    """
     scenario, case = campaign.scenario, case_of(campaign, drawn, 'campaign')
+    control = control or control_of(campaign.controller)
+    if more:
+        batches = (runs._replace(parts=(*runs.parts, *more)) for runs in case.batches)
+        case = replace(case, batches=tuple(batches))
     rows, w = np.empty((len(drawn.numbers), case.columns)), _scratch.w
     final, level = np.empty((len(rows), 6)), np.empty(len(rows))
-    for pairs in fly_pairs(control_of(campaign.controller), case, w):
+    for pairs in fly_pairs(control, case, w):
         rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
         if LEVEL in campaign.more:
             level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels.jit import COMPILED
+from rpo_kernels.jit import COMPILED
 
 Call = tuple[Any, NDArray[np.float64], NDArray[np.float64]]
 """A kernel `(w, memory, table, tick)`, its memory and its table."""

@@ -19,7 +19,7 @@ from rpo_core.judge.metrics import (
     last_outside,
     with_square,
 )
-from rpo_core.kernels import norm
+from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.lanes import (
     BEFORE,
     EFFORT,

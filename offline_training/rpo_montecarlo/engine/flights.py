@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.control.controller import AnyController, FuzzyController
@@ -22,6 +23,8 @@ from rpo_montecarlo.engine.parts.estimation import errors_part
 from rpo_montecarlo.engine.support import announce, why_not
 from rpo_montecarlo.engine.tick import Batch, Runs
 from rpo_montecarlo.engine.tick import fly as fly_lanes
+
+Floats = NDArray[np.float64]
 
 
 def flights_of(controller: AnyController, found: Scenario | ScenarioSet) -> Iterator[Flight]:
@@ -45,7 +48,7 @@ def _fuzzy(
 ) -> Iterator[Flight]:
     trace = _fly(case, crossed.runs, control_of(controller))
     for scenario, at in zip(members, crossed.lanes.tolist(), strict=True):
-        yield _flight(scenario, trace, at)
+        yield _flight(scenario, trace, at, case.base.disturbances_n)
 
 
 def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> Iterator[Flight]:
@@ -64,7 +67,7 @@ def _paired(controller: AnyController, case: Case, members: list[Scenario]) -> I
         trace = _fly(case, runs, control)
         lanes_of = lanes.paired_lanes(len(some)).tolist()
         for scenario, at in zip(some, lanes_of, strict=True):
-            yield _flight(scenario, trace, at)
+            yield _flight(scenario, trace, at, case.base.disturbances_n)
 
 
 def _fly(case: Case, runs: Runs, control: Control) -> Trace:
@@ -74,8 +77,7 @@ def _fly(case: Case, runs: Runs, control: Control) -> Trace:
     return trace
 
 
-def _flight(scenario: Scenario, trace: Trace, at: list[int]) -> Flight:
-    """Return the flight of three lanes: x, y, z."""
+def _flight(scenario: Scenario, trace: Trace, at: list[int], disturbances_n: Floats) -> Flight:
+    """Return the flight of three lanes: x, y, z; the disturbance is that of all members."""
     whole = np.hstack([trace.states[:, at, 0], trace.states[:, at, 1]])
-    disturbances = scenario.disturbance.over(scenario.times_s)
-    return Flight(scenario, whole, trace.forces[:, at], disturbances)
+    return Flight(scenario, whole, trace.forces[:, at], disturbances_n)

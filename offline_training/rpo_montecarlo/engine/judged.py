@@ -19,7 +19,7 @@ from rpo_core.files.scenario import NANOSECONDS, Scenario
 from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
 from rpo_core.judge.metrics import hold_tick, larger
 from rpo_core.judge.requirements import ROWS
-from rpo_core.kernels import norm
+from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
 

@@ -9,7 +9,7 @@ into SIMD. Either every planar loop is crossed with every vertical one (a set of
 distinct ones), or loop i of both kinds is run i: then there are `RUNS` of each, and a run may have
 parts that couple axes or differ from run to run.
 
-In the inference each lane does the arithmetic of `rpo_core.kernels.infer` in its order:
+In the inference each lane does the arithmetic of `rpo_kernels.kernels.infer` in its order:
 the centroid's eight partial sums one after the other, padded with zero grades where the samples end
 (adding +0 changes no bit).
 """
@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import LANES, jit, memberships
-from rpo_core.kernels.jit import Kernel
+from rpo_kernels import jit
+from rpo_kernels.jit import Kernel
+from rpo_kernels.kernels import LANES, memberships
 
 STRIDE = 136
 """Lanes at most. 17 cache lines, an odd number, so that the rows do not contend for the same lines
@@ -189,7 +190,7 @@ def _add_partial_sums(w, n, lane, terms, law, strengths):  # type: ignore[no-unt
 
 @compiled
 def defuzzify(w, n, law):  # type: ignore[no-untyped-def]
-    """Centroid per lane into row OUTPUT, in the order of `rpo_core.kernels.centroid`.
+    """Centroid per lane into row OUTPUT, in the order of `rpo_kernels.kernels.centroid`.
 
     At 101 samples the count of terms is a constant: their loop is unrolled, and the loop over lanes
     becomes SIMD.

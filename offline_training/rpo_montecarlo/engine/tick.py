@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import State
 from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_kernels.kernels import State
 from rpo_montecarlo.engine.calls import call, rows_of
 from rpo_montecarlo.engine.lanes import RUNS, R, V, compiled
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import cw_step, unpacked
 from rpo_guidance.guidance import GuidanceStage
 from rpo_guidance.plan import HOLD, Guidance
 from rpo_guidance.transfer_kernels import at_port
+from rpo_kernels.kernels import cw_step, unpacked
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     KNOWN_R,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import Controller, FuzzyController
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import saturate
 from rpo_ctrl.baseline_kernels import GAINS, BaselineLaw, axis_force, baseline_force
 from rpo_ctrl.baselines import Baseline
+from rpo_kernels.kernels import saturate
 from rpo_montecarlo.engine.lanes import (
     E_R,
     E_V,
@@ -57,10 +57,11 @@ def is_known(controller: Controller) -> bool:
     return bool(kinds) and type(controller).stage is kinds[0].stage
 
 
-def control_of(controller: Controller, *, paired: bool = True) -> Control:
+def control_of(controller: Controller, *, paired: bool = True, limited: bool = True) -> Control:
     """Return a controller for the engine; raises InputError if it does not know it.
 
     paired : whether it flies paired runs; otherwise it treats all axes alike
+    limited : whether a law saturates its force itself; if not, `gain_part` does
     """
     if isinstance(controller, FuzzyController):
         return fuzzy_control(population_of(controller).law(0, controller.system.samples))
@@ -69,13 +70,26 @@ def control_of(controller: Controller, *, paired: bool = True) -> Control:
     law = controller.law
     tables = [np.ravel(t) for t in (law.gains, law.field, law.distances, law.paces, law.forces)]
     sizes = [len(table) for table in tables]
-    numbers = table_of(sizes, law.limit, law.lead_s, *tables)
+    limit_n = law.limit if limited else np.inf
+    numbers = table_of(sizes, limit_n, law.lead_s, *tables)
     return Control(command_paired if paired else command_axes, numbers)
 
 
 def fuzzy_control(law: Law) -> Control:
     """Return a fuzzy controller, which acts axis by axis."""
     return Control(command_fuzzy, table_of(*law))
+
+
+@compiled
+def amplify(w, m, t, tick):  # type: ignore[no-untyped-def]
+    """Multiply row FORCE, and saturate it; t : number of lanes, factor, largest force [N]."""
+    for s in range(int(t[0])):
+        w[FORCE + s] = saturate(t[1] * w[FORCE + s], t[2])
+
+
+def gain_part(lanes: int, gain: float, limit_n: float) -> Part:
+    """Return the part that multiplies the command, and keeps the limit [N] of its law."""
+    return Part('gain', ((Place.CONTROLLER + 1, amplify),), table_of(lanes, gain, limit_n))
 
 
 @compiled

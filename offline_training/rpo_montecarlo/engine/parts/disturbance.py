@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.judge.metrics import larger
-from rpo_core.kernels import sin_cos
+from rpo_kernels.kernels import sin_cos
 from rpo_montecarlo.engine.lanes import PAIRED_LANES, PUSH, RUNS, compiled
 from rpo_montecarlo.engine.tick import LIMITED, Batch, Kind, Part, Runs, register, table_of
 

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import CwStep, cw_step, unpacked
-from rpo_core.kernels.orbit_kernels import (
+from rpo_core.world import cw
+from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
+from rpo_kernels.kernels import CwStep, cw_step, unpacked
+from rpo_kernels.orbit_kernels import (
     COLUMNS,
     Environment,
     inertial,
@@ -27,8 +29,6 @@ from rpo_core.kernels.orbit_kernels import (
     target_step,
     turning,
 )
-from rpo_core.world import cw
-from rpo_core.world.dynamics import CLOHESSY_WILTSHIRE, environment_of, steps_per_tick, target_start
 from rpo_montecarlo.engine.lanes import FORCE, MASS, PUSH, RUNS, R, V, compiled
 from rpo_montecarlo.engine.tick import Batch, Draw, Kind, Part, register, table_of
 

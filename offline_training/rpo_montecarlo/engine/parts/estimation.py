@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import measured
-from rpo_core.kernels.noise import six_normals
-from rpo_core.world.navigation_errors import Navigation
+from rpo_kernels.kernels import measured
+from rpo_kernels.noise import six_normals
 from rpo_montecarlo.engine.lanes import (
     FORCE,
     PAIRED_LANES,
@@ -37,6 +36,7 @@ from rpo_montecarlo.engine.tick import (
 )
 from rpo_nav.estimator import Estimator, filter_of, memory_of
 from rpo_nav.filter_kernels import FULL, X, estimate
+from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import NOISES, Sensing, Sensors
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_core.chain.stage import Place
-from rpo_core.kernels.jit import inlined
-from rpo_core.kernels.noise import philox
+from rpo_kernels.jit import inlined
+from rpo_kernels.noise import philox
 from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, RUNS, compiled
 from rpo_montecarlo.engine.tick import Batch, Kind, Part, register, table_of
 

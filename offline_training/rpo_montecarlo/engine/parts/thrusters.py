@@ -14,8 +14,16 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import requirements
-from rpo_core.kernels import exerted_force, saturate
-from rpo_core.kernels.pulse_kernels import (
+from rpo_core.world.thrusters import (
+    Failure,
+    Thrusters,
+    rotation,
+    tank_of,
+    valve_names,
+    valves_of,
+)
+from rpo_kernels.kernels import exerted_force, saturate
+from rpo_kernels.pulse_kernels import (
     DELTA_V,
     MEMORY,
     OPENINGS,
@@ -24,14 +32,6 @@ from rpo_core.kernels.pulse_kernels import (
     Valves,
     burn,
     fire,
-)
-from rpo_core.world.thrusters import (
-    Failure,
-    Thrusters,
-    rotation,
-    tank_of,
-    valve_names,
-    valves_of,
 )
 from rpo_montecarlo.engine.lanes import (
     BEFORE,

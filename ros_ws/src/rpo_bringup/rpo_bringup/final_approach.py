@@ -18,10 +18,11 @@ from rpo_core.chain.chain import Chain
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.similarity import command
 from rpo_guidance.guidance_node import GuidanceNode
-from rpo_log.errors import LogError
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report
+from rpo_mcap.errors import LogError
 from rpo_nav.navigation_node import NavigationNode
 from rpo_ros.running import EXIT_BAD_INPUT, FlightNode, run
 from rpo_safety.assurance_node import AssuranceNode
@@ -54,11 +55,11 @@ def _nodes(options: argparse.Namespace, output: str) -> list[FlightNode]:
     return nodes
 
 
-def _report(folder: Path, plant: PlantNode, wall_s: float) -> bool:
+def _report(folder: Path, plant: PlantNode, wall_s: float, scale: str) -> bool:
     """Print and draw a recorded flight; return whether it misses a requirement."""
     duration_s = plant.scenario.duration_s
     print(f'simulated {duration_s:g} s in {wall_s:.2f} s, start included: {folder}')
-    picture, missed = report.show(folder)
+    picture, missed = report.show(folder, scale)
     print(picture or 'no picture: matplotlib is missing (apt: python3-matplotlib; pip: matplotlib)')
     return missed
 
@@ -66,6 +67,7 @@ def _report(folder: Path, plant: PlantNode, wall_s: float) -> bool:
 def main() -> int:
     """Entry point of `ros2 run rpo_bringup final_approach`."""
     options = parser().parse_args(remove_ros_args(sys.argv)[1:])
+    scale = command(options.controller, options.scenario, options.set or ())
     now = datetime.datetime.now().strftime('%Y%m%d-%H%M%S')
     output = options.output or f'runs/{Path(options.scenario).stem}-{now}'
     begun = time.monotonic()
@@ -86,7 +88,7 @@ def main() -> int:
         code = nodes[-1].exit_code or code  # the plant gave up because there is no place for a log
     if code == 0 and nodes[0].phase == 'finished' and not options.no_report:
         try:
-            missed = _report(nodes[-1].folder, nodes[0], time.monotonic() - begun)
+            missed = _report(nodes[-1].folder, nodes[0], time.monotonic() - begun, scale)
             code = int(missed and not options.no_fail)
         except (InputError, LogError) as error:
             print(error, file=sys.stderr)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Control laws as scalar kernels: gain tables, a potential field with sliding mode, a force table.
 
-Plain functions of floats like `rpo_core.kernels`: the same bits interpreted and compiled. Every law
+Plain functions of floats like `rpo_kernels`: the same bits interpreted and compiled. Every law
 is odd bit for bit: the force of the mirrored state is the mirrored force.
 """
 
@@ -14,15 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import State, Vector, saturate
-from rpo_core.kernels.jit import as_table, kernel
+from rpo_kernels.jit import as_table, kernel
+from rpo_kernels.kernels import State, Vector, saturate
 
 GAINS = 18
 """Numbers in a row of a gain table: K (3, 6) row by row, forces from (x, y, z, vx, vy, vz)."""
 
 
 class BaselineLaw(NamedTuple):
-    """A law as the kernels read it; tables by `rpo_core.kernels.jit.as_table`, empty if not used.
+    """A law as the kernels read it; tables by `rpo_kernels.jit.as_table`, empty if not used.
 
     gains : (rows, 18) f = -K x [N/m, N s/m]; row k is that of tick k, the last one stays
     field : the 6 numbers of `sliding_force`

@@ -15,16 +15,21 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.chain.stage import Signal, Stage
-from rpo_core.control.controller_file import ControllerFile, ControllerStage, register
+from rpo_core.control.controller_file import (
+    ControllerFile,
+    ControllerStage,
+    Scaling,
+    Units,
+    register,
+)
 from rpo_core.files import codec
 from rpo_core.files.validation import check_fields, matrix, real, store
-from rpo_core.kernels import State, Vector
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import (
     GAINS,
@@ -33,6 +38,9 @@ from rpo_ctrl.baseline_kernels import (
     law_of,
     least_energy_gains,
 )
+from rpo_kernels.kernels import State, Vector
+
+Scaled = TypeVar('Scaled', bound='Baseline')
 
 MAX_GAIN = 1e6
 MAX_HORIZON_TICKS = 100_000
@@ -104,6 +112,13 @@ class Baseline(ControllerFile):
         self.refuse_other_ticks(dt_s)
         return BaselineStage(self.law, self.clock_s is not None)
 
+    def scaled(self: Scaled, scaling: Scaling, **also: Any) -> Scaled:
+        """Return the controller of the similar loop; its model becomes that of the vehicle."""
+        if hasattr(self, 'model'):
+            own = scaling.vehicle
+            also = {'model': Model(own.orbit_radius_m, own.mass_kg, own.dt_s, own.body), **also}
+        return super().scaled(scaling, **also)
+
     def force_n(
         self, position_m: Sequence[float], velocity_m_s: Sequence[float], tick: int = 0
     ) -> tuple[float, float, float]:
@@ -140,6 +155,7 @@ class Pd(Baseline):
     """Saturated PD: f = -kp r - kd v of each axis, without a model of the motion."""
 
     kind: ClassVar[str] = 'pd'
+    units: ClassVar[Units] = {'position_gain_n_m': (-1, 0, 1), 'velocity_gain_n_s_m': (-1, 1, 1)}
 
     position_gain_n_m: Annotated[float, partial(_gain, unit='N/m')]
     velocity_gain_n_s_m: Annotated[float, partial(_gain, unit='N s/m')]
@@ -163,6 +179,7 @@ class Lqr(Baseline):
     """
 
     kind: ClassVar[str] = 'lqr'
+    units: ClassVar[Units] = {'position_weight': (-2, 0, 2), 'velocity_weight': (-2, 2, 2)}
 
     position_weight: Annotated[float, partial(_gain, unit='N^2/m^2')]
     velocity_weight: Annotated[float, partial(_gain, unit='N^2 s^2/m^2')]
@@ -173,6 +190,13 @@ class Lqr(Baseline):
     def law(self) -> BaselineLaw:
         """What the kernels read."""
         return law_of(self.max_force_n, gains=self.gains)
+
+    def scaled(self, scaling: Scaling, **also: Any) -> Lqr:
+        """Return the controller of the similar loop; its gains scale, they are not solved anew."""
+        gains = tuple(
+            scaling.of(row[:3], (-1, 0, 1)) + scaling.of(row[3:], (-1, 1, 1)) for row in self.gains
+        )
+        return super().scaled(scaling, gains=gains, **also)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,6 +214,7 @@ class Mpc(Baseline):
     """
 
     kind: ClassVar[str] = 'mpc'
+    units: ClassVar[Units] = {'horizon_s': (0, 1, 0), 'least_time_to_go_s': (0, 1, 0)}
 
     horizon_s: float
     least_time_to_go_s: float
@@ -237,6 +262,12 @@ class PotentialField(Baseline):
     """
 
     kind: ClassVar[str] = 'apf_smc'
+    units: ClassVar[Units] = {
+        'approach_speed_m_s': (1, -1, 0),
+        'rounding_radius_m': (1, 0, 0),
+        'switching_gain_n': (0, 0, 1),
+        'boundary_layer_m_s': (1, -1, 0),
+    }
 
     approach_speed_m_s: Annotated[float, partial(_positive, unit='m/s')]
     rounding_radius_m: Annotated[float, partial(_positive, unit='m')]

@@ -17,8 +17,8 @@ from typing import ClassVar, NamedTuple
 
 from rpo_core.control import controller_file
 from rpo_core.files.validation import choice
-from rpo_core.kernels import Vector
 from rpo_ctrl.baselines import Baseline
+from rpo_kernels.kernels import Vector
 
 DIGITS = 4
 """Digits of a number that a search finds: a person reads the file."""

@@ -25,9 +25,8 @@ from typing import Annotated, Any, ClassVar
 
 from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
-from rpo_core.control.controller_file import Reason, register
+from rpo_core.control.controller_file import Reason, Units, register
 from rpo_core.files.validation import InputError, matrix, real, shown
-from rpo_core.kernels import State
 from rpo_ctrl.baseline_kernels import (
     BaselineLaw,
     baseline_force,
@@ -37,6 +36,7 @@ from rpo_ctrl.baseline_kernels import (
 )
 from rpo_ctrl.baselines import MAX_GAIN
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_kernels.kernels import State
 
 HELD_M = 0.5
 """Error within which a disturbance is held, the paper's."""
@@ -273,6 +273,11 @@ class Pace(ForceTable):
     in_unit, heading = '{:.2f}', 'peak of the pace'
     braking = slice(RESTING, -1), 'pace grows from resting to fast'
     odd = 'each row ends with minus its first number'
+    units: ClassVar[Units] = {
+        'lead_s': (0, 1, 0),
+        'distance_peaks_m': (1, 0, 0),
+        'forces_n': (0, 0, 1),
+    }
 
     lead_s: Annotated[float, partial(real, unit='s', above=0.0, most=1e6)]
     distance_peaks_m: Annotated[Numbers, numbers]
@@ -382,6 +387,12 @@ class MoreWords(ForceTable):
     in_unit, heading = '{:.3g} m/s', 'peak of the speed [m/s]'
     braking = slice(None), 'closing speed grows'
     odd = 'there the force is odd in the speed, because its peaks mirror each other'
+    units: ClassVar[Units] = {
+        'distance_peaks_m': (1, 0, 0),
+        'speed_peaks_m_s': (1, -1, 0),
+        'damping_n_s_m': (-1, 1, 1),
+        'forces_n': (0, 0, 1),
+    }
 
     distance_peaks_m: Annotated[Numbers, numbers]
     speed_peaks_m_s: Annotated[Numbers, numbers]

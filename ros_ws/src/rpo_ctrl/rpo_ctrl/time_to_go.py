@@ -19,15 +19,15 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 import numpy as np
 
 from rpo_core.control.blend import Reasons, is_same, newtons
-from rpo_core.control.controller_file import Reason, register
+from rpo_core.control.controller_file import Reason, Scaling, Units, register
 from rpo_core.files.validation import InputError, check_fields, choice, real, store
 from rpo_core.judge import metrics
-from rpo_core.kernels import State
-from rpo_core.kernels.jit import as_table
 from rpo_core.world.cw import TickLength
 from rpo_ctrl.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
 from rpo_ctrl.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import State
 
 WORDS = ('long', 'medium', 'short', 'very short', 'due')
 """The words of the time to go; `due` is also the word after arrival."""
@@ -90,6 +90,7 @@ class TimeToGo(Family):
 
     kind: ClassVar[str] = 'time_to_go'
     alike: ClassVar[bool] = True
+    units: ClassVar[Units] = {'arrival_s': (0, 1, 0)}
 
     arrival_s: float
     tick_s: TickLength
@@ -110,6 +111,19 @@ class TimeToGo(Family):
     def clock_s(self) -> float | None:
         """Length of the ticks that it counts."""
         return self.tick_s
+
+    def scaled(self, scaling: Scaling, **also: Any) -> TimeToGo:
+        """Return the controller of the similar loop; it counts the ticks of the vehicle."""
+        rules = tuple(
+            Rule(
+                rule.time_to_go,
+                scaling.of(rule.peak_s, (0, 1, 0)),
+                scaling.of(rule.position_gain_n_m, (-1, 0, 1)),
+                scaling.of(rule.velocity_gain_n_s_m, (-1, 1, 1)),
+            )
+            for rule in self.rules
+        )
+        return super().scaled(scaling, tick_s=scaling.vehicle.dt_s, rules=rules, **also)
 
     def time_to_go_s(self, tick: int) -> float:
         """Return the time to go at a tick."""
@@ -139,12 +153,22 @@ class TimeToGo(Family):
     def law(self) -> BaselineLaw:
         """What the kernels read: gains for each tick, until only `due` fires."""
         last = max(self.arrival_s - self.rules[-1].peak_s, 0.0)
-        ticks = int(last / self.tick_s) + 2
-        rows = np.zeros((ticks, 3, 6))
-        for tick in range(ticks):
-            k, d = self.gains(tick)
-            for axis in range(3):
-                rows[tick, axis, axis], rows[tick, axis, 3 + axis] = k, d
+        ticks = np.arange(int(last / self.tick_s) + 2)
+        to_go = np.maximum(self.arrival_s - ticks * self.tick_s, 0.0)
+        rules = self.rules[::-1]
+        peaks = np.array([rule.peak_s for rule in rules])
+        i = np.clip(np.searchsorted(peaks, to_go, side='right') - 1, 0, len(rules) - 2)
+        share = np.clip((to_go - peaks[i]) / (peaks[i + 1] - peaks[i]), 0.0, 1.0)
+        k, d = (
+            share * gains[i + 1] + (1.0 - share) * gains[i]
+            for gains in (
+                np.array([rule.position_gain_n_m for rule in rules]),
+                np.array([rule.velocity_gain_n_s_m for rule in rules]),
+            )
+        )
+        rows = np.zeros((len(ticks), 3, 6))
+        for axis in range(3):
+            rows[:, axis, axis], rows[:, axis, 3 + axis] = k, d
         return law_of(self.max_force_n, gains=rows)
 
     @classmethod

@@ -10,7 +10,6 @@ import numpy as np
 
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import State, norm
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
 from rpo_guidance import plan
@@ -27,6 +26,7 @@ from rpo_guidance.legs import (
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.transfer_kernels import Floats, at_port
 from rpo_guidance.transfers import Limits
+from rpo_kernels.kernels import State, norm
 
 GO, STOP, RETREAT, ABORT = 'go', 'hold', 'retreat', 'abort'
 COMMANDS = (GO, STOP, RETREAT, ABORT)

@@ -11,12 +11,12 @@ from __future__ import annotations
 from math import ceil, sqrt
 from typing import NamedTuple, Protocol
 
-from rpo_core import kernels
-from rpo_core.kernels import CwStep, State, Vector, norm, sin_cos
 from rpo_core.world import cw
 from rpo_guidance import transfers
 from rpo_guidance.transfer_kernels import Floats, sample
 from rpo_guidance.transfers import Limits, Transfer
+from rpo_kernels import kernels
+from rpo_kernels.kernels import CwStep, State, Vector, norm, sin_cos
 
 PI = 3.141592653589793
 

@@ -28,7 +28,7 @@ from rpo_core.files.validation import (
     vector3,
 )
 from rpo_core.judge.zones import NO_CORRIDOR, Corridor, Zone, Zones
-from rpo_core.kernels import Vector
+from rpo_kernels.kernels import Vector
 
 TRANSFER, STRAIGHT, FLY_AROUND, HOLD = 'transfer', 'straight', 'fly_around', 'hold'
 KINDS = (TRANSFER, STRAIGHT, FLY_AROUND, HOLD)

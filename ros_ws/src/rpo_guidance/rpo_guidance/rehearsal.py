@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import State, Vector, norm
 from rpo_guidance import plan
 from rpo_guidance.guidance import ARRIVED, DOCKED, Change, GuidanceStage
 from rpo_guidance.legs import SEGMENTS
 from rpo_guidance.plan import Guidance
 from rpo_guidance.work import TooMuch, bounded, spend
+from rpo_kernels.kernels import State, Vector, norm
 
 MOST_WORK = 4e8
 """Steps (`rpo_guidance.work`) that the search of a plan may take; those that ship take 4e6."""

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core.kernels import CwStep, State, cw_step
-from rpo_core.kernels.jit import COMPILED, as_table, kernel
+from rpo_kernels.jit import COMPILED, as_table, kernel
+from rpo_kernels.kernels import CwStep, State, cw_step
 
 Floats = NDArray[np.float64]
 

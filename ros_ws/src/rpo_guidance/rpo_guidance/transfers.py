@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from rpo_core.judge.zones import along_and_across, beside_m
-from rpo_core.kernels import CwStep, State, Vector, norm
 from rpo_guidance.transfer_kernels import Floats, energy, optimum, path_of, reach_of, rows_of
 from rpo_guidance.work import spend
+from rpo_kernels.kernels import CwStep, State, Vector, norm
 
 ROUNDS = 16
 """How often the half-spaces are set anew; a path has settled after three or four."""

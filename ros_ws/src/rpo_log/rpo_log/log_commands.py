@@ -13,7 +13,7 @@ from typing import Protocol
 
 from rpo_core.files import missing
 from rpo_core.files.validation import InputError, printable
-from rpo_log.errors import ExitCode
+from rpo_mcap.errors import ExitCode
 
 _DESCRIPTIONS = {
     'verify': 'Compute a logged flight again, bit for bit; print what is proven and what is not.',

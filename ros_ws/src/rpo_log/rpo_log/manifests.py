@@ -17,7 +17,7 @@ from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_log.format import run
+from rpo_mcap.format import run
 
 PLANT, CONTROLLER, DISTURBANCE = 'plant', 'controller', 'disturbance'
 

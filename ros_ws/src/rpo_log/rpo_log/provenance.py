@@ -16,11 +16,13 @@ from typing import Any
 import yaml
 
 import rpo_core
+import rpo_kernels
 import rpo_log
-from rpo_log.errors import cannot_write
-from rpo_log.format.run import INFO_FILE
+import rpo_mcap
+from rpo_mcap.errors import cannot_write
+from rpo_mcap.format.run import INFO_FILE
 
-_PACKAGES = (rpo_core, rpo_log)
+_PACKAGES = (rpo_kernels, rpo_core, rpo_mcap, rpo_log)
 
 
 @cache
@@ -34,7 +36,7 @@ def version() -> str:
 
 @cache
 def digest() -> str:
-    """Return a SHA-256 over the sources of the core and of the logs, names and contents."""
+    """Return a SHA-256 over the sources of kernels, core and logs, names and contents."""
     found = hashlib.sha256()
     for package in _PACKAGES:
         folder = Path(str(package.__file__)).parent

@@ -21,13 +21,13 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import PROGRESS_TICKS
 from rpo_core.wire.statuses import READERS, WAITING, Manifest, PlantTick, RunStatus
 from rpo_log import provenance, signature
-from rpo_log.errors import Fault, LogError
-from rpo_log.format import run as run_log
-from rpo_log.format import sums
 from rpo_log.manifests import CONTROLLER, PLANT, Manifests
 from rpo_log.parameters import RECORDER as PARAMETERS
-from rpo_log.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
-from rpo_log.write.writer import PHASES, Claims, RunLogWriter
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format import run as run_log
+from rpo_mcap.format import sums
+from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFile
+from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
 from rpo_ros.parameters import declare

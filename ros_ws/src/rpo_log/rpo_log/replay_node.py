@@ -16,10 +16,10 @@ from std_srvs.srv import SetBool, Trigger
 from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_log.errors import LogError
 from rpo_log.parameters import REPLAY as PARAMETERS
-from rpo_log.read.decode import Message, values_of
-from rpo_log.read.stream import RunReader
+from rpo_mcap.errors import LogError
+from rpo_mcap.read.decode import Message, values_of
+from rpo_mcap.read.stream import RunReader
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from rpo_core.files import open_regular
 from rpo_core.files.validation import InputError
-from rpo_log.errors import Fault, LogError, cannot_write
-from rpo_log.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
-from rpo_log.format.sums import Sums
+from rpo_mcap.errors import Fault, LogError, cannot_write
+from rpo_mcap.format.run import SIGNATURE_FILE, SUMS_FILE, write_whole
+from rpo_mcap.format.sums import Sums
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import (
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 from rpo_core.files.validation import printable
 from rpo_log import signature
-from rpo_log.format import sums
-from rpo_log.format.sums import Digests
-from rpo_log.read.stream import files_of
+from rpo_mcap.format import sums
+from rpo_mcap.format.sums import Digests
+from rpo_mcap.read.stream import files_of
 
 MAX_KEY_BYTES = 1 << 14
 

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import InputError, check_fields, flag, real, whole
-from rpo_core.kernels import CwStep, cw_step
-from rpo_core.kernels.jit import as_table
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import PREVIOUS_COMMAND
 from rpo_core.world import cw
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import CwStep, cw_step
 from rpo_nav.filter_kernels import (
     BASE,
     COMMANDS,
@@ -260,7 +260,7 @@ def _sensors_of(scenario: Any) -> Sensors:
 def _check(_settings: Estimator, scenario: Any) -> None:
     """Raise InputError if there are no sensors, or another stage makes the navigation state."""
     _sensors_of(scenario)
-    if scenario.navigation is not None:
+    if scenario.named('navigation') is not None:
         raise InputError('`estimator` must be alone: `navigation` makes a navigation state too')
 
 

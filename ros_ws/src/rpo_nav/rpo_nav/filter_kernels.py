@@ -20,8 +20,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels import CwStep, Vector, cw_step, saturate, unpacked
-from rpo_core.kernels.jit import inlined, kernel
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import CwStep, Vector, cw_step, saturate, unpacked
 from rpo_nav.sensor_kernels import (
     COLUMNS,
     CROSS_SHARE,

@@ -11,9 +11,9 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from rpo_core.kernels import State, Vector
-from rpo_core.kernels.jit import inlined, kernel
-from rpo_core.kernels.noise import normal_pair, philox
+from rpo_kernels.jit import inlined, kernel
+from rpo_kernels.kernels import State, Vector
+from rpo_kernels.noise import normal_pair, philox
 
 (
     NOISE_FLOOR, NOISE_SHARE, CROSS_SHARE, VELOCITY_FLOOR, VELOCITY_SHARE, HAS_RANGE, HAS_VELOCITY,

@@ -27,10 +27,10 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels import Vector, sin_cos
-from rpo_core.kernels.jit import as_table
 from rpo_core.wire import interfaces
-from rpo_core.world.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector, sin_cos
+from rpo_nav.navigation_errors import MAX_POSITION_ERROR_M, MAX_VELOCITY_ERROR_M_S, key
 from rpo_nav.sensor_kernels import COLUMNS, MEASURED, UNITS, describe, sense
 
 MAX_SENSORS = 4

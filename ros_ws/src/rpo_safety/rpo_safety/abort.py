@@ -11,8 +11,8 @@ from math import pi
 from typing import Any, NamedTuple
 
 from rpo_core.chain.stage import WITHOUT_COMMAND, Signal
-from rpo_core.kernels import State, Vector, cw_step, norm
 from rpo_core.world import cw
+from rpo_kernels.kernels import State, Vector, cw_step, norm
 from rpo_safety import manoeuvre, recovery
 from rpo_safety.abort_table import (
     ABORT,

@@ -21,7 +21,7 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels import Vector
+from rpo_kernels.kernels import Vector
 
 WARN, HOLD, RETREAT, DRIFT, ABORT = 'warn', 'hold', 'retreat', 'drift', 'abort'
 REACTIONS = (WARN, HOLD, RETREAT, DRIFT, ABORT)

@@ -13,8 +13,8 @@ from rpo_core.chain.stage import Place, section_of
 from rpo_core.files.validation import InputError
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
-from rpo_core.world.navigation_errors import Navigation
 from rpo_core.world.thrusters import IDENTITY, Thrusters
+from rpo_nav.navigation_errors import Navigation
 from rpo_safety.settings import Assurance
 
 ROUNDING_M = 1e-6
@@ -23,7 +23,7 @@ ROUNDING_M = 1e-6
 SQRT_3 = math.sqrt(3.0)
 
 LARGEST_NORMAL = math.sqrt(2.0) * math.sqrt(66.0 * math.log(2.0))
-"""No three normals of `rpo_core.kernels.noise` have a larger norm: words are at least 1/2^33."""
+"""No three normals of `rpo_kernels.noise` have a larger norm: words are at least 1/2^33."""
 
 
 class Errors(NamedTuple):
@@ -53,7 +53,7 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
     Raises InputError if the section assumes less than the scenario has, or says nothing where the
     scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
     """
-    navigation = scenario.navigation or Navigation()
+    navigation = scenario.section(Navigation) or Navigation()
     mass_kg = settings.mass_kg or scenario.mass_kg
     own = {
         'position_error_m': _norm(navigation.position_bias_m)

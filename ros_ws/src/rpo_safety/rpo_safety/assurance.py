@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 from rpo_core.chain.stage import ZERO, Place, Signal, Stage, section_of
 from rpo_core.files.validation import InputError
-from rpo_core.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_kernels.kernels import CwStep, State, Vector, cw_step, norm
 from rpo_safety import filters, kernels
 from rpo_safety.abort import DECISIONS, AbortMachine, Seen
 from rpo_safety.abort_table import check_table

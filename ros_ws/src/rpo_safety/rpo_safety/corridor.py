@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.kernels import State, Vector, saturate
-from rpo_core.kernels.jit import kernel
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import State, Vector, saturate
 from rpo_safety.kernels import Guard, closing, needed_deceleration, speed_limit
 
 

@@ -8,8 +8,8 @@ that the proof (docs/safety.md) needs only that test and the backup laws.
 
 from __future__ import annotations
 
-from rpo_core.kernels import CwStep, State, Vector, cw_step, saturate
-from rpo_core.kernels.jit import kernel
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import CwStep, State, Vector, cw_step, saturate
 from rpo_safety.corridor import approach_margins, at_port, backup_approach
 from rpo_safety.kernels import (
     APPROACH,

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The OPEN set outside the keep-out sphere, and its backup law. docs/safety.md has the proof.
 
-Plain functions of floats, interpreted or compiled (`rpo_core.kernels.jit`) with the same bits: only
+Plain functions of floats, interpreted or compiled (`rpo_kernels.jit`) with the same bits: only
 + - * / sqrt and comparisons. r [m], v [m/s], f [N] in target LVLH; rho = |r|, closing speed
 c = -r.v/rho, m mass [kg].
 
@@ -15,8 +15,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.kernels import State, Vector, saturate
-from rpo_core.kernels.jit import kernel
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import State, Vector, saturate
 
 OPEN, APPROACH, CONTACT = 0, 1, 2
 """Modes: outside the keep-out sphere; inside the corridor; at the port, where assurance ends."""

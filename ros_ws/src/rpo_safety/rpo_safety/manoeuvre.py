@@ -14,8 +14,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-from rpo_core.kernels import CwStep, State, Vector, cw_step, saturate
-from rpo_core.kernels.jit import kernel
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import CwStep, State, Vector, cw_step, saturate
 from rpo_safety.passive import drifted, fastest, to_segment
 
 RESPONSE_S = 1.0

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from rpo_core.kernels import CwStep, State, Vector, unpacked
-from rpo_core.kernels.jit import COMPILED, kernel
+from rpo_kernels.jit import COMPILED, kernel
+from rpo_kernels.kernels import CwStep, State, Vector, unpacked
 from rpo_safety.filters import assure
 from rpo_safety.kernels import Guard
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import sqrt
 
-from rpo_core.kernels import State, Vector, norm
+from rpo_kernels.kernels import State, Vector, norm
 from rpo_safety.kernels import Guard, closing, speed_limit
 from rpo_safety.manoeuvre import PathModel, towards
 

@@ -14,9 +14,9 @@ from typing import Annotated, Any
 
 from rpo_core.chain.stage import ZERO, Signal, Stage
 from rpo_core.files.validation import InputError, check_fields, real
-from rpo_core.kernels import saturate
-from rpo_core.kernels.jit import kernel
 from rpo_core.wire import interfaces
+from rpo_kernels.jit import kernel
+from rpo_kernels.kernels import saturate
 
 SHAPED_FORCE = 'shaped_force'
 

@@ -10,16 +10,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rpo_core import kernels
 from rpo_core.chain.chain import Chain, Signals
 from rpo_core.chain.stage import Place, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import zones_of
-from rpo_core.kernels import norm, pulse_kernels
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import DUE_FORCE, EXERTED_FORCE, RELATIVE_STATE, SATURATED_FORCE
 from rpo_core.world.thrusters import ValvesStage
+from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels.kernels import norm
 
 Force = tuple[float, float, float]
 """Force [N], target LVLH."""

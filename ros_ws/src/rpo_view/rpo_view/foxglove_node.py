@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
-from rpo_log.format import rosbag2
+from rpo_mcap.format import rosbag2
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode

@@ -17,7 +17,6 @@ from rpo_core.chain.stage import Place, Signal, Stage
 from rpo_core.control.controller import Controller
 from rpo_core.control.controller_file import ControllerStage
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import pulse_kernels
 from rpo_core.wire.interfaces import (
     COMMAND,
     CONTROL_FORCE,
@@ -28,6 +27,7 @@ from rpo_core.wire.interfaces import (
     row_of,
 )
 from rpo_core.world.thrusters import ValvesStage, stage_of
+from rpo_kernels import pulse_kernels
 
 Floats = NDArray[np.float64]
 

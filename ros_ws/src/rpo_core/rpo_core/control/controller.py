@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -14,10 +14,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rpo_core import files, kernels
+from rpo_core import files
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control import controller_file
-from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage
+from rpo_core.control.controller_file import SCHEMA, ControllerFile, ControllerStage, Scaling
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions, RuleTable, odd_samples
 from rpo_core.files import codec
 from rpo_core.files.validation import (
@@ -31,7 +31,8 @@ from rpo_core.files.validation import (
     schema,
     shown,
 )
-from rpo_core.kernels.jit import as_table
+from rpo_kernels import kernels
+from rpo_kernels.jit import as_table
 
 FUZZY = 'fuzzy'
 """Kind of a file that names none."""
@@ -48,6 +49,7 @@ INFERENCE = {
 
 _VARIABLES = ('position', 'velocity', 'force')
 _SCALES = {'position_m': 'm', 'velocity_m_s': 'm/s', 'force_n': 'N'}
+_POWERS = ((1, 0, 0), (1, -1, 0), (0, 0, 1))
 
 
 class Controller(Protocol):
@@ -116,6 +118,16 @@ class FuzzyController:
     def scales(self) -> tuple[float, float, float]:
         """Position [m], velocity [m/s] and force [N] scale."""
         return self.position_scale_m, self.velocity_scale_m_s, self.force_scale_n
+
+    def scaled(self, scaling: Scaling) -> FuzzyController:
+        """Return the controller of the similar loop; raises InputError where it is out of range."""
+        position, velocity, force = _POWERS
+        return replace(
+            self,
+            position_scale_m=scaling.of(self.position_scale_m, position),
+            velocity_scale_m_s=scaling.of(self.velocity_scale_m_s, velocity),
+            force_scale_n=scaling.of(self.force_scale_n, force),
+        )
 
     def stage(self, dt_s: float) -> Stage:
         """Return the controller as a stage of the chain; it fits ticks of any length."""

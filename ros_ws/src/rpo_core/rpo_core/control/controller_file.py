@@ -9,10 +9,10 @@ To add a kind, write a frozen dataclass and one line (`register`) in a module of
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from operator import add, sub
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rpo_core.chain.stage import Signal, Stage
 from rpo_core.control.blend import Reasons
 from rpo_core.files import codec, plugins
+from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import (
     Description,
     InputError,
@@ -30,13 +31,43 @@ from rpo_core.files.validation import (
     shown,
     store,
 )
-from rpo_core.kernels import State, Vector
 from rpo_core.wire import interfaces
+from rpo_kernels.kernels import State, Vector
 
 SCHEMA = 'rpo/controller/1'
 
+Units = Mapping[str, tuple[int, int, int]]
+"""Field -> powers of metre, second and newton in its unit."""
+
+Scaled = TypeVar('Scaled', bound='ControllerFile')
+
 Reason = tuple[str, Sequence[tuple[str, float]]]
 """Why an axis gets its force: a sentence, and numbers with names."""
+
+
+class Scaling(NamedTuple):
+    """Units of length, time and force as multiples of former ones, and the vehicle that is flown.
+
+    The closed loop is similar where the mass is a multiple by force x time^2 / length.
+    """
+
+    length: float
+    time: float
+    force: float
+    vehicle: Scenario
+
+    def of(self, value: Any, powers: tuple[int, int, int]) -> Any:
+        """Return a number, or tuples of numbers, of a unit with these powers, in the new units.
+
+        By products and quotients alone: the same bits on every machine, and multiples that are
+        powers of two change no digit.
+        """
+        if isinstance(value, tuple):
+            return tuple(self.of(item, powers) for item in value)
+        for unit, power in zip(self[:3], powers, strict=True):
+            for _ in range(abs(power)):
+                value = value * unit if power > 0 else value / unit
+        return value
 
 
 class ControllerStage(Stage):
@@ -144,11 +175,13 @@ def received(scenario: Any, signals: Mapping[str, Any]) -> tuple[Signal, Signal]
 class ControllerFile:
     """A controller of a kind that names itself.
 
+    units : of the numbers that `scaled` multiplies; None: the kind does not say how it scales
     max_force_n : largest |f| of an axis that is commanded
     provenance : how its parameters came to be; free text and numbers, not read by the control
     """
 
     kind: ClassVar[str]
+    units: ClassVar[Units | None] = None
 
     name: Name
     description: Description = field(default='', compare=False)
@@ -172,6 +205,20 @@ class ControllerFile:
         Raises InputError if it counts ticks of another length than `dt_s`.
         """
         raise NotImplementedError
+
+    def scaled(self: Scaled, scaling: Scaling, **also: Any) -> Scaled:
+        """Return the controller of the similar loop; `also`: fields that change otherwise.
+
+        It commands no more than the force of the vehicle. Raises InputError where its kind does not
+        say how it scales, or the numbers are out of range.
+        """
+        if self.units is None:
+            raise InputError(
+                f'controller {self.name} cannot be scaled: its kind `{self.kind}` has no `units`'
+            )
+        most_n = min(scaling.of(self.max_force_n, (0, 0, 1)), scaling.vehicle.max_force_n)
+        found = {name: scaling.of(getattr(self, name), by) for name, by in self.units.items()}
+        return replace(self, max_force_n=most_n, **{**found, **also})
 
     def reasons(self, state: State, tick: int) -> Sequence[Reason]:
         """Return the reasons of x, y, z for the force that answers a state; empty: it has none."""

@@ -17,7 +17,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rpo_core import kernels
 from rpo_core.files.validation import (
     InputError,
     check_fields,
@@ -28,7 +27,8 @@ from rpo_core.files.validation import (
     whole,
     within,
 )
-from rpo_core.kernels.jit import as_table
+from rpo_kernels import kernels
+from rpo_kernels.jit import as_table
 
 WORDS = ('LN', 'SN', 'Z', 'SP', 'LP')
 """Large negative, small negative, zero, small positive, large positive."""

@@ -36,9 +36,9 @@ from rpo_core.files.validation import (
 from rpo_core.judge import requirements
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.zones import Zones, filled, without
-from rpo_core.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 from rpo_core.world import cw
 from rpo_core.world.disturbance import MAX_FORCE_N, NONE, Disturbance, paper
+from rpo_kernels.kernels import MAX_ANGLE_RAD, CwStep, State, Vector
 
 Settings = TypeVar('Settings')
 
@@ -163,8 +163,7 @@ class Scenario:
 
     def named(self, section: str) -> Any:
         """Return the settings of the section of a name, None where the scenario has none."""
-        found = {section_of(settings).name: settings for settings in self.sections}
-        return found.get(section)
+        return next((found for found in self.sections if section_of(found).name == section), None)
 
     @property
     def dynamics(self) -> Any:
@@ -175,11 +174,6 @@ class Scenario:
     def thrusters(self) -> Any:
         """Thrusters with a delay or a matrix; None: saturation alone."""
         return self.named('thrusters')
-
-    @property
-    def navigation(self) -> Any:
-        """Errors of navigation; None: the controller sees the truth."""
-        return self.named('navigation')
 
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""
@@ -252,6 +246,13 @@ class Scenario:
     def times_s(self) -> NDArray[np.float64]:
         """Times (N + 1,) [s] of the states."""
         return np.array([self.time_s(tick) for tick in range(self.ticks + 1)])
+
+    @cached_property
+    def disturbances_n(self) -> NDArray[np.float64]:
+        """Disturbance forces (N + 1, 3), target LVLH, at the times of the states; read-only."""
+        found = self.disturbance.over(self.times_s)
+        found.setflags(write=False)
+        return found
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rpo_core.files import codec
 from rpo_core.files.validation import InputError, check_fields, real, shown, store, vector3, whole
-from rpo_core.kernels import Vector
-from rpo_core.kernels.noise import philox
+from rpo_kernels.kernels import Vector
+from rpo_kernels.noise import philox
 
 MAX_POSITION_M = 100_000.0
 MAX_POSITIONS = 100

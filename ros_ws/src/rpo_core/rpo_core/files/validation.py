@@ -6,61 +6,21 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, get_type_hints
 
-MOST_SHOWN = 2000
-"""Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
+from rpo_kernels.errors import InputError as InputError
+from rpo_kernels.errors import printable as printable
+from rpo_kernels.errors import quoted as quoted
+from rpo_kernels.errors import shown as shown
+from rpo_kernels.errors import within as within
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
 
 MOST_PATH = 4096
 """Longest path; Linux has no longer one."""
-
-
-def printable(text: object, most: int = MOST_SHOWN) -> str:
-    r"""Return a foreign text as one line that is safe on a terminal and in a log.
-
-    Escape sequences, newlines and marks that turn the direction of writing become escapes like
-    `\x1b`; of a longer text, the first `most` characters stay. What is printable stays as it is.
-    """
-    line = str(text)
-    line = line if len(line) <= most else f'{line[: most - 3]}...'
-    return line if line.isprintable() else ''.join(map(_escaped, line))
-
-
-def _escaped(character: str) -> str:
-    return character if character.isprintable() else repr(character)[1:-1]
-
-
-class InputError(ValueError):
-    """A value from a user is not usable; the message is one printable sentence."""
-
-    def __init__(self, sentence: object) -> None:
-        super().__init__(printable(sentence))
-
-
-def shown(value: Any, limit: int = 60) -> str:
-    """Return `value` as it is quoted in an error, cut to `limit` characters."""
-    text = repr(value)
-    return text if len(text) <= limit else f'{text[: limit - 3]}...'
-
-
-def quoted(name: str) -> str:
-    """Return a name from a file as an error quotes it: in backticks, if short and printable."""
-    return f'`{name}`' if name.isprintable() and len(name) <= 80 else shown(name)
-
-
-@contextmanager
-def within(place: str) -> Iterator[None]:
-    """Prefix an InputError raised inside with its place: a file, or a field of one."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f'{place}: {error}') from None
 
 
 def store(instance: Any, **checked: Any) -> None:

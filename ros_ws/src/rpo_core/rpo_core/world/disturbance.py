@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.validation import check_fields, choice, real, vector3
-from rpo_core.kernels import Vector, sin_cos
+from rpo_kernels.kernels import Vector, sin_cos
 
 AXES = ('x', 'y', 'z')
 

@@ -18,7 +18,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rpo_core import kernels
 from rpo_core.chain.stage import ZERO, Place, Section, Signal, Stage, register
 from rpo_core.files.codec import unless_default
 from rpo_core.files.validation import (
@@ -32,11 +31,12 @@ from rpo_core.files.validation import (
     vector3,
     whole,
 )
-from rpo_core.kernels import Vector, pulse_kernels
-from rpo_core.kernels.jit import as_table
-from rpo_core.kernels.pulse_kernels import OFF, ON, Tank, Valves
 from rpo_core.wire import interfaces
 from rpo_core.world import cw
+from rpo_kernels import kernels, pulse_kernels
+from rpo_kernels.jit import as_table
+from rpo_kernels.kernels import Vector
+from rpo_kernels.pulse_kernels import OFF, ON, Tank, Valves
 
 Floats = NDArray[np.float64]
 

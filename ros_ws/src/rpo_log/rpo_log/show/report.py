@@ -17,9 +17,10 @@ from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import Verdict, missed, verdicts
-from rpo_log.format.run import CONTROLLER, REPORT
-from rpo_log.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
+from rpo_ctrl.similarity import hint
 from rpo_log.show import style
+from rpo_mcap.format.run import CONTROLLER, REPORT
+from rpo_mcap.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
 
 PICTURE = 'time_histories.png'
 
@@ -35,8 +36,10 @@ COLUMNS = ('metric', 'value', 'limit', 'verdict')
 TableLine = tuple[str, str, str, str]
 
 
-def show(run: Path) -> tuple[Path | None, bool]:
+def show(run: Path, scale: str = '') -> tuple[Path | None, bool]:
     """Print the table of a run, draw its picture into `report/`.
+
+    scale : command that scales its controller, for a hint; '': no hint
 
     Returns the picture's path, None without matplotlib, and whether a requirement is missed.
 
@@ -45,6 +48,8 @@ def show(run: Path) -> tuple[Path | None, bool]:
     log = read_run(run)
     flight, title = flight_of(log), title_of(log)
     print_table(flight, title)
+    if scale and (line := hint(flight, controller_of(log), scale)):
+        print(printable(line))
     return draw(flight, folder_of(run), title), missed(flight)
 
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
-from rpo_log.errors import ExitCode
-from rpo_log.read.decode import Event, TickBlock
-from rpo_log.read.stream import RunReader
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.read.decode import Event, TickBlock
+from rpo_mcap.read.stream import RunReader
 
 
 @dataclass

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
-from rpo_log.errors import Fault, LogError, cannot_write, exists
-from rpo_log.read.stream import RunReader
-from rpo_log.topics import Topic
+from rpo_mcap.errors import Fault, LogError, cannot_write, exists
+from rpo_mcap.read.stream import RunReader
+from rpo_mcap.topics import Topic
 
 _COLUMNS = {
     interfaces.STATE_TYPE: ('x_m', 'y_m', 'z_m', 'vx_m_s', 'vy_m_s', 'vz_m_s'),

@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from rpo_log.errors import ExitCode
-from rpo_log.format.run import TimeBase
-from rpo_log.read.stream import Completeness, RunReader
-from rpo_log.topics import Topic
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.stream import Completeness, RunReader
+from rpo_mcap.topics import Topic
 
 
 @dataclass(frozen=True)

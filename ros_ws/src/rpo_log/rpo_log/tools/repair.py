@@ -19,9 +19,9 @@ import yaml
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Metadata, Schema
 
-from rpo_log.errors import ExitCode, Fault, LogError, cannot_write, exists
-from rpo_log.format import rosbag2, sums
-from rpo_log.format.run import (
+from rpo_mcap.errors import ExitCode, Fault, LogError, cannot_write, exists
+from rpo_mcap.format import rosbag2, sums
+from rpo_mcap.format.run import (
     DECISIONS_FILE,
     HEALTH_FILE,
     METADATA_FILE,
@@ -29,8 +29,8 @@ from rpo_log.format.run import (
     SUMS_FILE,
     log_files,
 )
-from rpo_log.read.records import FileRecords, RawMessage, message_at
-from rpo_log.write.mcap_file import McapFile
+from rpo_mcap.read.records import FileRecords, RawMessage, message_at
+from rpo_mcap.write.mcap_file import McapFile
 
 DAMAGED = '.damaged'
 """What is added to the name of a damaged file that a repaired one replaces."""

@@ -20,16 +20,18 @@ import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
 
-from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import shown
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
+from rpo_ctrl import explain
 from rpo_log import signature
-from rpo_log.errors import Fault, LogError, read_at_most
-from rpo_log.format import rosbag2
-from rpo_log.format.rosbag2 import BagFile, BagTopic
-from rpo_log.format.run import (
+from rpo_log.verify.run_status import Statuses
+from rpo_log.verify.verification import Difference, Verification
+from rpo_mcap.errors import Fault, LogError, read_at_most
+from rpo_mcap.format import rosbag2
+from rpo_mcap.format.rosbag2 import BagFile, BagTopic
+from rpo_mcap.format.run import (
     CONTROLLER,
     DECISIONS_FILE,
     METADATA_FILE,
@@ -42,13 +44,11 @@ from rpo_log.format.run import (
     TimeBase,
     is_controller,
 )
-from rpo_log.format.sums import Digests
-from rpo_log.read.records import FileRecords
-from rpo_log.read.run_log import messages_of, parameters_of
-from rpo_log.read.stream import RunReader
-from rpo_log.verify.run_status import Statuses
-from rpo_log.verify.verification import Difference, Verification
-from rpo_log.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
+from rpo_mcap.format.sums import Digests
+from rpo_mcap.read.records import FileRecords
+from rpo_mcap.read.run_log import messages_of, parameters_of
+from rpo_mcap.read.stream import RunReader
+from rpo_mcap.write.mcap_file import LIBRARY, MEDIA_TYPE, PROFILE, bag_topics
 
 MAX_METADATA_BYTES = 1 << 22
 

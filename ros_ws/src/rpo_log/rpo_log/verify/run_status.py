@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.scenario import Scenario
-from rpo_core.kernels import norm
 from rpo_core.wire import cdr, interfaces
-from rpo_log import topics
-from rpo_log.read.decode import Event, TickBlock
-from rpo_log.topics import Topic
+from rpo_kernels.kernels import norm
 from rpo_log.verify.verification import REST, Difference
+from rpo_mcap import topics
+from rpo_mcap.read.decode import Event, TickBlock
+from rpo_mcap.topics import Topic
 
 _RUNNING, _FINISHED, _ABORTED = 'running', 'finished', 'aborted'
 _LEVELS = {_RUNNING: (0, 1), _FINISHED: (0,), _ABORTED: (1, 2)}

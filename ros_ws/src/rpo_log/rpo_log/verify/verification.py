@@ -11,10 +11,10 @@ from pathlib import Path
 
 from rpo_core.wire import cdr
 from rpo_log import provenance
-from rpo_log.errors import ExitCode
-from rpo_log.format.run import SUMS_FILE
-from rpo_log.read.decode import NonCanonical, values_of
-from rpo_log.topics import Topic
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.format.run import SUMS_FILE
+from rpo_mcap.read.decode import NonCanonical, values_of
+from rpo_mcap.topics import Topic
 
 
 @dataclass(frozen=True)

@@ -33,15 +33,6 @@ from rpo_core.control.controller_file import followed
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
-from rpo_log import topics
-from rpo_log.errors import Fault, LogError
-from rpo_log.format import run
-from rpo_log.format.run import CONTROLLER
-from rpo_log.format.sums import Digests
-from rpo_log.read.decode import TickBlock
-from rpo_log.read.run_log import controller_of, scenario_of
-from rpo_log.read.stream import Completeness, RunReader
-from rpo_log.topics import Topic
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
     MOST_HELD_TICKS,
@@ -64,6 +55,15 @@ from rpo_log.verify.verification import (
     Verification,
     non_canonical_difference,
 )
+from rpo_mcap import topics
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format import run
+from rpo_mcap.format.run import CONTROLLER
+from rpo_mcap.format.sums import Digests
+from rpo_mcap.read.decode import TickBlock
+from rpo_mcap.read.run_log import controller_of, scenario_of
+from rpo_mcap.read.stream import Completeness, RunReader
+from rpo_mcap.topics import Topic
 
 _APPLIED = {
     interfaces.COMMAND: interfaces.APPLIED_FORCE,

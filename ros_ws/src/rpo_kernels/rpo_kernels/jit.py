@@ -1,0 +1,106 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""One switch: scalar kernels run as plain Python, or compiled by numba, with the same bits.
+
+Set `RPO_JIT=0` to interpret, `RPO_JIT=1` to insist on numba; unset, numba is used where installed.
+No `fastmath`: a compiled kernel adds, multiplies and divides in the order the source says.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from rpo_kernels.compile_cache import Locator, alone, folder_for
+from rpo_kernels.errors import InputError
+
+Kernel = TypeVar('Kernel', bound=Callable[..., Any])
+
+_CHOICES = ('', '0', '1')
+
+
+def _wanted() -> bool:
+    choice = os.environ.get('RPO_JIT', '')
+    if choice not in _CHOICES:
+        raise InputError(f'environment variable `RPO_JIT` must be 0, 1 or unset; got {choice!r}')
+    if choice == '0':
+        return False
+    installed = importlib.util.find_spec('numba') is not None
+    if choice == '1' and not installed:
+        raise InputError('`RPO_JIT=1` needs compiled kernels, but numba is not installed')
+    return installed
+
+
+COMPILED = _wanted()
+"""Whether kernels of this process are compiled."""
+
+
+def kernel(function: Kernel) -> Kernel:
+    """Compile a scalar kernel where `COMPILED`, else return it as it is."""
+    return compiled(function)
+
+
+def inlined(function: Kernel) -> Kernel:
+    """Compile as `kernel` does, and inline: only then do loops over lanes become SIMD."""
+    return compiled(function, forceinline=True)
+
+
+def compiled(function: Kernel, **options: Any) -> Kernel:
+    """Compile with more options of numba where `COMPILED`, else return it as it is."""
+    if not COMPILED:
+        return function
+    numba = _numba()
+    folder = folder_for(function.__module__)
+    # error_model 'numpy' drops the zero-division branch; kernels never divide by zero.
+    options = {'error_model': 'numpy', 'fastmath': False, **options}
+    before = numba.config.CACHE_LOCATOR_CLASSES
+    # numba's own look at the sources stops at the file: see `compile_cache`.
+    numba.config.CACHE_LOCATOR_CLASSES = f'{Locator.__module__}.{Locator.__name__}'
+    try:
+        made = numba.njit(cache=folder is not None, **options)(function)
+    finally:
+        numba.config.CACHE_LOCATOR_CLASSES = before
+    if folder is not None:
+        made.compile = _once(made.compile, folder / f'{function.__qualname__}.lock')
+    return cast(Kernel, made)
+
+
+def _once(compile_for: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]:
+    """Return a kernel's `compile` that only one process at a time enters."""
+    from numba.core.compiler_lock import global_compiler_lock
+
+    @wraps(compile_for)
+    def compile_alone(signature: Any) -> Any:
+        with global_compiler_lock, alone(lock):  # in this order: else two threads could wait
+            return compile_for(signature)
+
+    return compile_alone
+
+
+@cache
+def _numba() -> Any:
+    """Return numba, set to fill AVX-512 registers: by default LLVM fills half, a tenth slower."""
+    import numba
+    from numba.core import codegen
+
+    if numba.config.CPU_FEATURES is None:
+        features = codegen.get_host_cpu_features()
+        if '+avx512f' in features:
+            numba.config.CPU_FEATURES = f'{features},-prefer-256-bit'
+    return numba
+
+
+def as_table(values: Any, dtype: Any = np.float64) -> Any:
+    """Return a table in the container kernels read fastest.
+
+    A C-ordered array when compiled; nested Python lists of floats (or ints) when interpreted, where
+    indexing an array costs a hundred nanoseconds an element.
+    """
+    array = np.ascontiguousarray(values, dtype=dtype)
+    return array if COMPILED else array.tolist()

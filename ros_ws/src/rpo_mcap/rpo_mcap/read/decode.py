@@ -1,0 +1,343 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages of a log to arrays: those of each topic together, the few that are unlike one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from rpo_core.wire import cdr
+from rpo_core.wire.layout import Layout
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import TimeBase
+from rpo_mcap.read.records import MESSAGE_HEAD, RECORD_HEAD
+from rpo_mcap.topics import Topic
+
+_HEAD = np.dtype(
+    [
+        ('length', '<u8'), ('channel', '<u2'), ('tick', '<u4'), ('log_ns', '<i8'),
+        ('publish_ns', '<i8'), ('cdr', '<u2'), ('options', '<u2'), ('s', '<i4'), ('ns', '<u4'),
+    ]
+)  # fmt: skip
+"""A message record from its length to the stamp in its data."""
+
+_LEAST_DATA = 12
+"""Bytes of a message up to and with its stamp."""
+
+_LITTLE_ENDIAN = int.from_bytes(cdr.HEADER[:2], 'little')
+_NS = 1_000_000_000
+
+
+class Message(NamedTuple):
+    """One message, as it was logged."""
+
+    topic: Topic
+    tick: int
+    data: bytes
+
+
+class Event(NamedTuple):
+    """One message of an event topic."""
+
+    tick: int
+    signal: str
+    status: cdr.Status
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Its values by their keys."""
+        return dict(self.status.values)
+
+
+class NonCanonical(NamedTuple):
+    """A message with something else in it than its stamp and the numbers of its signal.
+
+    Another frame, an attitude, a torque, a covariance.
+    """
+
+    tick: int
+    topic: Topic
+    data: bytes
+
+
+@dataclass(frozen=True)
+class TickBlock:
+    """Some ticks of a log, in order.
+
+    ticks : (n,) int64
+    values : by signal, (n, width) its numbers; NaN where the message is missing
+    present : by signal, (n,) bool, which ticks have its message
+    events : of these ticks
+    non_canonical : messages that hold more than `values` does
+    """
+
+    ticks: NDArray[np.int64]
+    values: Mapping[str, NDArray[np.float64]]
+    present: Mapping[str, NDArray[np.bool_]]
+    events: tuple[Event, ...] = ()
+    non_canonical: tuple[NonCanonical, ...] = ()
+
+    def after(self, tick: int) -> TickBlock:
+        """Return the ticks after one, without events."""
+        return self.at(self.ticks[self.ticks > tick])
+
+    def at(self, ticks: NDArray[np.int64]) -> TickBlock:
+        """Return some ticks, without events; those that are not here have no message."""
+        where, rows = np.isin(ticks, self.ticks), np.isin(self.ticks, ticks)
+        values = {s: np.full((len(ticks), v.shape[1]), np.nan) for s, v in self.values.items()}
+        present = {signal: np.zeros(len(ticks), dtype=bool) for signal in self.present}
+        for signal, found in values.items():
+            found[where] = self.values[signal][rows]
+        for signal, there in present.items():
+            there[where] = self.present[signal][rows]
+        kept = tuple(m for m in self.non_canonical if m.tick in ticks)
+        return TickBlock(ticks, values, present, non_canonical=kept)
+
+
+def values_of(topic: Topic, data: bytes) -> tuple[float, ...]:
+    """Return the numbers of a signal in its message; raises CdrError."""
+    return topic.row.layout.decode(data)[1]
+
+
+def bad_message(path: Path, topic: Topic, tick: int, error: cdr.CdrError) -> LogError:
+    """Return the LogError of a message that is not of its type."""
+    sentence = f'tick {tick} of {topic.name}: a {topic.type} {error}'
+    return LogError(Fault.BAD_MESSAGE, path, sentence, tick)
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Some messages of one file in their order, still in the bytes of their chunks.
+
+    raw : the bytes
+    topics : of the run
+    topic, tick, start, size : (n,) each: index in `topics`, and where its data lies in `raw`
+    """
+
+    path: Path
+    raw: bytes
+    topics: Sequence[Topic]
+    topic: NDArray[np.intp]
+    tick: NDArray[np.int64]
+    start: NDArray[np.intp]
+    size: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.tick)
+
+    def __iter__(self) -> Iterator[Message]:
+        for i in range(len(self)):
+            yield self[i]
+
+    def __getitem__(self, i: int) -> Message:
+        return Message(self.topics[self.topic[i]], int(self.tick[i]), self.data(i))
+
+    def data(self, i: int) -> bytes:
+        """Return the CDR of one message."""
+        return self.raw[self.start[i] : self.start[i] + self.size[i]]
+
+    def before(self, tick: int) -> Messages:
+        """Return the messages of the ticks before one."""
+        end = int(np.searchsorted(self.tick, tick))
+        return replace(
+            self, topic=self.topic[:end], tick=self.tick[:end], start=self.start[:end],
+            size=self.size[:end],
+        )  # fmt: skip
+
+    def block(self) -> TickBlock:
+        """Return them as arrays; raises LogError."""
+        is_event = np.array([topic.is_event for topic in self.topics])[self.topic]
+        ticks = np.unique(self.tick[~is_event])
+        values, present = {}, {}
+        events: list[Event] = []
+        non_canonical: list[NonCanonical] = []
+        for index, topic in enumerate(self.topics):
+            found = np.flatnonzero(self.topic == index)
+            if topic.is_event:
+                events += (self._event(i) for i in found.tolist())
+                continue
+            rows = np.searchsorted(ticks, self.tick[found])
+            self._refuse_repeated(topic, found)
+            there = np.zeros(len(ticks), dtype=bool)
+            there[rows] = True
+            present[topic.signal] = there
+            numbers, unlike = self._numbers(topic, found)
+            non_canonical += unlike
+            table = np.full((len(ticks), numbers.shape[1]), np.nan)
+            table[rows] = numbers
+            width = len(topic.row.columns)
+            if width:
+                values[topic.signal] = np.ascontiguousarray(table[:, :width])
+            if topic.row.rider:
+                values[topic.row.rider] = np.ascontiguousarray(table[:, width:])
+                present[topic.row.rider] = there
+        events.sort(key=lambda event: event.tick)
+        non_canonical.sort(key=lambda message: message.tick)
+        return TickBlock(ticks, values, present, tuple(events), tuple(non_canonical))
+
+    def _refuse_repeated(self, topic: Topic, found: NDArray[np.intp]) -> None:
+        ticks = self.tick[found]
+        again = np.flatnonzero(ticks[1:] == ticks[:-1])
+        if len(again):
+            sentence = f'has tick {ticks[again[0]]} of {topic.name} twice'
+            raise LogError(Fault.DUPLICATE_TICK, self.path, sentence)
+
+    def _numbers(
+        self, topic: Topic, found: NDArray[np.intp]
+    ) -> tuple[NDArray[np.float64], list[NonCanonical]]:
+        """Return the numbers (n, width) in the messages of a topic, and those that are unlike."""
+        layout = topic.row.layout
+        numbers = np.full((len(found), len(layout.columns)), np.nan)
+        like = self.size[found] == layout.size
+        data = _cut(self.raw, self.start[found[like]], layout.size)
+        stamp_ns = np.ascontiguousarray(data[:, cdr.STAMP_AT + 4 : cdr.STAMP_AT + 8]).view('<u4')
+        plain = stamp_ns[:, 0] < _NS
+        for part in _fixed_parts(layout):
+            plain &= (data[:, part] == np.frombuffer(layout.plain[part], np.uint8)).all(axis=1)
+        for i, place in enumerate(layout.places):
+            three = np.ascontiguousarray(data[:, place : place + 24]).view('<f8')
+            numbers[like, 3 * i : 3 * i + 3] = three
+        like[like] = plain
+        unlike = []
+        for row in np.flatnonzero(~like).tolist():
+            message = self[int(found[row])]
+            try:
+                numbers[row] = values_of(*message[::2])
+            except cdr.CdrError as error:
+                raise bad_message(self.path, topic, message.tick, error) from None
+            unlike.append(NonCanonical(message.tick, topic, message.data))
+        return numbers, unlike
+
+    def _event(self, i: int) -> Event:
+        topic, tick, data = self[i]
+        try:
+            return Event(tick, topic.signal, cdr.decode_status(data))
+        except cdr.CdrError as error:
+            raise bad_message(self.path, topic, tick, error) from None
+
+
+def _cut(raw: bytes, start: NDArray[np.intp], size: int) -> NDArray[np.uint8]:
+    """Return the `size` bytes that begin at each start, as rows."""
+    if not len(start):
+        return np.empty((0, size), dtype=np.uint8)
+    return sliding_window_view(np.frombuffer(raw, np.uint8), size)[start]
+
+
+@lru_cache(maxsize=64)
+def _fixed_parts(layout: Layout) -> tuple[slice, ...]:
+    """Return the parts of a message that are the same in each: all but its stamp and numbers."""
+    free = [(cdr.STAMP_AT, cdr.STAMP_AT + 8), *((at, at + 24) for at in sorted(layout.places))]
+    ends = [0, *(end for _, end in free)], [*(begin for begin, _ in free), layout.size]
+    return tuple(slice(a, b) for a, b in zip(*ends, strict=True) if a < b)
+
+
+@dataclass
+class Gathering:
+    """Messages of one file on their way from its chunks to blocks of whole ticks.
+
+    channels : by id; a channel that is not there, or whose topic is not, is not of the run
+    newest : last tick that was taken
+    size : bytes that wait
+    """
+
+    path: Path
+    base: TimeBase
+    topics: Sequence[Topic]
+    channels: Mapping[int, Topic]
+    newest: int = -1
+    _pieces: list[bytes] = field(default_factory=list)
+    _at: list[int] = field(default_factory=list)
+    size: int = 0
+
+    def __len__(self) -> int:
+        return len(self._at)
+
+    def add(self, records: bytes, at: Sequence[int]) -> None:
+        """Take the records of a chunk, and where the content of each message begins."""
+        size = self.size
+        self._at += [size + begin for begin in at] if size else at
+        self._pieces.append(records)
+        self.size += len(records)
+
+    def take(self, last: bool = False) -> Messages:
+        """Return what came and forget it; raises LogError.
+
+        last : with the newest tick, of which otherwise more may come
+        """
+        raw = b''.join([*self._pieces, bytes(_HEAD.itemsize)])
+        at = np.array(self._at, dtype=np.intp)
+        found = self._checked(raw, at)
+        count = len(found)
+        if not last and count:
+            count = int(np.searchsorted(found.tick, found.tick[-1]))
+        self._pieces, self._at, self.size = [], [], 0
+        if count < len(found):
+            begin = int(found.start[count]) - MESSAGE_HEAD.size - RECORD_HEAD.size
+            rest = found.start[count:] - MESSAGE_HEAD.size - begin
+            self.add(raw[begin : -_HEAD.itemsize], rest.tolist())
+        self.newest = int(found.tick[count - 1]) if count else self.newest
+        return Messages(
+            self.path, raw, self.topics, found.topic[:count], found.tick[:count],
+            found.start[:count], found.size[:count],
+        )  # fmt: skip
+
+    def _checked(self, raw: bytes, at: NDArray[np.intp]) -> Messages:
+        """Return the messages of the run, each with the times of its tick, in order."""
+        heads = _cut(raw, at - 8, _HEAD.itemsize).view(_HEAD)[:, 0]
+        of_channel = np.full(1 << 16, -1, dtype=np.intp)
+        for number, topic in self.channels.items():
+            if topic in self.topics:
+                of_channel[number] = self.topics.index(topic)
+        ours = of_channel[heads['channel']] >= 0
+        heads, start = heads[ours], at[ours] + MESSAGE_HEAD.size
+        index, tick = of_channel[heads['channel']], heads['tick'].astype(np.int64)
+        size = heads['length'].astype(np.int64) - MESSAGE_HEAD.size
+        found = Messages(self.path, raw, self.topics, index, tick, start, size)
+        due = self.base.epoch_ns + tick * self.base.dt_ns
+        sound = (size >= 0) & (heads['log_ns'] == due) & (heads['publish_ns'] == due)
+        sound &= tick <= self.base.last_tick
+        stamp = heads['s'].astype(np.int64) * _NS + heads['ns']
+        is_event = np.array([t.is_event for t in self.topics], dtype=bool)[index]
+        sound &= is_event | (
+            (size >= _LEAST_DATA) & (heads['cdr'] == _LITTLE_ENDIAN) & (stamp == due)
+        )
+        for i in np.flatnonzero(~sound).tolist():
+            self._refuse(found, i, (int(heads['log_ns'][i]), int(heads['publish_ns'][i])))
+        before = np.concatenate([[self.newest], tick])[:-1]
+        back = np.flatnonzero(tick < before)
+        if len(back):
+            raise LogError(
+                Fault.TIME_BACKWARDS,
+                self.path,
+                f'runs backwards: tick {tick[back[0]]} of {found[int(back[0])].topic.name} '
+                f'comes after tick {before[back[0]]}',
+            )
+        return found
+
+    def _refuse(self, messages: Messages, i: int, times: tuple[int, int]) -> None:
+        """Raise the LogError of a message whose times are not those of its tick."""
+        if messages.size[i] < 0:
+            raise LogError(Fault.CORRUPT, self.path, 'is corrupt: a message record is too short')
+        topic, tick, data = messages[i]
+        base = self.base
+        try:
+            stamp = base.stamp_ns(tick) if topic.is_event else cdr.stamp_ns(data)
+        except cdr.CdrError as error:
+            raise bad_message(self.path, topic, tick, error) from None
+        for what, time in (('stamp', stamp), ('log time', times[0]), ('publish time', times[1])):
+            if time != base.stamp_ns(tick) or tick > base.last_tick:
+                raise LogError(
+                    Fault.BAD_STAMP,
+                    self.path,
+                    f'tick {tick} of {topic.name} must have the {what} '
+                    f'{base.stamp_ns(min(tick, base.last_tick))} ns and be at most '
+                    f'{base.last_tick}; got {time} ns',
+                )

@@ -1,0 +1,309 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The records of an MCAP file in their order, as far as they are whole.
+
+The library's `StreamReader` reads them. What it does not do is done here:
+
+- it takes the bytes that are there for those that should be, so a record cut short looks whole;
+- it skips what it does not know, so the zeros that a power cut leaves look like records;
+- a field may reach beyond the end of its record, and a damaged length may ask for terabytes;
+- it does not check the checksums of attachments and of the summary, and after one that fails it
+  cannot go on, as `rpo repair` must;
+- it parses indexes and messages one number at a time, which takes longer than all the rest;
+- it decompresses what a file of some kilobytes says are gigabytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, McapRecord, Message
+from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+
+from rpo_core.files import open_regular
+from rpo_core.files.validation import shown
+from rpo_mcap.errors import Fault, LogError, cannot_read
+
+MAGIC = b'\x89MCAP0\r\n'
+MAX_RECORD_BYTES = 1 << 25
+"""A longer record, or chunk when decompressed, is not read: ours have at most some megabytes."""
+MAX_REST_BYTES = 1 << 28
+"""Bytes behind the end of a damaged file that are hashed with it; a sparse file has terabytes."""
+MAX_RATIO = 1000
+"""A chunk that grows more when decompressed is a bomb; ours grow 100 times at the most."""
+RECORD_HEAD = struct.Struct('<BQ')
+"""Opcode and length of the content, before the content of each record."""
+MESSAGE_HEAD = struct.Struct('<HIQQ')
+"""Channel, sequence, log time and publish time, before the data of a message."""
+
+_OPCODES = frozenset(int(opcode) for opcode in Opcode)
+_IN_CHUNKS = frozenset((int(Opcode.SCHEMA), int(Opcode.CHANNEL)))
+_INDEXES = frozenset(
+    (
+        Opcode.MESSAGE_INDEX, Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
+        Opcode.STATISTICS, Opcode.SUMMARY_OFFSET,
+    )
+)  # fmt: skip
+
+
+class _WholeReads(ReadDataStream):
+    """The library's stream, but each read gets all the bytes that it asks for, or EndOfFile."""
+
+    def __init__(self, stream: BinaryIO, size: int) -> None:
+        super().__init__(stream)
+        self._size = size
+        self.sha256: hashlib._Hash | None = None  # of all that was read
+
+    @property
+    def rest(self) -> int:
+        """Number of bytes that are not read yet."""
+        return self._size - self._count
+
+    def read(self, length: int) -> bytes:
+        """Return the next bytes."""
+        data = self._stream.read(length) if length <= self.rest else b''
+        if self.sha256 is not None:
+            self.sha256.update(data)
+        if len(data) != length:
+            raise EndOfFile
+        self._count += length
+        return data
+
+
+class _WholeReader(StreamReader):
+    """The library's reader of such a stream."""
+
+    def __init__(self, stream: BinaryIO, size: int) -> None:
+        super().__init__(stream, emit_chunks=True, record_size_limit=None)
+        self._stream: _WholeReads = _WholeReads(stream, size)
+
+
+class _StrictReader(_WholeReader):
+    """A reader that keeps each record to its length and checks each checksum."""
+
+    def __init__(self, stream: BinaryIO, size: int, records: FileRecords) -> None:
+        super().__init__(stream, size)
+        self._records = records
+        self._stream.sha256 = records.sha256 = hashlib.sha256()
+        self._crc = zlib.crc32(MAGIC)  # up to the end of the last record
+        self.end = len(MAGIC)
+        self.closed = False
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode not in _OPCODES:
+            raise EndOfFile
+        self._records.offset = self.end
+        if MAX_RECORD_BYTES < length <= self._stream.rest:
+            self._records.pass_over(
+                opcode,
+                self._records.corrupt(
+                    opcode, f'it has {length} bytes; at most {MAX_RECORD_BYTES} are read'
+                ),
+            )
+            raise EndOfFile
+        content = self._stream.read(length)
+        self.end = self._stream.count
+        head_crc = zlib.crc32(RECORD_HEAD.pack(opcode, length), self._crc)
+        if opcode == Opcode.DATA_END:
+            self._records.check(content, self._crc, 'data section')
+            self._crc = 0
+        elif opcode == Opcode.FOOTER:
+            self._records.check(content, zlib.crc32(content[:-4], head_crc), 'summary')
+            self.closed = True
+        else:
+            self._crc = zlib.crc32(content, head_crc)
+        try:
+            return None if opcode in _INDEXES else self._records.parse(opcode, content)
+        except LogError as error:
+            self._records.pass_over(opcode, error)
+            return None
+
+
+@dataclass
+class FileRecords:
+    """Iterates the records of one file but for its indexes; raises LogError if one is corrupt.
+
+    tolerant : go on after a checksum that fails, and without records that are corrupt
+    offset : where the last record begins
+    damage : after the iteration, what is wrong with the file: where it ends early, or, tolerant,
+        what does not fit; empty if it is whole
+    lost_chunks : chunks passed over
+    sha256 : of the bytes read so far; after the iteration, of the file but for `unread`
+    unread : after the iteration, bytes behind the damage that are too many to be hashed
+    """
+
+    path: Path
+    tolerant: bool = False
+    offset: int = 0
+    damage: str = ''
+    lost_chunks: int = 0
+    unread: int = 0
+    _zstd: zstandard.ZstdDecompressor = field(default_factory=zstandard.ZstdDecompressor)
+    sha256: hashlib._Hash = field(default_factory=hashlib.sha256)
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        try:
+            with open_regular(self.path) as stream:
+                yield from self._walk(stream)
+        except OSError as error:
+            raise cannot_read(self.path, error) from None
+
+    def _walk(self, stream: BinaryIO) -> Iterator[McapRecord]:
+        magic = stream.read(len(MAGIC))
+        if magic != MAGIC:
+            what = f'begins with {magic.hex(" ")}' if magic else 'is empty'
+            raise LogError(Fault.NOT_MCAP, self.path, f'is not an MCAP file: it {what}')
+        size = stream.seek(0, 2)
+        stream.seek(0)
+        reader = _StrictReader(stream, size, self)
+        try:
+            yield from reader.records
+            rest = size - reader.end - len(MAGIC)
+            self.damage = (
+                f'{rest} bytes follow its end' if rest and not self.damage else self.damage
+            )
+        except (EndOfFile, InvalidMagic):
+            self.damage = (
+                'the last 8 bytes are missing'
+                if reader.closed
+                else f'no whole record at byte {reader.end} of {size}'
+            )
+        self.unread = size - stream.tell()
+        if self.unread <= MAX_REST_BYTES:
+            while block := stream.read(MAX_RECORD_BYTES):
+                self.sha256.update(block)
+            self.unread = 0
+
+    def parse(self, opcode: int, content: bytes) -> McapRecord | None:
+        """Return a record by its content; raises LogError if a field reaches beyond it."""
+        if opcode == Opcode.ATTACHMENT and not _fits(content, zlib.crc32(content[:-4])):
+            raise self.corrupt(opcode, 'its checksum does not fit')
+        reader = _WholeReader(BytesIO(content), len(content))
+        try:
+            return reader._read_record(opcode, len(content))
+        except (McapError, struct.error, UnicodeDecodeError):
+            raise self.corrupt(opcode, 'its fields do not fit its length') from None
+
+    def check(self, content: bytes, actual: int, part: str) -> None:
+        """Compare the checksum of a section with the last 4 bytes of a record."""
+        if _fits(content, actual):
+            return
+        self.damage = f'the checksum of its {part} does not fit'
+        if not self.tolerant:
+            raise LogError(
+                Fault.CORRUPT,
+                self.path,
+                f'is corrupt: the checksum of its {part}, '
+                f'which ends at byte {self.offset}, does not fit',
+            )
+
+    def pass_over(self, opcode: int, error: LogError) -> None:
+        """Go on after a record that is corrupt, where that is allowed."""
+        if not self.tolerant:
+            raise error
+        self.damage = error.sentence
+        self.lost_chunks += opcode == Opcode.CHUNK
+
+    def corrupt(self, opcode: int, why: str) -> LogError:
+        """Return the LogError of a damaged record, the last one read."""
+        name = Opcode(opcode).name.lower().replace('_', ' ')
+        return LogError(
+            Fault.CORRUPT, self.path, f'is corrupt: the {name} at byte {self.offset}: {why}'
+        )
+
+    def content_of(self, chunk: Chunk) -> bytes:
+        """Return the records inside the chunk read last, decompressed; raises LogError."""
+        try:
+            _check_sizes(chunk)
+            size = chunk.uncompressed_size
+            if chunk.compression == 'zstd':  # the library makes a decompressor for each chunk
+                chunk.data = self._zstd.decompress(chunk.data, max_output_size=size)
+            elif chunk.compression == 'lz4':  # the library sets no limit
+                chunk.data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+            chunk.compression = ''
+            stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+            records = stream.read(size)
+        except CRCValidationError:
+            raise self.corrupt(Opcode.CHUNK, 'its checksum does not fit') from None
+        except (McapError, zstandard.ZstdError, RuntimeError, ValueError, MemoryError) as error:
+            raise self.corrupt(Opcode.CHUNK, f'it cannot be decompressed ({error})') from None
+        if len(records) != chunk.uncompressed_size:
+            raise self.corrupt(Opcode.CHUNK, 'its lengths do not fit')
+        return records
+
+    def messages_in(self, records: bytes, take: Callable[[McapRecord], None]) -> list[int]:
+        """Return where the content of each message begins in the records of a chunk.
+
+        take : gets each record that is no message, first
+        """
+        found, at, end = [], 0, len(records)
+        unpack, head, message = RECORD_HEAD.unpack_from, RECORD_HEAD.size, int(Opcode.MESSAGE)
+        while at < end:
+            opcode, length = unpack(records, at) if at + head <= end else (0, end)
+            at += head
+            if at + length > end:
+                raise self.corrupt(Opcode.CHUNK, 'its last record is cut short')
+            if opcode == message:
+                found.append(at)
+            elif opcode in _IN_CHUNKS:
+                record = self.parse(opcode, records[at : at + length])
+                if record is not None:
+                    take(record)
+            else:
+                raise self.corrupt(Opcode.CHUNK, f'it holds a record of kind {opcode}')
+            at += length
+        return found
+
+
+class RawMessage(NamedTuple):
+    """A message record: its fields as they stand in the file."""
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+def message_at(records: bytes, at: int) -> RawMessage:
+    """Return the message whose content begins at a place that `messages_in` found."""
+    _, length = RECORD_HEAD.unpack_from(records, at - RECORD_HEAD.size)
+    content = records[at : at + length].ljust(MESSAGE_HEAD.size, b'\0')
+    data = content[MESSAGE_HEAD.size :]
+    return RawMessage._make((*MESSAGE_HEAD.unpack_from(content), data))
+
+
+def as_record(message: Message) -> bytes:
+    """Return the record of a message that is in no chunk, as it stands in the file."""
+    builder = RecordBuilder()
+    message.write(builder)
+    return bytes(builder.end())
+
+
+def _fits(content: bytes, actual: int) -> bool:
+    """Return whether a checksum is the last 4 bytes of a record; 0 means that there is none."""
+    return len(content) >= 4 and int.from_bytes(content[-4:], 'little') in (0, actual)
+
+
+def _check_sizes(chunk: Chunk) -> None:
+    """Raise ValueError where a damaged size asks for more memory than there is."""
+    size = chunk.uncompressed_size
+    if chunk.compression not in ('', 'zstd', 'lz4'):
+        raise ValueError(f'unknown compression {shown(chunk.compression)}')
+    most = min(MAX_RECORD_BYTES, MAX_RATIO * len(chunk.data))
+    if size > most:
+        raise ValueError(f'it would have {size} bytes; at most {most} are read')
+    if chunk.compression == 'zstd' and zstandard.frame_content_size(chunk.data) not in (size, -1):
+        raise ValueError('its sizes disagree')

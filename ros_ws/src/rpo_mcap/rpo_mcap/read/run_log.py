@@ -1,0 +1,282 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The log of a run as arrays, as a flight, as the scenario and the controller that it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from mcap.records import Chunk, McapRecord
+from numpy.typing import NDArray
+
+from rpo_core import files
+from rpo_core.chain.flight import Flight
+from rpo_core.control import controller
+from rpo_core.control.controller import AnyController
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import CONTROLLER, DECISIONS_FILE, PARAMETERS, SCENARIO, TimeBase
+from rpo_mcap.read.decode import Event, NonCanonical
+from rpo_mcap.read.records import FileRecords, RawMessage, message_at
+from rpo_mcap.read.stream import Completeness, RunReader
+from rpo_mcap.topics import Topic
+
+_Parsed = TypeVar('_Parsed')
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """A whole log in memory; rows are ticks, NaN where a message is missing.
+
+    path : folder or file that was read
+    base : the ticks of the run
+    topics : what was recorded
+    attachments : file name to bytes
+    ticks : (n,) int64
+    values : by signal, (n, width) its numbers
+    events : messages of the event topics
+    missing : per topic, number of ticks without a message, up to the last tick of the log
+    non_canonical : messages that hold more than a stamp and the numbers of their signal
+    damage : where the file ends early; empty if it was closed in order
+    gaps : why the log does not show a whole flight; empty if it does
+    """
+
+    path: Path
+    base: TimeBase
+    topics: tuple[Topic, ...]
+    attachments: Mapping[str, bytes]
+    ticks: NDArray[np.int64]
+    values: Mapping[str, NDArray[np.float64]]
+    events: tuple[Event, ...]
+    missing: Mapping[str, int]
+    non_canonical: tuple[NonCanonical, ...]
+    damage: str
+    gaps: tuple[str, ...]
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """True states (n, 6) x, y, z [m], vx, vy, vz [m/s], target LVLH."""
+        return self.values[interfaces.RELATIVE_STATE]
+
+    @property
+    def forces_n(self) -> NDArray[np.float64]:
+        """Forces (n, 3) that the controller commanded."""
+        return self.values[interfaces.CONTROL_FORCE]
+
+    @property
+    def disturbances_n(self) -> NDArray[np.float64] | None:
+        """Disturbances (n, 3); None if the topic was not recorded."""
+        return self.values.get(interfaces.DISTURBANCE_FORCE)
+
+    @property
+    def statuses(self) -> tuple[tuple[int, cdr.Status], ...]:
+        """Each run_status with its tick."""
+        return tuple((e.tick, e.status) for e in self.events if e.signal == interfaces.RUN_STATUS)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the log shows a whole flight: every message of every tick, closed in order."""
+        return not self.gaps
+
+    @property
+    def dt_s(self) -> float:
+        """Tick length."""
+        return self.base.dt_ns / 1_000_000_000
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """Times (n,) since tick 0; one rounding each."""
+        return self.ticks * self.base.dt_ns / 1_000_000_000
+
+    @property
+    def outcome(self) -> str | None:
+        """The last phase in run_status: finished, aborted; running if the log ends before."""
+        return dict(self.statuses[-1][1].values).get('phase') if self.statuses else None
+
+
+def read_run(path: str | Path) -> RunLog:
+    """Return the log of a run folder, or of one .mcap file, in memory; raises LogError.
+
+    A log that is cut short is read as far as it goes (`RunLog.damage`); `RunReader.blocks` reads
+    long logs in bounded memory.
+    """
+    reader = RunReader(path)
+    completeness, blocks = Completeness(reader), []
+    for block in reader.blocks():
+        completeness.add(block)
+        blocks.append(block)
+    ticks = np.concatenate([b.ticks for b in blocks])
+    if not len(ticks):
+        raise LogError(Fault.EMPTY, reader.path, 'holds no tick, only statuses')
+    return RunLog(
+        path=reader.path,
+        base=reader.base,
+        topics=reader.topics,
+        attachments=reader.attachments,
+        ticks=ticks,
+        values={s: np.concatenate([b.values[s] for b in blocks]) for s in blocks[0].values},
+        events=tuple(event for b in blocks for event in b.events),
+        missing=completeness.missing,
+        non_canonical=tuple(message for b in blocks for message in b.non_canonical),
+        damage=reader.damage,
+        gaps=completeness.gaps(reader.damage),
+    )
+
+
+def scenario_of(log: RunLog | RunReader) -> Scenario:
+    """Return the scenario that a log carries; LogError if it is missing, or of other ticks."""
+    found = _parsed(log, SCENARIO, scenario.parse)
+    if not isinstance(found, Scenario):
+        raise LogError(
+            Fault.BAD_ATTACHMENT, log.path, f'its {SCENARIO} must be a single flight; it is a set'
+        )
+    base = TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+    if base != log.base:
+        raise LogError(
+            Fault.BAD_ATTACHMENT,
+            log.path,
+            f'its {SCENARIO} must have the ticks of the log, {log.base}; it has {base}',
+        )
+    return found
+
+
+def controller_of(log: RunLog | RunReader, name: str = CONTROLLER) -> AnyController:
+    """Return the controller that a log carries, or a later one of its run; raises LogError."""
+    return _parsed(log, name, controller.parse)
+
+
+def parameters_of(log: RunLog | RunReader) -> Mapping[str, Any]:
+    """Return the parameters of the nodes by their names; empty if the log does not tell them."""
+    try:
+        found = files.parse_yaml(log.attachments.get(PARAMETERS, b'').decode())
+    except (InputError, UnicodeDecodeError):
+        return {}
+    return found if isinstance(found, Mapping) else {}
+
+
+def _parsed(log: RunLog | RunReader, name: str, parse: Callable[[Any], _Parsed]) -> _Parsed:
+    data = attachment(log.path, log.attachments, name)
+    try:
+        return files.loads(data.decode(), parse, name)
+    except UnicodeDecodeError:
+        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {name} is not UTF-8 text') from None
+    except InputError as error:
+        raise LogError(Fault.BAD_ATTACHMENT, log.path, f'its {error}') from None
+
+
+def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes:
+    """Return the bytes of an attached file; raises LogError."""
+    if name not in attachments:
+        raise LogError(
+            Fault.MISSING_ATTACHMENT,
+            path,
+            f'must carry {name}; it carries {", ".join(attachments) or "no file"}',
+        )
+    return attachments[name]
+
+
+def flight_of(log: RunLog) -> Flight:
+    """Return the flight that a log shows.
+
+    Raises LogError if the log is not whole: a flight has every state and force, from tick 0 to the
+    last. Without a recorded disturbance it is zero. Of free running, its forces are those applied.
+    """
+    found = scenario_of(log)
+    if not log.complete:
+        raise LogError(
+            Fault.TRUNCATED,
+            log.path,
+            f'must hold a whole flight, ticks 0 to {found.ticks}, but {"; ".join(log.gaps)}',
+        )
+    zero = np.zeros((len(log.ticks), 3))
+    forces = log.values.get(interfaces.APPLIED_FORCE, log.forces_n)
+    pushes = log.values.get(interfaces.DISTURBANCE_FORCE, zero)
+    if interfaces.APPLIED_FORCE in log.values:
+        pushes = log.values.get(interfaces.APPLIED_DISTURBANCE, zero)
+    return Flight(found, log.states, forces, pushes, other_signals(log))
+
+
+_OF_FLIGHT = (
+    interfaces.RELATIVE_STATE,
+    interfaces.CONTROL_FORCE,
+    interfaces.DISTURBANCE_FORCE,
+    interfaces.APPLIED_FORCE,
+    interfaces.APPLIED_DISTURBANCE,
+)
+
+
+def other_signals(log: RunLog) -> dict[str, NDArray[np.float64]]:
+    """Return the logged signals beside state, force and disturbance.
+
+    In free running the force applied is the last of the commands: those before it are left out.
+    """
+    applied = interfaces.APPLIED_FORCE in log.values
+    return {
+        name: values
+        for name, values in log.values.items()
+        if name not in _OF_FLIGHT
+        and not (applied and interfaces.row_of(name).carries == interfaces.COMMAND)
+    }
+
+
+def read_flight(path: str | Path) -> Flight:
+    """Return the flight of a run folder or .mcap file; raises LogError, as `flight_of`."""
+    return flight_of(read_run(path))
+
+
+class LoggedDecision(NamedTuple):
+    """Why the controller commanded its force in one state.
+
+    stamp_ns : of the state
+    axes : x, y, z; level, sentence and numbers as texts
+    """
+
+    stamp_ns: int
+    axes: tuple[cdr.Status, ...]
+
+    @property
+    def numbers(self) -> tuple[Mapping[str, str], ...]:
+        """Per axis, name to number as text."""
+        return tuple(dict(status.values) for status in self.axes)
+
+
+def decisions_file(run: str | Path) -> Path:
+    """Return where the decisions of a run folder, or of the folder of a .mcap file, would be."""
+    path = Path(run)
+    return (path if path.is_dir() else path.parent) / DECISIONS_FILE
+
+
+def read_decisions(path: Path) -> Iterator[LoggedDecision]:
+    """Yield the decisions of a file in order, as far as it is whole; raises LogError, CdrError."""
+    for message in messages_of(FileRecords(path), lambda _: None):
+        yield LoggedDecision(*cdr.decode_array(message.data))
+
+
+def messages_of(records: FileRecords, take: Callable[[McapRecord], None]) -> Iterator[RawMessage]:
+    """Yield the messages of a file beside a log; `take` gets its other records."""
+    for record in records:
+        if not isinstance(record, Chunk):
+            take(record)
+            continue
+        data = records.content_of(record)
+        for at in records.messages_in(data, take):
+            yield message_at(data, at)
+
+
+def decision_at(run: str | Path, stamp_ns: int) -> LoggedDecision | None:
+    """Return the last decision of a run at or before a stamp; None if there is none."""
+    path = decisions_file(run)
+    found = None
+    if path.exists():
+        for decision in read_decisions(path):
+            if decision.stamp_ns > stamp_ns:
+                break
+            found = decision
+    return found

@@ -1,0 +1,384 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The log of a run, block by block: whole or cut short, in bounded memory, and never a guess.
+
+A log that is cut short (the recorder was killed, the disk was full) is read as far as its chunks
+are whole; the reader says until when. Everything else that is wrong with a log is a `LogError`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.records import (
+    Attachment,
+    Channel,
+    Chunk,
+    Header,
+    McapRecord,
+    Metadata,
+    Schema,
+)
+from mcap.records import Message as MessageRecord
+
+from rpo_core.files.validation import shown
+from rpo_core.wire import interfaces
+from rpo_mcap import topics
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format.run import LOG_FORMAT, RUN_RECORD, TimeBase, log_files
+from rpo_mcap.read.decode import Gathering, Message, Messages, TickBlock
+from rpo_mcap.read.records import RECORD_HEAD, FileRecords, as_record
+from rpo_mcap.topics import Topic
+
+BLOCK_TICKS = 4096
+"""Ticks that are decoded at once, about 4 MB."""
+
+MAX_BYTES = 1 << 27
+"""A log whose messages of one tick are longer is no log of a run."""
+
+_NUMBER = re.compile('[0-9]{1,9}')
+
+
+@dataclass
+class _Extent:
+    """What was read of one file: messages per topic, first and last tick; -1: none."""
+
+    counts: list[int]
+    first: int = -1
+    last: int = -1
+
+    def add(self, messages: Messages) -> None:
+        """Count messages."""
+        found = np.bincount(messages.topic, minlength=len(self.counts)).tolist()
+        self.counts = [sum(pair) for pair in zip(self.counts, found, strict=True)]
+        self.first = int(messages.tick[0]) if self.first < 0 else self.first
+        self.last = int(messages.tick[-1])
+
+
+class RunReader:
+    """Opens the log of a run: its folder, or one .mcap file of it.
+
+    After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
+    memory. Raises LogError.
+
+    digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
+    witness : called with the file and each of its records beside the messages, while `blocks` reads
+    """
+
+    witness: Callable[[Path, McapRecord], None] | None = None
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.files = files_of(self.path)
+        self._path = self.files[0]
+        self.damage = ''
+        self.attachments: dict[str, bytes] = {}
+        self._bases: list[TimeBase] = []
+        self._channels: dict[int, Topic] = {}
+        self._schemas: dict[int, str] = {}
+        self._attached: set[tuple[Path, str]] = set()
+        self._declared: dict[tuple[Path, type, int], Schema | Channel] = {}
+        self._extents: dict[Path, _Extent] = {}
+        self.digests: dict[Path, str] = {}
+        self._head = b''  # SHA-256 up to the first message
+        damage = self._read_head()
+        if not self._bases:
+            raise LogError(
+                Fault.NOT_A_RUN,
+                self.files[0],
+                f'has no record {RUN_RECORD}: it is not '
+                'the log of a run' + (f' ({damage})' if damage else ''),
+            )
+        if damage is not None:
+            raise self._empty(damage)
+        self.base = self._bases[0]
+        self.topics = self._complete_topics()
+
+    def blocks(self) -> Iterator[TickBlock]:
+        """Yield all ticks in order; afterwards `damage` says whether the log ends early."""
+        empty = True
+        for messages in self._read():
+            empty = False
+            yield from _blocks_of(messages)
+        if empty:
+            raise self._empty(self.damage)
+
+    def extent_of(self, path: Path) -> tuple[list[int], int, int]:
+        """Return what was read of a file: messages per topic, first and last stamp [ns]."""
+        found = self._extents[path]
+        stamps = [self.base.stamp_ns(max(0, tick)) for tick in (found.first, found.last)]
+        return found.counts, *(stamps if found.last >= 0 else (0, 0))
+
+    def carries(self, path: Path, name: str) -> bool:
+        """Return whether a file of the log carries an attachment, by what was read of it."""
+        return (path, name) in self._attached
+
+    def messages(self) -> Iterator[Message]:
+        """Yield every message as it was logged, in order; afterwards `damage` as for `blocks`."""
+        for messages in self._read():
+            yield from messages
+
+    def _empty(self, damage: str) -> LogError:
+        return LogError(
+            Fault.EMPTY, self.path, 'holds no message' + (f' ({damage})' if damage else '')
+        )
+
+    def _complete_topics(self) -> tuple[Topic, ...]:
+        recorded = topics.resolve([t.name for t in self._channels.values()], str(self.files[0]))
+        signals = [topic.signal for topic in recorded]
+        for signal in topics.REQUIRED:
+            if signal not in signals:
+                there = ', '.join(topic.name for topic in recorded) or 'no topic of a run'
+                raise LogError(
+                    Fault.MISSING_TOPIC, self.files[0], f'has no topic {signal}; it has {there}'
+                )
+        return recorded
+
+    def _read_head(self) -> str | None:
+        """Read up to the first message; if there is none, return how the file ends, '' for well."""
+        records = FileRecords(self.files[0])
+        for record in records:
+            self._head = records.sha256.digest()
+            if isinstance(record, MessageRecord):
+                return None
+            if isinstance(record, Chunk):
+                if records.messages_in(records.content_of(record), self._take):
+                    return None
+            else:
+                self._take(record)
+        return records.damage
+
+    def _take(self, record: McapRecord) -> None:
+        """Take a record that is not of the time line."""
+        path = self._path
+        if isinstance(record, Header):
+            name, _, version = record.library.partition('/')
+            if name == 'rpo_log' and _NUMBER.fullmatch(version) and int(version) > LOG_FORMAT:
+                raise LogError(
+                    Fault.NEWER,
+                    path,
+                    f'is of log format {version}; this version reads formats up to {LOG_FORMAT}',
+                )
+        elif isinstance(record, Metadata) and record.name == RUN_RECORD:
+            self._take_base(path, TimeBase.from_record(record.metadata, path))
+        elif isinstance(record, Attachment):
+            self._take_attachment(path, record)
+        elif isinstance(record, Schema):
+            self._declare(path, record, record.name)
+            self._schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            self._declare(path, record, record.topic)
+            self._take_channel(path, record)
+        if self.witness is not None:
+            self.witness(path, record)
+
+    def _take_attachment(self, path: Path, record: Attachment) -> None:
+        """Take a file; each file of a log carries it once, and all the same one."""
+        before = self.attachments.setdefault(record.name, record.data)
+        place = (path, record.name)
+        if place in self._attached or before != record.data:
+            raise LogError(
+                Fault.BAD_ATTACHMENT, path, f'carries two files named {shown(record.name)}'
+            )
+        self._attached.add(place)
+
+    def _declare(self, path: Path, record: Schema | Channel, name: str) -> None:
+        """Refuse a second record with the number of another: messages would change their type."""
+        declared = self._declared.setdefault((path, type(record), record.id), record)
+        if declared != record:
+            kind = type(record).__name__.lower()
+            sentence = f'has two {kind} records of number {record.id}, the second for {shown(name)}'
+            raise LogError(Fault.CORRUPT, path, sentence)
+
+    def _take_base(self, path: Path, base: TimeBase) -> None:
+        self._bases.append(base)
+        if base != self._bases[0]:
+            raise LogError(
+                Fault.NOT_A_RUN,
+                path,
+                f'must be of the same run as {self.files[0].name}, {self._bases[0]}; got {base}',
+            )
+
+    def _take_channel(self, path: Path, channel: Channel) -> None:
+        topic = topics.find(channel.topic)
+        if topic is None:
+            return
+        found = self._schemas.get(channel.schema_id, 'no type')
+        if found != topic.type or channel.message_encoding != 'cdr':
+            raise LogError(
+                Fault.WRONG_TYPE,
+                path,
+                f'{channel.topic} must be {topic.type} in cdr; got '
+                f'{found} in {channel.message_encoding or "no encoding"}',
+            )
+        self._channels[channel.id] = topic
+
+    def _read(self) -> Iterator[Messages]:
+        """Yield the messages of all files, so many whole ticks at a time."""
+        self.damage, newest = '', -1
+        most = BLOCK_TICKS * max(1, sum(not topic.is_event for topic in self.topics))
+        self._attached.clear()  # the records of the head are read again with the messages
+        for path in self.files:
+            self._path, self._channels = path, {}
+            records = FileRecords(path)
+            gathering = Gathering(path, self.base, self.topics, self._channels, newest)
+            extent = self._extents[path] = _Extent([0] * len(self.topics))
+            head = self._head if path == self.files[0] else b''
+            for data, at in self._chunks(records):
+                if head and at:
+                    if records.sha256.digest() != head:
+                        raise _changed(path)
+                    head = b''
+                gathering.add(data, at)
+                if len(gathering) > most or gathering.size > MAX_BYTES:
+                    messages = gathering.take()
+                    if len(messages):
+                        extent.add(messages)
+                        yield messages
+                    if gathering.size > MAX_BYTES:
+                        sentence = f'is corrupt: tick {gathering.newest + 1} is too long to be read'
+                        raise LogError(Fault.CORRUPT, path, sentence)
+            if head:
+                raise _changed(path)
+            messages = gathering.take(last=True)
+            newest = gathering.newest
+            if len(messages):
+                extent.add(messages)
+                yield messages
+            if records.damage:
+                self.damage = f'{path.name}: {records.damage}'
+            self.digests[path] = '' if records.unread else records.sha256.hexdigest()
+
+    def _chunks(self, records: FileRecords) -> Iterator[tuple[bytes, list[int]]]:
+        """Yield the bytes of chunks and where their messages begin; take the other records.
+
+        What a power cut leaves may end with a chunk whose bytes never reached the disk: a corrupt
+        chunk is the end of a file that was not closed, if no sound one follows.
+        """
+        walk = iter(records)
+        for record in walk:
+            if isinstance(record, MessageRecord):
+                data = as_record(record)
+                yield data, [RECORD_HEAD.size]
+            elif not isinstance(record, Chunk):
+                self._take(record)
+            else:
+                try:
+                    data = records.content_of(record)
+                except LogError as error:
+                    if any(_is_sound(records, rest) for rest in walk) or not records.damage:
+                        raise
+                    records.damage = error.sentence
+                    return
+                yield data, records.messages_in(data, self._take)
+
+
+def _changed(path: Path) -> LogError:
+    """Return the LogError of a log that does not begin any more as the constructor read it."""
+    return LogError(Fault.CORRUPT, path, 'was changed while it was read')
+
+
+def _blocks_of(messages: Messages) -> Iterator[TickBlock]:
+    """Yield the messages as a block; if one is not of its type, those before it first."""
+    try:
+        block = messages.block()
+    except LogError as error:
+        if error.tick is not None and len(before := messages.before(error.tick)):
+            yield from _blocks_of(before)
+        raise
+    yield block
+
+
+def _is_sound(records: FileRecords, record: McapRecord) -> bool:
+    """Return whether a record is a chunk that can be read."""
+    try:
+        return isinstance(record, Chunk) and bool(records.content_of(record))
+    except LogError:
+        return False
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return the MCAP files of a run folder, or the file itself; raises LogError."""
+    if not path.exists():
+        raise LogError(Fault.NOT_FOUND, path, 'does not exist')
+    if not path.is_dir():
+        return [path]
+    files = log_files(path)
+    if not files:
+        there = ', '.join(sorted(found.name for found in path.iterdir())[:8]) or 'nothing'
+        raise LogError(Fault.NOT_FOUND, path, f'holds no run.mcap; it holds {there}')
+    for number, file in enumerate(files):
+        if len(files) > 1 and file.name != f'run_{number}.mcap':
+            raise LogError(
+                Fault.NOT_FOUND,
+                path,
+                f'must hold run_{number}.mcap too; it holds '
+                f'{", ".join(found.name for found in files)}',
+            )
+    return files
+
+
+class Completeness:
+    """Counts the messages of a log, block by block."""
+
+    def __init__(self, reader: RunReader) -> None:
+        self.base = reader.base
+        self.messages: dict[Topic, int] = dict.fromkeys(reader.topics, 0)
+        self._may_miss = {t for t in reader.topics if not topics.is_due(t, reader.topics)}
+        self._due = dict.fromkeys(reader.topics, 0)
+        self.dropped: dict[str, int] = {}
+        self.first = self.last = -1
+        self.outcome: str | None = None
+
+    def add(self, block: TickBlock) -> None:
+        """Take the next block."""
+        for event in block.events:
+            if event.signal == interfaces.RUN_STATUS:
+                self.outcome = event.values.get('phase', self.outcome)
+                self.dropped.update(topics.dropped(event.status))
+        for topic in self.messages:
+            if topic.is_event:
+                self.messages[topic] += sum(e.signal == topic.signal for e in block.events)
+            else:
+                ticks = block.ticks[block.present[topic.signal]]
+                self.messages[topic] += len(ticks)
+                self._due[topic] += int((ticks < self._until(topic)).sum())
+        if len(block.ticks):
+            self.first = int(block.ticks[0]) if self.first < 0 else self.first
+            self.last = int(block.ticks[-1])
+
+    def _until(self, topic: Topic) -> int:
+        """Return the tick from which a topic is expected no more."""
+        return self.dropped.get(topic.signal, self.base.last_tick + 1)
+
+    @property
+    def missing(self) -> dict[str, int]:
+        """Per topic, ticks without a message between the first and the last; none is left out.
+
+        In free running an answer may be missing, and so may what the plant went on without.
+        """
+        found = {
+            topic.name: min(self.last + 1, self._until(topic)) - max(self.first, 0) - count
+            for topic, count in self._due.items()
+            if topic not in self._may_miss
+        }
+        return {name: count for name, count in found.items() if count > 0}
+
+    def gaps(self, damage: str) -> tuple[str, ...]:
+        """Return why the log does not show a whole flight; empty if it does."""
+        found = []
+        if damage:
+            found.append(f'it is cut short ({damage}); `rpo repair` makes a whole file of the rest')
+        if self.first > 0:
+            found.append(f'it begins at tick {self.first}')
+        if self.last < self.base.last_tick:
+            found.append(
+                f'it ends at tick {self.last} of {self.base.last_tick}'
+                + (f' ({self.outcome})' if self.outcome else '')
+            )
+        found += [f'{count} messages of {name} are missing' for name, count in self.missing.items()]
+        return tuple(found)

@@ -1,0 +1,98 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of one run: rows of `rpo_core.wire.interfaces`; and what its events say."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from rpo_core.wire import cdr, interfaces, statuses
+from rpo_core.wire.interfaces import Interface
+from rpo_mcap.errors import Fault, LogError
+
+REQUIRED = (interfaces.RELATIVE_STATE, interfaces.CONTROL_FORCE)
+"""Signals without which a log is not that of a closed loop."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One recorded topic: its full name, and the row of the table that it follows."""
+
+    name: str
+    row: Interface
+
+    @property
+    def signal(self) -> str:
+        """Name of the signal that it carries."""
+        return self.row.name
+
+    @property
+    def type(self) -> str:
+        """ROS type, like nav_msgs/msg/Odometry."""
+        return self.row.type
+
+    @property
+    def is_event(self) -> bool:
+        """Whether its messages are rare, not one at each tick."""
+        return self.row.due == interfaces.EVENT
+
+
+def free_running(recorded: Iterable[Topic]) -> bool:
+    """Return whether the plant kept the wall clock: then it publishes the force that it applied."""
+    return any(topic.signal == interfaces.APPLIED_FORCE for topic in recorded)
+
+
+def is_due(topic: Topic, recorded: Iterable[Topic]) -> bool:
+    """Return whether each tick must have a message; in free running an answer may be missing."""
+    answers = topic.row.due == interfaces.EACH_TICK
+    return not (topic.is_event or (answers and free_running(recorded)))
+
+
+def find(name: str) -> Topic | None:
+    """Return the topic of a full name; None if a log holds no such topic."""
+    row = interfaces.find(name)
+    return Topic(name, row) if row is not None and row.logged else None
+
+
+def resolve(names: Iterable[str], path: str = 'topics') -> tuple[Topic, ...]:
+    """Return the topics of a run in the order of the table; raises LogError."""
+    order = [row.name for row in interfaces.rows(logged=True)]
+    found: dict[str, Topic] = {}
+    for name in names:
+        topic = find(name)
+        if topic is None:
+            raise LogError(
+                Fault.WRONG_TYPE,
+                path,
+                f'topic {name} has no role in a run; the last '
+                f'part of a name must be one of {", ".join(order)}',
+            )
+        if topic.signal in found:
+            raise LogError(
+                Fault.WRONG_TYPE,
+                path,
+                f'topics {found[topic.signal].name} and {name} have '
+                f'the same role, {topic.signal}; one run is recorded in one log',
+            )
+        found[topic.signal] = topic
+    return tuple(found[signal] for signal in order if signal in found)
+
+
+ACTIVE, INACTIVE = 'active', 'inactive'
+"""Values `state` of a stage_status: from its `tick` on, the stage is switched on or off."""
+
+
+def dropped(status: cdr.Status) -> dict[str, int]:
+    """Return the signals that the plant goes on without, by a run_status, and from which tick."""
+    values = dict(status.values)
+    tick = tick_of(status)
+    if tick is None:
+        return {}
+    rows = [interfaces.find(name) for name in values.get('dropped', '').split()]
+    return {row.name: tick for row in rows if row is not None}
+
+
+def tick_of(status: cdr.Status) -> int | None:
+    """Return the first tick that an event holds for; None if it has none."""
+    return statuses.tick_of(dict(status.values))
