@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import AnyController, FuzzyController, load_controller
-from rpo_core.control.explain import SPOKEN
 from rpo_core.control.fuzzy import WORDS
 from rpo_core.files.scenario import Scenario, ScenarioSet, load, load_scenario
 from rpo_core.judge.metrics import ARRIVAL_DISTANCE, ARRIVAL_SPEED, ENERGY, SLEW
 from rpo_core.judge.verdicts import missed
+from rpo_ctrl.explain import SPOKEN
 from rpo_ctrl.family import Family
 from rpo_judge.analysis import surface
 from rpo_judge.analysis.certificate import PROVEN, Certificate, Claim, certify

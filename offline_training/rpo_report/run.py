@@ -13,20 +13,19 @@ import numpy as np
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
 from rpo_core.control.controller_file import received
-from rpo_core.control.explain import decisions
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
 from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import INFO_FILE
 from rpo_mcap.read.run_log import RunLog, controller_of, read_run
-from rpo_nav.estimator import Estimator
 from rpo_report import assured, guided, navigation, run_plots
 from rpo_report.logged import LoggedFlight, logged_flight
 from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
@@ -156,7 +155,7 @@ def _tables(shown: LoggedFlight) -> list[Block]:
 
 
 def _navigated(scenario: Scenario) -> bool:
-    return scenario.navigation is not None or scenario.section(Estimator) is not None
+    return any(scenario.named(name) is not None for name in ('navigation', 'estimator'))
 
 
 def _vector(values: tuple[float, ...]) -> str:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import FuzzyController
-from rpo_core.control.explain import AXES
 from rpo_core.judge import metrics
 from rpo_core.judge.zones import Cone, Zone
+from rpo_ctrl.explain import AXES
 from rpo_guidance.plan import Guidance
 from rpo_guidance.rehearsal import Checked
 from rpo_judge.evaluation.plan_bound import Bound

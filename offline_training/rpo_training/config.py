@@ -31,7 +31,7 @@ from rpo_core.files.validation import (
     whole,
 )
 from rpo_core.judge.metrics import PENALTY
-from rpo_core.judge.similarity import range_m, time_s
+from rpo_ctrl.similarity import range_m, time_s
 from rpo_judge.scoring.drawn import POSITION_AND_SPEED, DrawnSettings
 from rpo_judge.scoring.fitness import FitnessSettings
 from rpo_montecarlo.outputs import check_name

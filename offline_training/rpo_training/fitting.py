@@ -18,7 +18,7 @@ from rpo_core.files.starts import Grid
 from rpo_core.files.validation import InputError
 from rpo_core.judge.metrics import PENALTY
 from rpo_core.judge.requirements import Requirements
-from rpo_core.judge.similarity import base_of, range_m, time_s
+from rpo_ctrl.similarity import base_of, range_m, time_s
 
 AROUND = 0.1
 """A single flight is trained from its start and around it, by this share of the distance."""

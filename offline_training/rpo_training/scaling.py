@@ -3,7 +3,7 @@
 """A controller scaled for another vehicle and another mission, without training.
 
 The mass is that of the vehicle, and the force follows from the authority that the controller was
-made for. Two numbers are free, its units of length L and time T (`rpo_core.judge.similarity`). They
+made for. Two numbers are free, its units of length L and time T (`rpo_ctrl.similarity`). They
 are chosen on a grid around those of the scenario, by flying it: from its start and, as in a search,
 around it (`rpo_training.fitting`).
 """
@@ -21,9 +21,9 @@ from rpo_core.control.controller_file import Scaling
 from rpo_core.files.scenario import Scenario, ScenarioSet
 from rpo_core.files.starts import Box, Cube, Grid, Starts
 from rpo_core.files.validation import InputError
-from rpo_core.judge import similarity
-from rpo_core.judge.similarity import SCALED, Units, base_of, units_of
 from rpo_core.judge.verdicts import Verdict, verdicts
+from rpo_ctrl import similarity
+from rpo_ctrl.similarity import SCALED, Units, base_of, units_of
 from rpo_log.show.report import shown
 from rpo_montecarlo.engine.flights import flights_of
 from rpo_training.fitting import around, refuse_impossible

@@ -16,13 +16,13 @@ from scipy.interpolate import RegularGridInterpolator
 
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
-from rpo_core.control.explain import in_words, reasons
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
 from rpo_ctrl.baseline_kernels import axis_force, baseline_force
 from rpo_ctrl.baselines import Model, Mpc
+from rpo_ctrl.explain import in_words, reasons
 from rpo_ctrl.family import Gene, Mission, family_of
 from rpo_ctrl.time_to_go import WORDS, Rule, TimeToGo
 

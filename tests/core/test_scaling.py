@@ -17,8 +17,8 @@ from rpo_core.control.controller import dumps, load_controller, parse
 from rpo_core.control.controller_file import ControllerFile, Scaling
 from rpo_core.files.scenario import Scenario, load, load_scenario
 from rpo_core.files.validation import InputError
-from rpo_core.judge import similarity
-from rpo_core.judge.similarity import Units
+from rpo_ctrl import similarity
+from rpo_ctrl.similarity import Units
 
 SCALE = [name for name in files.shipped('controller') if name != 'drift']
 PAPER = Units(100.0, 200.0, 10.0)

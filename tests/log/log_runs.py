@@ -23,10 +23,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rpo_core import files
 from rpo_core.chain.flight import Flight, fly
 from rpo_core.chain.stage import Place, Stage
-from rpo_core.control import controller, explain
+from rpo_core.control import controller
 from rpo_core.files import scenario
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.statuses import numbers_text
+from rpo_ctrl import explain
 from rpo_mcap.format import sums
 from rpo_mcap.format.run import RunSummary, TimeBase
 from rpo_mcap.write.mcap_file import McapFile

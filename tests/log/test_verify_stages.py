@@ -120,7 +120,7 @@ def test_a_controller_that_saw_another_state_than_navigation_found_is_noticed(bl
     """The messages of navigation are right; the commands answer the true state."""
     blind, seen = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,))), []
     for tick, state in enumerate(blind.flight.states.tolist()):
-        seen.append(HARDWARE.navigation.solution(tick, state))
+        seen.append(HARDWARE.named('navigation').solution(tick, state))
     signals = blind.flight.signals | {ESTIMATE[1:]: np.array(seen)}
     run = replace(
         blind, flight=replace(blind.flight, signals=signals), topics=(*blind.topics, ESTIMATE)

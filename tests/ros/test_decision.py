@@ -8,9 +8,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from inside import inside
 from nav_msgs.msg import Odometry
 
-from rpo_core.control.explain import decisions
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.explain import decisions
 from rpo_mcap.read.run_log import controller_of, read_decisions, read_run
 from rpo_ros import conversions, qos
 from tools.node_processes import node_processes

@@ -37,7 +37,6 @@ from rich.console import Console
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rpo_core import files
-from rpo_core.control import explain
 from rpo_core.control.controller import load_fuzzy
 from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
@@ -45,6 +44,7 @@ from rpo_core.judge.zones import zones_of
 from rpo_core.wire import interfaces
 from rpo_core.wire.cdr import Status
 from rpo_core.wire.statuses import AssuranceStatus, GuidanceStatus, Manifest, RunStatus
+from rpo_ctrl import explain
 from rpo_ros import conversions, names, qos
 from rpo_view import scene, terminal, web_server
 from rpo_view.gate import Gate, hidden_address

@@ -15,11 +15,11 @@ from rpo_cli.cli import app
 from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import dumps, load_controller
-from rpo_core.control.explain import decisions
 from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_core.files.scenario import parse
 from rpo_core.wire import cdr
+from rpo_ctrl.explain import decisions
 from rpo_log.verify import verify
 from rpo_mcap.format.run import TimeBase
 

@@ -16,8 +16,8 @@ from rpo_core.files import overrides
 from rpo_core.files.scenario import ScenarioSet, load
 from rpo_core.files.starts import Box
 from rpo_core.files.validation import InputError
-from rpo_core.judge.similarity import AUTHORITY, made_for
 from rpo_core.judge.verdicts import Verdict
+from rpo_ctrl.similarity import AUTHORITY, made_for
 from rpo_training import scaling
 from rpo_training.fitting import around
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rpo_core.control.controller import AnyController, FuzzyController
     from rpo_core.control.controller_file import Reason
-    from rpo_core.control.explain import Decision, FiredRule
+    from rpo_ctrl.explain import Decision, FiredRule
     from rpo_ctrl.family import Family
     from rpo_judge.analysis.certificate import Certificate
     from rpo_kernels.kernels import Vector
@@ -63,7 +63,7 @@ def explain(
     """
     from rpo_cli.display import plain_console
     from rpo_core.control.controller import load_controller, only_fuzzy
-    from rpo_core.control.explain import decisions, state_of
+    from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
 
     console = plain_console()
@@ -71,7 +71,7 @@ def explain(
         if certify or (target and controller is not None):
             raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
         loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
-        seen = _from_goal(console, loaded, state_of(state), scenario)
+        seen = _from_goal(console, loaded, _state_of(state), scenario)
         if isinstance(loaded, Family):
             _print_reasons(console, loaded, seen, at or 0.0)
         elif at is not None:
@@ -112,6 +112,22 @@ def _is_run(target: str) -> bool:
     return os.path.isdir(target) or target.endswith('.mcap')
 
 
+def _state_of(text: str) -> tuple[float, ...]:
+    """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
+    from rpo_ctrl.explain import STATE
+
+    parts = text.split(',')
+    try:
+        values = tuple(float(part) for part in parts)
+    except ValueError:
+        values = ()
+    if len(values) != 6 or not all(map(math.isfinite, values)):
+        raise InputError(
+            f'`state` must be 6 finite numbers {",".join(STATE)} in m and m/s; got {text!r}'
+        )
+    return values
+
+
 def _from_goal(
     console: Console, controller: AnyController, state: Sequence[float], scenario: str
 ) -> Sequence[float]:
@@ -141,8 +157,8 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
 
     from rpo_core.control.controller import only_fuzzy
     from rpo_core.control.controller_file import received
-    from rpo_core.control.explain import decisions
     from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
+    from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
     from rpo_mcap.read.run_log import controller_of, read_run, scenario_of
 
@@ -356,7 +372,7 @@ def _print_reasons_at(
     console: Console, controller: Family, state: Sequence[float], tick: int
 ) -> tuple[Sequence[Reason], Vector]:
     """Print the reasons of a state at a tick; return them and the force [N]."""
-    from rpo_core.control.explain import in_words
+    from rpo_ctrl.explain import in_words
 
     x, y, z, vx, vy, vz = state
     reasons = controller.reasons((x, y, z, vx, vy, vz), tick)

@@ -47,8 +47,8 @@ def scale(
     from rpo_core.control.controller import dumps, load_controller
     from rpo_core.files import overrides
     from rpo_core.files import scenario as scenarios
-    from rpo_core.judge import similarity
     from rpo_core.judge.verdicts import missed
+    from rpo_ctrl import similarity
     from rpo_log.show import report
     from rpo_montecarlo import outputs
     from rpo_training.scaling import search
@@ -86,7 +86,7 @@ def scale(
 
 def _numbers(chosen: Found) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the similarity numbers."""
-    from rpo_core.judge.similarity import HARDER, factor
+    from rpo_ctrl.similarity import HARDER, factor
 
     rows = []
     for name, made in chosen.made.items():

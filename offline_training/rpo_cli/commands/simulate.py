@@ -35,8 +35,8 @@ def simulate(
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
-    from rpo_core.judge import similarity
     from rpo_core.judge.verdicts import missed
+    from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
 
     if scenario and named:

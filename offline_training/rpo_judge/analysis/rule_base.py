@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from rpo_core.control.explain import SPOKEN
 from rpo_core.control.fuzzy import WORDS, FuzzySystem, MembershipFunctions
+from rpo_ctrl.explain import SPOKEN
 from rpo_judge.analysis import surface
 
 

@@ -223,7 +223,8 @@ class Campaign:
         if isinstance(self.controller, ControllerFile):
             self.controller.refuse_other_ticks(self.scenario.dt_s)
         thrusters = self.scenario.thrusters or Thrusters()
-        if self.scenario.navigation or thrusters.matrix != IDENTITY or thrusters.delay_ticks:
+        errors = self.scenario.named('navigation')
+        if errors or thrusters.matrix != IDENTITY or thrusters.delay_ticks:
             raise InputError(
                 '`scenario` must have no `navigation`, and no `matrix` and `delay_ticks` of '
                 f'thrusters: `dispersions` have them; {self.config.scenario} has'

@@ -32,6 +32,7 @@ from rpo_montecarlo.engine.lanes import (
     RUNS,
     SEEN_R,
     SLEW,
+    STORED,
     STRIDE,
     SUM_R,
     SUM_V,
@@ -62,11 +63,11 @@ def count_force(w, m, t, tick):  # type: ignore[no-untyped-def]
             force = w[FORCE + s]
             w[ENERGY + s] = with_square(w[ENERGY + s], force)
             w[EFFORT + s] += abs(force)
-            w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s])
+            w[SLEW + s] = larger(w[SLEW + s], force - w[BEFORE + s]) + STORED
             w[BEFORE + s] = force
     if tick >= t[HORIZON] - t[LATE]:
         for s in range(n):
-            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s])
+            w[LATE_F + s] = larger(w[LATE_F + s], w[FORCE + s]) + STORED
 
 
 @compiled
@@ -84,11 +85,11 @@ def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
     if tick < t[TICKS]:
         arrival_m = t[ARRIVAL_M]
         for s in range(n):
-            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s], arrival_m)
+            w[OUTSIDE + s] = last_outside(w[OUTSIDE + s], tick, w[r + s], arrival_m) + STORED
     if tick >= t[HORIZON] - t[LATE]:
         for s in range(n):
-            w[LATE_R + s] = larger(w[LATE_R + s], w[r + s])
-            w[LATE_V + s] = larger(w[LATE_V + s], w[V + s])
+            w[LATE_R + s] = larger(w[LATE_R + s], w[r + s]) + STORED
+            w[LATE_V + s] = larger(w[LATE_V + s], w[V + s]) + STORED
     row = tick - int(t[TICKS] - t[TAIL])
     if row < 0 or tick >= t[TICKS]:
         return

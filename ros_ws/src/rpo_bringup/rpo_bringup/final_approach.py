@@ -17,8 +17,8 @@ from rpo_bringup.options import parser
 from rpo_core.chain.chain import Chain
 from rpo_core.files import overrides, scenario
 from rpo_core.files.validation import InputError, real
-from rpo_core.judge.similarity import command
 from rpo_ctrl.controller_node import ControllerNode
+from rpo_ctrl.similarity import command
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.show import report

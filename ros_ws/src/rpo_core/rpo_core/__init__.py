@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mathematics of the final approach, without ROS.
 
-`kernels`: arithmetic that must be bit-equal. `chain`: stages, the tick, flights. `world`: what
-moves. `control`: controllers. `files`: scenarios and checks. `judge`: metrics and verdicts. `wire`:
-topics and their bytes.
+`chain`: stages, the tick, flights. `world`: what moves. `control`: controllers. `files`: scenarios
+and checks. `judge`: metrics and verdicts. `wire`: topics and their bytes.
 """

@@ -4,8 +4,9 @@
 
 from datetime import datetime, timezone
 
-from rpo_core.chain.flight import fly
-from rpo_core.control import controller
+import numpy as np
+
+from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.files import scenario
 
 SCENARIO = {
@@ -21,19 +22,11 @@ SCENARIO = {
     'epoch': datetime(2026, 1, 1, tzinfo=timezone.utc),
     'disturbance': 'none',
 }
-CONTROLLER = {
-    'schema': 'rpo/controller/1',
-    'name': 'pd',
-    'kind': 'pd',
-    'max_force_n': 0.5,
-    'position_gain_n_m': 0.01375,
-    'velocity_gain_n_s_m': 0.6734,
-    'provenance': {'method': 'by hand'},
-}
 
 
-def test_a_flight_comes_to_the_target():
-    """From 72 m to less than 1 m; each force within its limit."""
-    flight = fly(scenario.parse(SCENARIO), controller.parse(CONTROLLER))
-    assert abs(flight.states[-1][:3]).max() < 1.0
-    assert abs(flight.forces_n).max() <= 0.5
+def test_without_a_force_the_chaser_drifts():
+    """It stays more than 1 m from the target; its commands are zero."""
+    flight = fly(scenario.parse(SCENARIO), OpenLoop(np.zeros((0, 3))))
+    assert flight.states.shape == (4001, 6)
+    assert np.linalg.norm(flight.positions_m, axis=1).min() > 1.0
+    assert not flight.forces_n.any()

@@ -21,13 +21,14 @@ from rclpy.node import Node
 from rpo_core import files
 from rpo_core.chain.chain import Chain, Link, Signals
 from rpo_core.chain.stage import ZERO, Place
-from rpo_core.control import controller, explain
+from rpo_core.control import controller
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
+from rpo_ctrl import explain
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import conversions, health, names, qos
 from rpo_ros.stage_node import StageNode

@@ -4,6 +4,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
 MOST_SHOWN = 2000
 """Characters of a foreign text that are shown; a field of a log may have as many as it likes."""
 
@@ -28,3 +32,23 @@ class InputError(ValueError):
 
     def __init__(self, sentence: object) -> None:
         super().__init__(printable(sentence))
+
+
+def shown(value: Any, limit: int = 60) -> str:
+    """Return `value` as it is quoted in an error, cut to `limit` characters."""
+    text = repr(value)
+    return text if len(text) <= limit else f'{text[: limit - 3]}...'
+
+
+def quoted(name: str) -> str:
+    """Return a name from a file as an error quotes it: in backticks, if short and printable."""
+    return f'`{name}`' if name.isprintable() and len(name) <= 80 else shown(name)
+
+
+@contextmanager
+def within(place: str) -> Iterator[None]:
+    """Prefix an InputError raised inside with its place: a file, or a field of one."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f'{place}: {error}') from None

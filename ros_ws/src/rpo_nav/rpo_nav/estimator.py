@@ -260,7 +260,7 @@ def _sensors_of(scenario: Any) -> Sensors:
 def _check(_settings: Estimator, scenario: Any) -> None:
     """Raise InputError if there are no sensors, or another stage makes the navigation state."""
     _sensors_of(scenario)
-    if scenario.navigation is not None:
+    if scenario.named('navigation') is not None:
         raise InputError('`estimator` must be alone: `navigation` makes a navigation state too')
 
 

@@ -53,7 +53,7 @@ def errors_of(settings: Assurance, scenario: Any) -> Errors:
     Raises InputError if the section assumes less than the scenario has, or says nothing where the
     scenario has sensors, thrusters or dynamics whose errors are not known beforehand.
     """
-    navigation = scenario.navigation or Navigation()
+    navigation = scenario.section(Navigation) or Navigation()
     mass_kg = settings.mass_kg or scenario.mass_kg
     own = {
         'position_error_m': _norm(navigation.position_bias_m)

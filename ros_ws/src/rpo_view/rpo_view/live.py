@@ -14,7 +14,6 @@ from typing import Any
 
 from rpo_core import files
 from rpo_core.control import controller as controllers
-from rpo_core.control import explain
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller import AnyController
 from rpo_core.files import scenario as scenarios
@@ -24,6 +23,7 @@ from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_core.wire.statuses import ENDED, Manifest, RunStatus
 from rpo_core.world.thrusters import STANDARD_GRAVITY_M_S2
+from rpo_ctrl import explain
 from rpo_view.onboard import Onboard, number
 from rpo_view.trail import Trail
 

@@ -163,8 +163,7 @@ class Scenario:
 
     def named(self, section: str) -> Any:
         """Return the settings of the section of a name, None where the scenario has none."""
-        found = {section_of(settings).name: settings for settings in self.sections}
-        return found.get(section)
+        return next((found for found in self.sections if section_of(found).name == section), None)
 
     @property
     def dynamics(self) -> Any:
@@ -175,11 +174,6 @@ class Scenario:
     def thrusters(self) -> Any:
         """Thrusters with a delay or a matrix; None: saturation alone."""
         return self.named('thrusters')
-
-    @property
-    def navigation(self) -> Any:
-        """Errors of navigation; None: the controller sees the truth."""
-        return self.named('navigation')
 
     def equipped(self, *settings: Any) -> Scenario:
         """Return the scenario with these settings of stages, in place of any of their kind."""

@@ -6,39 +6,21 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, get_type_hints
 
 from rpo_kernels.errors import InputError as InputError
 from rpo_kernels.errors import printable as printable
+from rpo_kernels.errors import quoted as quoted
+from rpo_kernels.errors import shown as shown
+from rpo_kernels.errors import within as within
 
 MOST_NAME = 200
 """Longest name of a scenario, of a controller, of a table; ours have 20 characters."""
 
 MOST_PATH = 4096
 """Longest path; Linux has no longer one."""
-
-
-def shown(value: Any, limit: int = 60) -> str:
-    """Return `value` as it is quoted in an error, cut to `limit` characters."""
-    text = repr(value)
-    return text if len(text) <= limit else f'{text[: limit - 3]}...'
-
-
-def quoted(name: str) -> str:
-    """Return a name from a file as an error quotes it: in backticks, if short and printable."""
-    return f'`{name}`' if name.isprintable() and len(name) <= 80 else shown(name)
-
-
-@contextmanager
-def within(place: str) -> Iterator[None]:
-    """Prefix an InputError raised inside with its place: a file, or a field of one."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f'{place}: {error}') from None
 
 
 def store(instance: Any, **checked: Any) -> None:

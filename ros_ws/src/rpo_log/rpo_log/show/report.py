@@ -16,8 +16,8 @@ from rpo_core.chain.flight import Flight
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
-from rpo_core.judge.similarity import hint
 from rpo_core.judge.verdicts import Verdict, missed, verdicts
+from rpo_ctrl.similarity import hint
 from rpo_log.show import style
 from rpo_mcap.format.run import CONTROLLER, REPORT
 from rpo_mcap.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of

@@ -20,11 +20,11 @@ import numpy as np
 from mcap.records import Attachment, Channel, DataEnd, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
 
-from rpo_core.control import explain
 from rpo_core.control.controller import AnyController
 from rpo_core.files.validation import shown
 from rpo_core.wire import cdr, interfaces
 from rpo_core.wire.interfaces import Decimation
+from rpo_ctrl import explain
 from rpo_log import signature
 from rpo_log.verify.run_status import Statuses
 from rpo_log.verify.verification import Difference, Verification

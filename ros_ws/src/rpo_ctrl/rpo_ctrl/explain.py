@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -229,14 +228,10 @@ def decisions(controller: FuzzyController, state: Sequence[float]) -> tuple[Deci
     """
     if len(state) != 6:
         raise InputError(f'`state` must be 6 numbers {",".join(STATE)}; got {len(state)}')
+    bounds = [('m', MAX_POSITION_M)] * 3 + [('m/s', MAX_VELOCITY_M_S)] * 3
     values = [
         real(name, float(value), unit, least=-bound, most=bound)
-        for name, value, (unit, bound) in zip(
-            STATE,
-            state,
-            [('m', MAX_POSITION_M)] * 3 + [('m/s', MAX_VELOCITY_M_S)] * 3,
-            strict=True,
-        )
+        for name, value, (unit, bound) in zip(STATE, state, bounds, strict=True)
     ]
     return tuple(decide(controller, values[i], values[3 + i], axis) for i, axis in enumerate(AXES))
 
@@ -285,17 +280,3 @@ def in_words(
 def label(controller: AnyController, sha256: str) -> str:
     """Return name and file of a controller, as the topic `decision` publishes them."""
     return f'{controller.name} {sha256[:12]}'
-
-
-def state_of(text: str) -> tuple[float, ...]:
-    """Return the six numbers of a text `x,y,z,vx,vy,vz`; raises InputError."""
-    parts = text.split(',')
-    try:
-        values = tuple(float(part) for part in parts)
-    except ValueError:
-        values = ()
-    if len(values) != 6 or not all(map(math.isfinite, values)):
-        raise InputError(
-            f'`state` must be 6 finite numbers {",".join(STATE)} in m and m/s; got {text!r}'
-        )
-    return values
