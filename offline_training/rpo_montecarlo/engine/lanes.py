@@ -57,9 +57,8 @@ RUNS = 40
 PAIRED_LANES = 3 * RUNS
 
 STORED = 0.0
-"""Added to a maximum that goes back to the row it came from, a number >= 0: it changes no bit. LLVM
-would otherwise store it under a mask (`vmaskmovpd`), a store that AMD processors take 20 cycles for.
-"""
+"""Added to a maximum that goes back to the row it came from, a number >= 0: it changes no bit. With
+AVX2, LLVM would otherwise store under a mask (`vmaskmovpd`), in microcode on AMD processors."""
 
 
 def paired_lanes(count: int) -> NDArray[np.int64]:
