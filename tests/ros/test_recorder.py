@@ -41,8 +41,9 @@ def end_in_flight(ros, number, after_s, **parameters):
     recorder.process.send_signal(number)
     code = recorder.wait()
     assert code == (-signal.SIGKILL if number == signal.SIGKILL else 0), recorder.output
+    plant.process.send_signal(signal.SIGTERM)  # before it runs again: it flies no more ticks
     plant.process.send_signal(signal.SIGCONT)
-    plant.stop()
+    plant.wait()
     tick = re.search(r'(?:aborted at tick |finished at )(\d+)', plant.output)
     assert tick, plant.output
     return int(tick[1]), read_run(output)
