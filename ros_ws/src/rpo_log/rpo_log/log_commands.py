@@ -46,7 +46,7 @@ def parser(command: str) -> argparse.ArgumentParser:
         epilog=_EPILOG.format(command),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('run', type=Path, help='run folder or .mcap file')
+    found.add_argument('run', type=Path, help='run folder, .mcap file or bag')
     if command == 'verify':
         found.add_argument(
             '--trusted',
@@ -54,6 +54,8 @@ def parser(command: str) -> argparse.ArgumentParser:
             metavar='KEYS',
             help='public key, or folder of them (*.pem): one must have signed the run',
         )
+        for kind in ('scenario', 'controller'):
+            found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
     if command == 'repair':
         found.add_argument('--output', type=Path, help='where the repaired log goes')
         found.add_argument(
@@ -75,7 +77,7 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
     if command == 'verify':
         from rpo_log.verify import verify
 
-        return verify(options.run, options.trusted)
+        return verify(options.run, options.trusted, options.scenario, options.controller)
     if command == 'info':
         from rpo_log.tools.info import inspect
 
