@@ -9,6 +9,7 @@ said in `lacks`.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import weakref
@@ -71,10 +72,23 @@ def is_bag(path: Path) -> bool:
 
 def _bag_at(path: Path) -> Path | None:
     """Return the folder of a bag, or its file; None if it is none."""
-    if path.name == METADATA_FILE and path.is_file():
-        return path.parent
-    bag = (path / METADATA_FILE).is_file() or (path.suffix in _STORAGE and path.is_file())
-    return path if bag else None
+    if path.name == METADATA_FILE:
+        path = path.parent
+    if path.suffix in _STORAGE and path.is_file():
+        return path
+    # A folder with digests was written by our recorder: what is wrong with it is no bag.
+    ours = os.path.lexists(path / run.SUMS_FILE)
+    return path if (path / METADATA_FILE).is_file() and not ours else None
+
+
+def _files_of(bag: Path) -> list[Path]:
+    """Return the files of a bag; LogError if one is a pipe, a socket or a device."""
+    beside = sorted(bag.iterdir()) if bag.is_dir() else [bag]
+    found = [path for path in beside if set(_STORAGE) & set(path.suffixes)]
+    for path in found:
+        if not path.is_file():
+            raise LogError(Fault.NOT_FOUND, path, 'must be a regular file')
+    return found
 
 
 class BagReader(RunReader):
@@ -93,6 +107,7 @@ class BagReader(RunReader):
         folder = Path(tempfile.mkdtemp(prefix='rpo_bag_'))
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.lacks: tuple[str, ...] = ()
+        sources = _files_of(path)
         try:
             with Reader(path) as bag:
                 self._convert(bag, path, folder, (scenario, controller))
@@ -102,10 +117,7 @@ class BagReader(RunReader):
             sentence = f'cannot be read as a bag: {error}; try `ros2 bag reindex`'
             raise LogError(Fault.CORRUPT, path, sentence) from None
         super().__init__(folder)
-        self.path = path
-        self.sources = [path] if path.is_file() else sorted(
-            found for found in path.iterdir() if set(_STORAGE) & set(found.suffixes)
-        )  # fmt: skip
+        self.path, self.sources = path, sources
 
     def _convert(self, bag: Any, path: Path, folder: Path, given: tuple[str, str]) -> None:
         """Write the messages of a bag as a log into a folder; note what it lacks."""
