@@ -10,11 +10,11 @@ from typing import Annotated, NoReturn
 import typer
 
 from rpo_cli.commands.shared import echo
-from rpo_log.log_commands import Finding, show
+from rpo_log.log_commands import GIVEN, Finding, show
 
 VERIFY_EXAMPLES = """
 Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
-readable log, 3 as computed as far as the log goes
+readable log, 3 as computed as far as the log goes, 4 as computed from what was given
 """
 KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
 SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
@@ -67,11 +67,12 @@ def verify(
         Path | None,
         typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
     ] = None,
+    given: Annotated[list[str], typer.Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
 ) -> None:
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
 
-    _show(check(run, trusted))
+    _show(check(run, trusted, given))
 
 
 def keygen(

@@ -23,8 +23,12 @@ _DESCRIPTIONS = {
 _EPILOG = """example:
   ros2 run rpo_log {} runs/demo
 
-exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete
+exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete;
+4 no problem but for what was given
 """
+
+
+GIVEN = 'topic that a node of somebody else made: it is taken as it is; may be repeated'
 
 
 class Finding(Protocol):
@@ -54,6 +58,7 @@ def parser(command: str) -> argparse.ArgumentParser:
             metavar='KEYS',
             help='public key, or folder of them (*.pem): one must have signed the run',
         )
+        found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
     if command == 'repair':
         found.add_argument('--output', type=Path, help='where the repaired log goes')
         found.add_argument(
@@ -75,7 +80,7 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
     if command == 'verify':
         from rpo_log.verify import verify
 
-        return verify(options.run, options.trusted)
+        return verify(options.run, options.trusted, options.given)
     if command == 'info':
         from rpo_log.tools.info import inspect
 
