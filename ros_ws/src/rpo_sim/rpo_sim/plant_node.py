@@ -20,6 +20,7 @@ from rpo_ros import health
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node
 from rpo_ros.signals import listen
+from rpo_sim import standard_control
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.loop import Loop
@@ -55,6 +56,7 @@ class PlantNode(Loop):
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
         self.control = SimulatorControl(self)
+        self._standard = standard_control.offer(self)
         self._manifest(files.read_text(path))
         self._begin_run()
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
@@ -158,6 +160,8 @@ class PlantNode(Loop):
             self.steps -= 1
         if self.paused and not self.steps:
             self.report(health.OK, PAUSED, PAUSED)
+        if self._standard is not None:
+            self._standard.moved()
 
     def _judge_zones(self) -> None:
         """Say so when the chaser has come into a keep-out zone in which it was not before."""
@@ -236,6 +240,8 @@ class PlantNode(Loop):
         self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
+        if self._standard is not None:
+            self._standard.moved()
         if phase == ABORTED:
             text = f'aborted at tick {self.tick}: {reason}'
             log = self.get_logger()
