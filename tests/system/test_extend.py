@@ -53,7 +53,7 @@ def run(folder, ros_env):
 FLY = 'ros2 run rpo_bringup final_approach --no-report'
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
@@ -93,6 +93,7 @@ def test_a_node_of_ones_own_flies_is_logged_and_verifies(folder, ros_env, run):
     assert 'recomputed: thrusters, dynamics' in said
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')
