@@ -400,9 +400,7 @@ def _faults_of(folder: Path) -> tuple[str, ...]:
         return ()
 
 
-def _verification(
-    path: str | Path, trusted: Path | None, given: Collection[str]
-) -> Verification:
+def _verification(path: str | Path, trusted: Path | None, given: Collection[str]) -> Verification:
     reader = RunReader(path)
     verifier, evidence = _Verifier(reader, given), Evidence(reader)
     completeness = Completeness(reader)
