@@ -42,8 +42,8 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
 
     Actions, observations and rewards are those of `rpo_training.gym.FinalApproach`, one row for
     each run; what is seen is what a controller sees. At the last step -100 for each limit of the
-    campaign's `success` that is missed; then `infos` has `kept`, limit -> (n,) bool, and
-    `fitness_n2s` (n,). The next step begins the next runs of the campaign.
+    campaign's `success` that is missed; then `infos` has `kept`, limit -> (n,) bool, `values` of
+    what is limited, and `fitness_n2s` (n,). The next step begins the next runs of the campaign.
 
     Parameters
     ----------
@@ -113,6 +113,7 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
             rewards -= (applied * applied).sum(axis=1) * self.scenario.dt_s
         infos: dict[str, Any] = {}
         if self.tick == self.scenario.ticks:
+            self.stepping.end(self.tick)
             over[:], infos = True, self._judged()
             missed = sum(~kept for kept in infos['kept'].values())
             infos['fitness_n2s'] = infos['energy_n2s'] + PENALTY * missed
@@ -120,11 +121,12 @@ class DispersedApproach(gymnasium.vector.VectorEnv[Floats, Floats, Any]):
         return self._observations(), rewards, over, np.zeros_like(over), infos
 
     def _judged(self) -> dict[str, Any]:
-        """Return energies (n,) [N^2 s] and which limits are kept."""
+        """Return energies (n,) [N^2 s], values of what is limited, and which limits are kept."""
         found = known_of(self.campaign, self.stepping.case, self.stepping.landed())
         limits = {n: self.campaign.config.limit(n, found) for n in self.campaign.config.success}
         kept = {name: np.asarray(value <= limit) for name, (value, limit) in limits.items()}
-        return {'energy_n2s': found['energy_n2s'], 'kept': kept}
+        values = {name: value for name, (value, _) in limits.items()}
+        return {'energy_n2s': found['energy_n2s'], 'values': values, 'kept': kept}
 
     def _observations(self) -> Floats:
         found = np.empty((self.num_envs, 10))

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -17,7 +18,7 @@ from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.counters import Trace, counting
 from rpo_montecarlo.engine.lanes import FORCE, PAIRED_LANES, ROWS, RUNS, STRIDE, compiled
 from rpo_montecarlo.engine.simulator import Pairs, flown
-from rpo_montecarlo.engine.tick import Part, place
+from rpo_montecarlo.engine.tick import PASSED, Part, place
 
 Floats = NDArray[np.float64]
 
@@ -48,17 +49,19 @@ class Stepping:
             own += [counting(runs, case.windows, None), *([trace.part] if trace else [])]
             self._parts.append(own)
             self._traces.append(trace)
-        self._before, self._after = self._rows(before=True), self._rows(before=False)
+        self._before = self._rows(0, Place.CONTROLLER)
+        self._after = self._rows(Place.CONTROLLER, sys.maxsize)
+        self._ending = self._rows(Place.CONTROLLER, PASSED + 1)
 
-    def _rows(self, *, before: bool) -> Any:
-        """Return the kernels of a tick before or after the controller, of each batch."""
+    def _rows(self, first: int, end: int) -> Any:
+        """Return the kernels of each batch at some places of a tick."""
         batches = []
         for parts in self._parts:
             steps = [
                 (place, kernel, part.memory, part.table)
                 for part in parts
                 for place, kernel in part.steps
-                if (place < Place.CONTROLLER) == before
+                if first <= place < end
             ]
             steps.sort(key=lambda step: step[0])
             batches.append(rows_of([step[1:] for step in steps]))
@@ -71,13 +74,19 @@ class Stepping:
         _pass(self._before, tick, self.w)
 
     def pass_tick(self, tick: int, forces_n: Floats) -> None:
-        """Let commands (n, 3) [N] act, and what comes after a controller; the last: of N - 1."""
-        lanes = self.of(FORCE)
-        lanes[...] = 0.0
+        """Let commands (n, 3) [N] act, and what comes after a controller."""
+        self._command(forces_n)
+        _pass(self._after, tick, self.w)
+
+    def end(self, tick: int) -> None:
+        """Pass what the last tick of a flight has: a command, which moves nothing any more."""
+        self._command(np.zeros((0, 3)))
+        _pass(self._ending, tick, self.w)
+
+    def _command(self, forces_n: Floats) -> None:
         padded = np.zeros((len(self.w) * RUNS, 3))
         padded[: len(forces_n)] = forces_n
-        lanes[...] = padded.reshape(len(self.w), RUNS, 3).transpose(0, 2, 1)
-        _pass(self._after, tick, self.w)
+        self.of(FORCE)[...] = padded.reshape(len(self.w), RUNS, 3).transpose(0, 2, 1)
 
     def of(self, row: int) -> Any:
         """Return a row of the scratch (batches, 3, 40) as a view."""
