@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 from inside import inside
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from std_srvs.srv import SetBool
 
 import rpo_core.files
@@ -62,9 +64,23 @@ def test_the_logged_bytes_are_published_again(ros, run_folder):
     assert heard == logged(run_folder, 10, 20)
 
 
-def test_the_same_controller_answers_as_logged(ros, run_folder):
+@pytest.fixture
+def bag(run_folder, tmp_path):
+    """The same run as another recorder writes it: sqlite3, of a namespace, wall-clock times."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        known = {}
+        for number, (topic, _, data) in enumerate(RunReader(run_folder).messages()):
+            if topic.signal not in known:
+                name = '/a' + topic.name if topic.signal != 'clock' else topic.name
+                known[topic.signal] = bag.add_connection(name, topic.type, typestore=store)
+            bag.write(known[topic.signal], 10**18 + number, data)
+    return tmp_path / 'bag'
+
+
+def test_the_same_controller_answers_as_logged(ros, bag):
     """It was silent from tick 0 to its end, and while no controller was there."""
-    node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=1.0)
+    node = ros.node('rpo_log', 'replay', bag=bag, drive='true', rate=1.0)
     node.says('waiting for control_force')
     ros.node('rpo_ctrl', 'fuzzy_controller')
     assert node.wait() == 0, node.output

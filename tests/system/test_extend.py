@@ -6,13 +6,9 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
-import sys
 
 import pytest
 from doc_blocks import DOCS, code, run_line
-from scenarios import lasting
 
 from rpo_core import files
 from tools.node_processes import node_processes
@@ -68,29 +64,6 @@ def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     (folder / 'slower.yaml').write_text(scenario.read_text().replace('0.4', '0.39'))
     run(f'{FLY} --scenario slower.yaml --controller mine.yaml --output runs/slower')
     assert 'lagged_force' in run('rpo log diff runs/mine runs/slower', code=1)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_a_node_of_ones_own_flies_is_logged_and_verifies(folder, ros_env, run):
-    """All but its commands, which no file of the log explains."""
-    short = lasting(20.0, folder, 'approach')
-    mine = subprocess.Popen(
-        [sys.executable, 'my_node.py'], cwd=folder, env={**os.environ, **ros_env}
-    )
-    try:
-        with node_processes(ros_env, folder) as ros:
-            recorder = ros.node('rpo_log', 'recorder', output=str(folder / 'run'))
-            plant = ros.node('rpo_sim', 'plant', scenario=short, wait_for_recorder='true')
-            assert plant.wait() == 0, plant.output
-            assert recorder.wait() == 0, recorder.output
-        mine.send_signal(signal.SIGINT)
-        assert mine.wait(10.0) == 0
-    finally:
-        mine.kill()
-    said = run('rpo verify run', code=3)
-    assert 'control_force could not be recomputed: the log carries no controller.yaml' in said
-    assert 'recomputed: thrusters, dynamics' in said
 
 
 @pytest.mark.timeout(120)

@@ -20,7 +20,7 @@ KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
 SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
 REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
 
-RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
+RunArgument = Annotated[Path, typer.Argument(help='run folder, .mcap file or bag')]
 
 log = typer.Typer(
     help='Look into the logs of runs.',
@@ -68,11 +68,13 @@ def verify(
         typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
     ] = None,
     given: Annotated[list[str], typer.Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
+    scenario: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
+    controller: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
 ) -> None:
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
 
-    _show(check(run, trusted, given))
+    _show(check(run, trusted, given, scenario, controller))
 
 
 def keygen(

@@ -50,7 +50,7 @@ def parser(command: str) -> argparse.ArgumentParser:
         epilog=_EPILOG.format(command),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('run', type=Path, help='run folder or .mcap file')
+    found.add_argument('run', type=Path, help='run folder, .mcap file or bag')
     if command == 'verify':
         found.add_argument(
             '--trusted',
@@ -59,6 +59,8 @@ def parser(command: str) -> argparse.ArgumentParser:
             help='public key, or folder of them (*.pem): one must have signed the run',
         )
         found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
+        for kind in ('scenario', 'controller'):
+            found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
     if command == 'repair':
         found.add_argument('--output', type=Path, help='where the repaired log goes')
         found.add_argument(
@@ -80,7 +82,8 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
     if command == 'verify':
         from rpo_log.verify import verify
 
-        return verify(options.run, options.trusted, options.given)
+        more = options.given, options.scenario, options.controller
+        return verify(options.run, options.trusted, *more)
     if command == 'info':
         from rpo_log.tools.info import inspect
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
+from rpo_log.bag import open_run
 from rpo_mcap.errors import Fault, LogError, cannot_write, exists
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.topics import Topic
@@ -137,7 +138,7 @@ def export(path: str | Path, output: str | Path) -> int:
             target,
             'Parquet needs pyarrow, which is not installed; install it, or export to .csv or .npz',
         )
-    reader = RunReader(path)
+    reader = open_run(path)
     try:
         return write(reader, target)
     except FileExistsError:

@@ -34,6 +34,7 @@ from rpo_core.control.controller_file import followed
 from rpo_core.files.validation import InputError, choice
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
+from rpo_log.bag import open_run
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
     MOST_HELD_TICKS,
@@ -78,8 +79,14 @@ _SECTIONS = {
 }  # fmt: skip
 
 
+FIGURES = 'figures of run_status'
+
+
 class _Verifier:
-    """Computes the blocks of a log anew; keeps what one hands to the next."""
+    """Computes the blocks of a log anew; keeps what one hands to the next.
+
+    given : signals that are taken as they are
+    """
 
     def __init__(self, reader: RunReader, given: Collection[str]) -> None:
         self.scenario = scenario_of(reader)
@@ -147,7 +154,8 @@ class _Verifier:
         makers = {name: x.stage.name for x in self.chain.links for name in x.stage.outputs}
         makers.setdefault(interfaces.CONTROL_FORCE, 'controller')
         made = [row.name for row in interfaces.rows() if row.name in self._given]
-        return tuple(f'{name} ({makers[name]})' if name in makers else name for name in made)
+        named = [f'{name} ({makers[name]})' if name in makers else name for name in made]
+        return (*named, *[FIGURES] * (RELATIVE_STATE in made))
 
     def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:
         """Return the decisions beside the log; None if there are none."""
@@ -371,19 +379,25 @@ class _Verifier:
 
 
 def verify(
-    path: str | Path, trusted: Path | None = None, given: Collection[str] = ()
+    path: str | Path,
+    trusted: Path | None = None,
+    given: Collection[str] = (),
+    scenario: str = '',
+    controller: str = '',
 ) -> Verification:
-    """Compute the flight of a run folder or .mcap file anew and compare.
+    """Compute the flight of a run folder, .mcap file or bag anew and compare.
 
     trusted : public key, or folder of them; one of them must have signed the run folder
     given : signals of the log that somebody else's node made: they are taken as they are
+    scenario, controller : names or files, of a bag that does not carry them
+
 
     Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys, or what is
     given is no signal of the log. A log that cannot be read and is not the one that SHA256SUMS
     lists is a difference, no LogError.
     """
     try:
-        return _verification(path, trusted, given)
+        return _verification(open_run(path, scenario, controller), trusted, given)
     except LogError as error:
         faults = _faults_of(Path(path))
         if not faults:
@@ -400,8 +414,7 @@ def _faults_of(folder: Path) -> tuple[str, ...]:
         return ()
 
 
-def _verification(path: str | Path, trusted: Path | None, given: Collection[str]) -> Verification:
-    reader = RunReader(path)
+def _verification(reader: RunReader, trusted: Path | None, given: Collection[str]) -> Verification:
     verifier, evidence = _Verifier(reader, given), Evidence(reader)
     completeness = Completeness(reader)
     for block in events_ahead(reader.blocks(), verifier.states):
@@ -416,11 +429,11 @@ def _verification(path: str | Path, trusted: Path | None, given: Collection[str]
         return Verification(
             reader.path, ticks, difference, (), verifier.free, verifier.names, given=verifier.given
         )
-    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+    gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps]
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
-    evidence.of_log(verifier.statuses, free=verifier.free)
+    evidence.of_log(verifier.statuses, verifier.free, FIGURES in verifier.given)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
