@@ -234,6 +234,7 @@ def test_only_what_is_proven_counts_as_proven():
     assert found == {'time_to_go': 'proven', 'pace': 'not proven', 'mpc': 'none made'}
 
 
+@pytest.mark.every_landing
 def test_the_picture_names_all_and_its_front_is_beaten_by_none(tmp_path):
     def row(name, energy, kept, met=216):
         moving = Share(kept, kept / 1000 - 0.01, min(kept / 1000 + 0.01, 1.0))
