@@ -31,6 +31,9 @@ def run(
         _training(evaluations, workers)
     elif what == 'campaign':
         _campaign(runs, workers)
+    elif what == 'learning':
+        found = flying.environments()
+        print(f'side by side {found.together:.3g} ticks/s of one core, alone {found.alone:.3g}')
     else:
         _ros()
     return False
