@@ -101,6 +101,7 @@ def test_the_commands_of_the_ros_package_are_those_of_rpo(
     assert capsys.readouterr().out == expected.output != ''
 
 
+@pytest.mark.every_landing
 def test_nobody_reads_on(log):
     """`ros2 run rpo_log info runs/demo | head` ends without a traceback."""
     read, write = os.pipe()
