@@ -49,7 +49,7 @@ def run(folder, ros_env):
 FLY = 'ros2 run rpo_bringup final_approach --no-report'
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
@@ -66,6 +66,7 @@ def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     assert 'lagged_force' in run('rpo log diff runs/mine runs/slower', code=1)
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')
