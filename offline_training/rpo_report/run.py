@@ -21,6 +21,7 @@ from rpo_core.judge.zones import zones_of
 from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
+from rpo_log.bag import open_run
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
@@ -57,9 +58,12 @@ class _Optima:
     missing: tuple[str, ...]
 
 
-def report_of(path: Path) -> tuple[Report, LoggedFlight]:
-    """Return the report of a run folder or .mcap file, and what it is about; raises LogError."""
-    log = read_run(path)
+def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
+    """Return the report of a run folder, .mcap file or bag, and what it is about; LogError.
+
+    scenario : of a bag that does not carry it, name or file
+    """
+    log = read_run(open_run(path, scenario))
     shown = logged_flight(log)
     flight, optima = shown.flight, _optima(shown)
     controller: AnyController | None
@@ -120,7 +124,7 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
     return (
         f'{flight.scenario.duration_s:g} s from [{start}] m; {when}; '
-        f'J = {figures.energy_n2s:.4g} N²s. Log: {log.path.name}.'
+        f'J = {figures.energy_n2s:.4g} N²s. Log: {"; ".join((log.path.name, *log.lacks))}.'
     )
 
 

@@ -160,9 +160,10 @@ def _explain_run(console: Console, path: str, at: float) -> bool:
     from rpo_core.wire.interfaces import ESTIMATED_DISTURBANCE
     from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
+    from rpo_log.bag import open_run
     from rpo_mcap.read.run_log import controller_of, read_run, scenario_of
 
-    log = read_run(path)
+    log = read_run(open_run(path))
     times = log.times_s
     if not (math.isfinite(at) and times[0] <= at <= times[-1]):
         raise InputError(

@@ -27,7 +27,7 @@ def report(
     target: Annotated[
         str,
         typer.Argument(
-            help='run (folder or .mcap), campaign, proof (folder), controller (name or file)'
+            help='run (folder, .mcap or bag), campaign, proof (folder), controller (name or file)'
         ),
     ],
     output: Annotated[
@@ -42,7 +42,7 @@ def report(
         str,
         typer.Option(
             help='of a controller: judge by what this scenario or set requires (name or file)  '
-            '[what it was trained for]'
+            '[what it was trained for]; of a bag without manifests: what was flown'
         ),
     ] = '',
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
@@ -59,8 +59,8 @@ def report(
     from rpo_report.page import write
 
     subject = page.subject_of(target)
-    if scenario and subject != 'controller':
-        raise InputError(f'`--scenario` is for the report of a controller; {target} is a {subject}')
+    if scenario and subject not in ('controller', 'run'):
+        raise InputError(f'`--scenario` is for a controller or a bag; {target} is a {subject}')
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
         made, folder, code = _OF[subject](target, scenario)
@@ -78,12 +78,14 @@ Made = tuple['Report', Path, int]
 """A report, where it goes if nothing else is said, and the exit code."""
 
 
-def _of_run(target: str, _: str) -> Made:
+def _of_run(target: str, scenario: str) -> Made:
     from rpo_log.show.report import folder_of, print_table
     from rpo_mcap.errors import ExitCode
     from rpo_report import run
 
-    made, shown = run.report_of(Path(target))
+    made, shown = run.report_of(Path(target), scenario)
+    if shown.lacks:
+        echo(f'{target}: {"; ".join(shown.lacks)}', err=True)
     if shown.whole:
         print_table(shown.flight, made.title)
     else:

@@ -65,10 +65,11 @@ def _flight(run: Path | None, scenario: str, controller: str) -> tuple[Flight, s
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files.scenario import load_scenario
-    from rpo_mcap.read.run_log import read_flight
+    from rpo_log.bag import open_run
+    from rpo_mcap.read.run_log import flight_of, read_run
 
     if run is not None:
-        flight = read_flight(run)
+        flight = flight_of(read_run(open_run(run)))
         return flight, f'{run}, {flight.scenario.name}'
     chosen = load_controller(controller)
     return fly(load_scenario(scenario), chosen), f'{scenario}, controller {chosen.name}'

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
+from rpo_log.bag import open_run
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.decode import Event, TickBlock
 from rpo_mcap.read.stream import RunReader
@@ -73,7 +74,7 @@ class _Side:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.reader = RunReader(path)
+        self.reader = open_run(path)
         self.events: list[Event] = []
         self.last = -1
         self.held: TickBlock | None = None
