@@ -22,6 +22,9 @@ _LAYERS = {
     'distributed': 'campaign',
     'dask': 'campaign',
     'Basilisk': 'truth',
+    'rosbags': 'formats',
+    'ruamel': 'formats',
+    'ccsds_ndm': 'formats',
     'fuzzylite': 'test',
     'skfuzzy': 'test',
 }

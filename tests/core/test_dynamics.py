@@ -62,6 +62,7 @@ def test_a_drift_is_that_of_dop853(options):
     assert np.linalg.norm(plain[:3]) > 1e-4  # the oracle would see what is missing
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize('options', WORLDS.values(), ids=WORLDS)
 def test_two_orbits_are_those_of_dop853(options):
     flown = true(replace(BASE, duration_s=TWO_ORBITS_S), **options)

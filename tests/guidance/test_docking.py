@@ -115,6 +115,7 @@ def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
     np.testing.assert_allclose(own[0, 6:] / told[0, 6:], 0.8, rtol=1e-3)
 
 
+@pytest.mark.every_landing
 def test_the_passive_approach_is_protected_until_it_commits():
     """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
     from rpo_judge.safety.counts import silence

@@ -173,6 +173,7 @@ def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
     found = verify(tmp_path, given=[topic[1:] for topic in made_by])
     assert found.exit_code == ExitCode.GIVEN, found.sentence()
     said = ', '.join(f'{topic[1:]} ({stage})' for topic, stage in made_by.items())
+    said += ', figures of run_status' * (STATE in made_by)
     assert f'given, not judged: {said}; recomputed: {recomputed}' in found.sentence()
     # One bit of anything else is found as before.
     (tmp_path / 'b').mkdir()

@@ -188,6 +188,7 @@ print(jit.COMPILED, found.hexdigest())
 """
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(180)
 def test_interpreted_and_compiled_bits_are_the_same():
     pytest.importorskip('numba')

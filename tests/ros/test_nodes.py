@@ -135,6 +135,7 @@ def test_an_existing_run_is_not_overwritten(ros):
     assert 'overwrite' in node.output
 
 
+@pytest.mark.every_landing
 def test_a_flight_over_an_older_one_verifies_after_its_report(ros):
     """The digests listed the picture of the older flight, which the report draws again."""
     output = ros.folder / 'run'
@@ -169,6 +170,7 @@ def test_nobody_there_says_who_is_missing(ros):
     assert 'no answer in time from control_force, disturbance_force' in node.output
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     ('reaction', 'code'), [pytest.param('abort', 3, marks=pytest.mark.slow), ('coast', 0)]
 )
@@ -198,6 +200,7 @@ def test_a_controller_killed_in_flight(ros, reaction, code):
     )
 
 
+@pytest.mark.every_landing
 def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
     output = ros.folder / 'run'
     ros.node('rpo_ctrl', 'fuzzy_controller')
@@ -249,6 +252,7 @@ sys.exit(running.run_node(Stuck))
 """
 
 
+@pytest.mark.every_landing
 def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_env):
     """A recorder that had closed its log used the processor for a minute, until it was killed."""
     done = subprocess.run(
@@ -259,6 +263,7 @@ def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_en
     assert 'in destroy_node' in done.stderr
 
 
+@pytest.mark.every_landing
 def test_two_runs_in_two_namespaces_do_not_touch(ros):
     runs = []
     for name in ('alpha', 'beta'):

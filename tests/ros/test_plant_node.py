@@ -143,6 +143,7 @@ def test_before_the_flight_there_is_nothing_to_steer(bench):
         assert (answer.success, answer.message) == (False, 'no run in progress: waiting')
 
 
+@pytest.mark.every_landing
 def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
     bench.start('run', mode='free_running', real_time_factor=10.0, stale_after_ticks=5)
     bench.says('flying')

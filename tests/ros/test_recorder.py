@@ -59,7 +59,6 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     """At full speed; the log is whole, and the flight goes on when the recorder does."""
@@ -125,6 +124,7 @@ def test_a_full_disk_ends_the_log_not_the_flight(ros):
         subprocess.run(['umount', str(disk)], check=True)
 
 
+@pytest.mark.every_landing
 def test_a_recorder_says_what_it_waits_for_and_is_no_success(ros):
     """It said nothing, and exited 0 with an empty folder."""
     recorder = ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run'))

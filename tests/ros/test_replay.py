@@ -88,6 +88,7 @@ def test_the_same_controller_answers_as_logged(ros, bag):
     node.says('51 ticks replayed; 0 answers differ from the log')
 
 
+@pytest.mark.every_landing
 def test_a_plain_replay_says_how_far_it_is(ros, run_folder):
     node = ros.node('rpo_log', 'replay', bag=run_folder, rate=1.0, delay_s=2.5)
     node.says('waiting for listeners')
@@ -109,6 +110,7 @@ def test_a_long_pause_times_out_no_controller(ros, run_folder):
     assert node.exit_code == 0 and node.differences == 0
 
 
+@pytest.mark.every_landing
 def test_another_controller_is_found_out(ros, run_folder):
     path = rpo_core.files.shipped('controller')['handmade']
     document = yaml.safe_load(path.read_text())
@@ -121,6 +123,7 @@ def test_another_controller_is_found_out(ros, run_folder):
     node.says('tick 0: logged')
 
 
+@pytest.mark.every_landing
 def test_no_controller_is_said_and_not_waited_for_for_ever(ros, run_folder):
     node = ros.node(
         'rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0, answer_timeout_s=1.0

@@ -112,6 +112,7 @@ WITHOUT_MCAP = [
 ]
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(('module', 'function', 'words'), WITHOUT_MCAP)
 def test_without_mcap_one_sentence_names_the_command_that_installs_it(module, function, words):
     done = run_main(module, function, *words)

@@ -87,6 +87,7 @@ def broken(tmp_path):
     return path
 
 
+@pytest.mark.every_landing
 def test_a_broken_controller_fails_with_a_true_counterexample(tmp_path):
     path = broken(tmp_path)
     done = run(path, '--certify')

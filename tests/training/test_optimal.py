@@ -79,6 +79,7 @@ def test_a_coasting_flight_rests_from_its_arrival_on():
     )
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     'position', [(100.0, 100.0, 100.0), pytest.param((-5.0, 50.0, 5.0), marks=pytest.mark.slow)]
 )
@@ -128,6 +129,7 @@ def test_duality_proves_the_constrained_optimum(position):
     assert bound == pytest.approx(energy, rel=1e-5)
 
 
+@pytest.mark.every_landing
 def test_a_margin_costs_energy_and_is_kept():
     scenario = from_start(100.0, -60.0, 20.0)
     strict = optimal.Conditions.of(scenario, 0.2)

@@ -201,6 +201,7 @@ def test_a_plane_shows_zones_of_the_scenario_and_no_aids():
     assert not any('aid' in label for label in labels)
 
 
+@pytest.mark.every_landing
 def test_a_phase_may_last_no_tick(tmp_path):
     """The shipped `docking` arrives and docks at one tick: its report ended in a stack of calls."""
     chain_run(scenario.load_scenario('docking'), load_controller('allround')).write(tmp_path)

@@ -10,6 +10,7 @@ from math import asin, atan2, degrees, pi, sqrt
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -45,10 +46,10 @@ def textbook(kp: float, kd: float) -> tuple[float, float, float]:
     return rate, phase, phase / rate
 
 
-@pytest.mark.parametrize('gains', [(2.0, 6.0), (0.01, 0.5), (0.5, 0.2)])
-def test_an_unsaturated_pd_has_the_crossing_of_the_textbook(gains):
-    found = robustness.crossings(pd(*gains), MASS_KG, DT_S)[0]
-    rate, phase, delay_s = textbook(*gains)
+@pytest.mark.parametrize('kp, kd', rest_at_landing([(2.0, 6.0), (0.01, 0.5), (0.5, 0.2)]))
+def test_an_unsaturated_pd_has_the_crossing_of_the_textbook(kp, kd):
+    found = robustness.crossings(pd(kp, kd), MASS_KG, DT_S)[0]
+    rate, phase, delay_s = textbook(kp, kd)
     assert found.amplitude_m == 0.05
     assert found.rate_rad_s == pytest.approx(rate, rel=1e-6)
     assert found.phase_margin_deg == pytest.approx(degrees(phase), rel=1e-5)
@@ -66,10 +67,12 @@ def test_saturation_has_its_describing_function(amplitude):
     assert found.real == pytest.approx(wanted, rel=2e-4) and abs(found.imag) < 1e-12
 
 
+@pytest.mark.every_landing
 def test_a_controller_without_force_has_no_crossing():
     assert robustness.crossings(load_controller('drift'), MASS_KG, DT_S) == []
 
 
+@pytest.mark.every_landing
 def test_the_predicted_delay_margin_is_that_of_flights():
     """An unsaturated loop dies out at the largest whole delay below the margin, not above it."""
     gains = (2.0, 6.0)
@@ -181,7 +184,7 @@ def quick(monkeypatch):
     monkeypatch.setattr(robustness, 'QUANTITIES', (LOSS._replace(digits=1, first=0.4),))
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.every_landing
 def test_margins_are_printed_and_drawn(quick, tmp_path):
     done = CliRunner().invoke(app, ['evaluate', 'mpc', '--robustness', '-o', str(tmp_path)])
     assert done.exit_code == 0, done.output
@@ -198,6 +201,7 @@ def test_a_start_that_misses_leaves_no_margins(quick, tmp_path):
     assert 'thrust loss' not in done.output and 'phase margin' in done.output
 
 
+@pytest.mark.every_landing
 def test_margins_are_kept_as_they_are(tmp_path):
     margins = [replace(margin_of(lambda x: x > 0.4), name=q.name) for q in robustness.QUANTITIES]
     crossing = robustness.Crossing(0.5, 0.2, 60.0, 5.2, 52.4)

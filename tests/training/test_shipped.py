@@ -141,7 +141,7 @@ def test_robust_keeps_the_claims_in_every_corner():
         assert not kept[1].all(), 'the corners must be hard'
 
 
-@pytest.mark.cpu_s(9)
+@pytest.mark.every_landing
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     'preset',

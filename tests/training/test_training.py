@@ -283,6 +283,7 @@ def start_rpo_train(folder, *settings):
     return process
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     'number', [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )

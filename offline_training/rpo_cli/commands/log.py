@@ -52,7 +52,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
 @log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
 def export(
     run: RunArgument,
-    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
+    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz, .parquet or .oem')],
 ) -> None:
     """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
     from rpo_log.tools.export import export as write

@@ -77,7 +77,7 @@ class _PythonLoader(_Strict, yaml.SafeLoader):
 
 
 class _FastLoader(_Strict, getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
-    """Reads ten times as fast, where PyYAML has libyaml."""
+    """Reads several times as fast, where PyYAML has libyaml."""
 
 
 def _line(place: Any) -> str:

@@ -91,9 +91,9 @@ class Evidence:
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._found = Verification(reader.path, 0, None, ())
 
-    def of_log(self, statuses: Statuses, free: bool) -> None:
+    def of_log(self, statuses: Statuses, free: bool, foreign: bool = False) -> None:
         """Judge run_status, and the records of the log that are not messages."""
-        self._recomputed.append('phases and figures of run_status')
+        self._recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
         self._unknown.append('texts of events')
         if free:
             self._unknown.append('when forces came')

@@ -62,7 +62,7 @@ class Statuses:
     """Compares the events of a log with its flight.
 
     free : free running: the end carries figures of the wall clock
-    foreign : the plant is somebody else's: what it does not say is not judged
+    foreign : the plant is somebody else's: its figures are not judged
     """
 
     def __init__(
@@ -112,8 +112,7 @@ class Statuses:
         if event.signal != interfaces.RUN_STATUS or self._topic is None:
             return None
         for field, logged, computed in self._compared(event):
-            unsaid = self._foreign and field in _FIGURES and field not in event.values
-            if logged != computed and not unsaid:
+            if logged != computed and not (self._foreign and field in _FIGURES):
                 name = self._topic.name
                 return Difference(event.tick, name, field, logged, computed, REST)
         self._phases.append(event.values.get('phase', ''))

@@ -79,8 +79,14 @@ _SECTIONS = {
 }  # fmt: skip
 
 
+FIGURES = 'figures of run_status'
+
+
 class _Verifier:
-    """Computes the blocks of a log anew; keeps what one hands to the next."""
+    """Computes the blocks of a log anew; keeps what one hands to the next.
+
+    given : signals that are taken as they are
+    """
 
     def __init__(self, reader: RunReader, given: Collection[str]) -> None:
         self.scenario = scenario_of(reader)
@@ -148,7 +154,8 @@ class _Verifier:
         makers = {name: x.stage.name for x in self.chain.links for name in x.stage.outputs}
         makers.setdefault(interfaces.CONTROL_FORCE, 'controller')
         made = [row.name for row in interfaces.rows() if row.name in self._given]
-        return tuple(f'{name} ({makers[name]})' if name in makers else name for name in made)
+        named = [f'{name} ({makers[name]})' if name in makers else name for name in made]
+        return (*named, *[FIGURES] * (RELATIVE_STATE in made))
 
     def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:
         """Return the decisions beside the log; None if there are none."""
@@ -426,7 +433,7 @@ def _verification(reader: RunReader, trusted: Path | None, given: Collection[str
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
-    evidence.of_log(verifier.statuses, free=verifier.free)
+    evidence.of_log(verifier.statuses, verifier.free, FIGURES in verifier.given)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
