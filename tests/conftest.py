@@ -36,6 +36,7 @@ ALLOWED_SKIPS = {
     'tests/training/test_cluster.py::test_with_tls*': 'openssl is not installed',
     'tests/training/test_report_browser.py::*': 'chromium is not installed',
     'tests/training/test_truth.py::test_basilisk*': 'Basilisk (layer truth) is not installed',
+    'tests/ros/test_foreign.py::test_basilisk*': 'Basilisk (layer truth) is not installed',
     'tests/ros/test_view_live.py::test_the_page*': 'chromium is not installed',
     'tests/ros/test_view.py::*foxglove_server': 'foxglove-sdk is not installed',
     'tests/ros/test_launch_files.py::test_a_real_launch': 'ros2 launch is not installed',

@@ -8,8 +8,10 @@ They are processes that import nothing of this stack; ours run in the test's own
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from inside import inside
@@ -21,10 +23,12 @@ from rpo_log.recorder_node import RecorderNode
 from rpo_log.replay_node import ReplayNode
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
+from rpo_mcap.read.run_log import read_run
 from rpo_nav.navigation_node import NavigationNode
 from rpo_safety.assurance_node import AssuranceNode
 from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
 from rpo_sim.plant_node import PlantNode
+from tools.basilisk_plant import BasiliskPlant
 
 FOREIGN = Path(__file__).parents[2] / 'docs' / 'foreign'
 
@@ -117,3 +121,28 @@ def test_verify_names_what_somebody_else_made_and_nothing_else(ros_env, foreign,
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()
     assert [said.partition(' ')[0] for said in found.given] == given
     assert found.sentence().endswith(f'recomputed: {recomputed}')
+
+
+@pytest.mark.skipif(not find_spec('Basilisk'), reason='Basilisk (layer truth) is not installed')
+def test_basilisk_flies_as_the_plant(ros_env, tmp_path):
+    """One step a tick, by its own gravity: near the linear motion, but not its bits."""
+    runs = {}
+    for name, kind in (('ours', PlantNode), ('basilisk', BasiliskPlant)):
+        with inside() as inner:
+            fly_with(kind, inner, tmp_path / name)
+        runs[name] = read_run(tmp_path / name).states
+    apart = np.abs(runs['basilisk'] - runs['ours'])[:, :3].max(axis=1)
+    assert len(apart) == 41 and 0.0 < apart[-1] < 1e-5
+    assert verify(tmp_path / 'basilisk').exit_code == ExitCode.DIFFERENT
+    found = verify(tmp_path / 'basilisk', given=['relative_state'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
+
+
+def fly_with(kind, inner, folder):
+    """Fly 4 s of the paper's test with a plant."""
+    inner.start(ControllerNode({'controller': 'handmade'}))
+    inner.start(DisturbanceInjectorNode({}))
+    recorder = inner.start(RecorderNode({'output': str(folder)}))
+    scenario = lasting(4.0, folder.parent, 'paper_test')
+    inner.start(kind({'scenario': scenario, 'wait_for_recorder': True}))
+    inner.until(lambda: recorder.done)

@@ -11,6 +11,7 @@ from typing import Any
 
 from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
 from rpo_ros import health
+from rpo_ros.heartbeat import Watch
 from rpo_ros.running import FlightNode
 
 
@@ -21,10 +22,12 @@ class Loop(FlightNode):
     phase : WAITING, RUNNING, FINISHED or ABORTED
     paused : only requested ticks pass
     steps : requested ticks that have not passed
+    watch : the signs of life of the other nodes
     progress_s, sent_s : monotonic times of the last tick, of the last state sent
     """
 
     values: Mapping[str, Any]
+    watch: Watch
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)

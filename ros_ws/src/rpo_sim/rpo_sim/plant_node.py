@@ -15,8 +15,9 @@ from rpo_core.chain.chain import Signals
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING
+from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
 from rpo_ros import health
+from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node
 from rpo_ros.signals import listen
@@ -69,6 +70,8 @@ class PlantNode(Loop):
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore)
+        self.watch = Watch(self, lambda: self.phase not in (WAITING, *ENDED))
+        self._pulse = Pulse(self, lambda: ['plant'])
         self._refusals = Refusals(self, self.scenario)
         self.reports = TickReports(self, self.run_id, self._peers)
         self.recorder = RecorderWatch(
@@ -252,6 +255,10 @@ class PlantNode(Loop):
         if self.plant.entered:
             self.get_logger().error(f'MISSED: {self.plant.entered}')
 
+    def close(self) -> None:
+        """Say that it ends."""
+        self._pulse.beat(GONE)
+
     def reset(self) -> None:
         """End the run and start another at tick 0; the recorder closes the log of the first."""
         self._again = True
@@ -280,7 +287,8 @@ class PlantNode(Loop):
         self.topics.status(level, reason, values)
 
     def _health(self) -> health.Health:
-        return self.loop.status(PAUSED if self.paused else self.phase, self._unrecorded)
+        phase = PAUSED if self.paused else self.phase
+        return self.loop.status(phase, self._unrecorded, ', '.join(self.watch.silent))
 
     def interrupt(self, reason: str) -> None:
         """Publish that the run was interrupted, and let the recorder close its log."""

@@ -485,11 +485,43 @@ class Manifest:
         return cls(text('name', status.name), found['role'], found.get('run', ''), values)
 
 
+ALIVE, GONE = 'alive', 'gone'
+"""What a node says of itself: GONE as it ends in order."""
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """Sign of life of a node.
+
+    node : its name; stages : that it runs; says : ALIVE or GONE
+    """
+
+    topic: ClassVar[str] = interfaces.HEARTBEAT
+    contract: ClassVar[Contract] = Contract(
+        'the plant, and each node that runs stages of the scenario; its name is that of the node',
+        f'five times a second of wall time: `{ALIVE}`; as it ends in order: `{GONE}`',
+        'plant and recorder warn within a second, on their log, of a node that was heard and is '
+        'not any more; `/diagnostics` of the plant and the reason of an abort name it too. A node '
+        'that never sent one is not missed',
+        (Key('stages', TEXT, 'that the node runs'),),
+        {'message': (ALIVE, GONE)},
+    )
+    node: str
+    stages: str
+    says: str
+
+    @classmethod
+    def of(cls, status: Status) -> Heartbeat:
+        """Return what a status says; raises InputError."""
+        found = cls.contract.read(status)
+        return cls(text('name', status.name), found['stages'], status.message)
+
+
 READERS: Mapping[str, type[Reader]] = {
     kind.topic: kind
     for kind in (
         RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, PlantTick,
-        Manifest,
+        Manifest, Heartbeat,
     )
 }  # fmt: skip
 """Name of a topic -> its reader."""
