@@ -39,12 +39,12 @@ tests:
 	$(ENV) unset MAKEFLAGS MAKELEVEL && { [ -e .pytest_cache ] || pytest -q --collect-only >/dev/null || true; } && \
 		pytest -n $(or $(WORKERS),3) --dist worksteal $(ARGS)
 
-test-slow:  ## the slow tests
+test-slow:  ## the tests that `make test` leaves to `.ci/run`
 	$(SETUP) test
-	$(ENV) pytest -m slow $(ARGS)
+	$(ENV) pytest -m 'slow or every_landing' $(ARGS)
 
-bench:  ## targets P1 to P5: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
-	$(SETUP) test train
+bench:  ## targets P1 to P6: speed beside the peers, in one table (some minutes; ARGS='--write docs/benchmarks.md')
+	$(SETUP) test train gym
 	$(ENV) rpo bench $(ARGS)
 
 docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and follows edits)

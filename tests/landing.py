@@ -1,11 +1,10 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""The slow tests that continuous integration runs: `pytest -p landing -m slow`, as in `.ci/run`.
+"""Which slow tests continuous integration runs: `pytest -p landing -m slow`, as in `.ci/run`.
 
-Those marked `every_landing` go first, then those that were never run or not for the longest time,
-until about `TIME_S` is full. What each took, and when, is in a file of the user's cache. Without
-that file, as after a new checkout, the count of commits chooses another tenth of the tests each
-time.
+Those that were never run or not for the longest time, until about `TIME_S` is full. What each took,
+and when, is in a file of the user's cache. Without that file, as after a new checkout, the count of
+commits chooses another tenth of the tests each time.
 """
 
 from __future__ import annotations
@@ -15,16 +14,28 @@ import os
 import subprocess
 import time
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-TIME_S = 120.0
+TIME_S = 90.0
 LONGEST_S = 300.0
 GUESS_S = 10.0
 """How long a test takes that was never run here."""
 BEGUN_S = time.monotonic()
 RECORD = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'slow_tests.json')
+
+
+def rest_at_landing(values: Iterable[Any], quick: int = 1, landing: int = 1000) -> list[Any]:
+    """Return parameters of a test: first for `make test`, then for each landing, then slow ones."""
+    several = [value if isinstance(value, tuple) else (value,) for value in values]
+    marks = [(), pytest.mark.every_landing, pytest.mark.slow]
+    return [
+        pytest.param(*one, marks=marks[(i >= quick) + (i >= quick + landing)])
+        for i, one in enumerate(several)
+    ]
 
 
 def record() -> dict[str, tuple[str, float]]:
@@ -37,16 +48,16 @@ def turn(name: str, commits: int) -> int:
     return (zlib.crc32(name.encode()) - commits) % 10
 
 
-def chosen(names: list[str], every: set[str], commits: int, workers: int) -> list[str]:
+def chosen(names: list[str], commits: int, workers: int) -> list[str]:
     """Return the tests for this landing, in their order."""
     known = record()
 
-    def order(name: str) -> tuple[bool, str, int]:
-        return name not in every, known.get(name, ('', 0.0))[0], turn(name, commits)
+    def order(name: str) -> tuple[str, int]:
+        return known.get(name, ('', 0.0))[0], turn(name, commits)
 
     found, planned_s = [], 0.0
     for name in sorted(names, key=order):
-        if planned_s < TIME_S * workers and (known or name in every or not turn(name, commits)):
+        if planned_s < TIME_S * workers and (known or not turn(name, commits)):
             found.append(name)
             planned_s += known.get(name, ('', GUESS_S))[1]
     return found
@@ -58,9 +69,8 @@ def is_short(item: pytest.Item) -> bool:
     return own is None or own.args[0] <= LONGEST_S
 
 
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    over = time.monotonic() - BEGUN_S > TIME_S
-    if over and not item.get_closest_marker('every_landing'):
+def pytest_runtest_setup() -> None:
+    if time.monotonic() - BEGUN_S > TIME_S:
         pytest.skip('no time left in this landing')
 
 
@@ -69,8 +79,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     commits = subprocess.check_output(['git', 'rev-list', '--count', 'HEAD'], cwd=config.rootpath)
     workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
     of = {item.nodeid: item for item in items if item.get_closest_marker('slow') and is_short(item)}
-    every = {name for name, item in of.items() if item.get_closest_marker('every_landing')}
-    found = chosen(list(of), every, int(commits), workers)
+    found = chosen(list(of), int(commits), workers)
     config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in found])
     items[:] = [of[name] for name in found]
 

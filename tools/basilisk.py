@@ -94,20 +94,35 @@ def _mean(simulation: _Simulation, world: World, force_n: Floats) -> list[list[f
     return [[component] for component in turned.tolist()]
 
 
+class BasiliskFlight:
+    """Target and chaser of a scenario, tick by tick; state : (6,) [m, m/s], target LVLH."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.tick = scenario, 0
+        self.state = np.array(scenario.start)
+        self._world = World(scenario)
+        self._simulation = _begin(scenario, self._world)
+
+    def step(self, force_n: Floats) -> Floats:
+        """Return the state (6,) after a tick under a force (3,) [N], target LVLH."""
+        simulation, scenario = self._simulation, self.scenario
+        if scenario.dynamics is None:
+            simulation.force.extForce_B = [[component] for component in force_n.tolist()]
+        else:
+            simulation.force.extForce_N = _mean(simulation, self._world, force_n)
+        self.tick += 1
+        simulation.model.ConfigureStopTime(self.tick * scenario.dt_ns)
+        simulation.model.ExecuteSimulation()
+        target = _state(simulation.target)
+        self.state = self._world.to_lvlh(target, _state(simulation.chaser) - target)
+        return self.state
+
+
 def by_basilisk(scenario: Scenario, forces_n: Floats, masses_kg: Floats) -> Floats:
     """Return the states (N + 1, 6) under forces (N, 3).
 
     Where the mass falls, the forces grow, and the spacecraft stays: gravity does not mind.
     """
-    world, states = World(scenario), [np.array(scenario.start)]
-    simulation = _begin(scenario, world)
-    for tick, applied in enumerate(forces_n * (scenario.mass_kg / masses_kg)[:, None]):
-        if scenario.dynamics is None:
-            simulation.force.extForce_B = [[component] for component in applied.tolist()]
-        else:
-            simulation.force.extForce_N = _mean(simulation, world, applied)
-        simulation.model.ConfigureStopTime((tick + 1) * scenario.dt_ns)
-        simulation.model.ExecuteSimulation()
-        target = _state(simulation.target)
-        states.append(world.to_lvlh(target, _state(simulation.chaser) - target))
-    return np.array(states)
+    flight = BasiliskFlight(scenario)
+    applied = forces_n * (scenario.mass_kg / masses_kg)[:, None]
+    return np.array([flight.state, *(flight.step(force) for force in applied)])

@@ -24,7 +24,8 @@ from rpo_core import files
 from rpo_core.chain.flight import fly
 from rpo_core.control import controller
 from rpo_core.files import scenario
-from rpo_core.wire import cdr
+from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.statuses import MOST_IN_ALL, READERS
 from rpo_mcap.format import run
 from rpo_mcap.write.writer import RunLogWriter
 from rpo_ros import names, qos
@@ -32,7 +33,7 @@ from rpo_ros.parameter_rows import ParameterRow
 from rpo_ros.running import FlightNode
 from tools.node_cards import CARDS, MEANINGS, Card
 
-INDEX = 'index.md'
+INDEX, PROTOCOL = 'index.md', 'protocol.md'
 _EXAMPLE = 'example: ros2 run rpo_bringup node_pages docs/nodes'
 _LEFT_OUT = ('/rosout', '/parameter_events', names.TF)
 """Topics of every node, and a topic that not every machine has: its row comes from the card."""
@@ -169,6 +170,31 @@ def page(card: Card, folder: Path) -> str:
     return '\n'.join(lines)
 
 
+def protocol() -> str:
+    """Return the page of what nodes say of a run: the contract of each status topic."""
+    text = (
+        'Each is a `diagnostic_msgs/DiagnosticStatus`: pairs of key and text, hardware id `none`. '
+        'A node refuses a status with a wrong value as a whole, and counts it; a status has at '
+        f'most {MOST_IN_ALL} characters, but for a manifest.'
+    )
+    lines = ['# What nodes say of a run', '', text, '']
+    for row in interfaces.rows():
+        if row.name not in READERS:
+            continue
+        found = READERS[row.name].contract
+        lines += [f'## {row.name}', '', *_table(['', ''], [
+            ('sent by', found.sender), ('when', found.when), ('who hears it', found.peer),
+            ('level', found.level), ('quality of service', _qos(qos.of(row.qos))),
+        ]), '']  # fmt: skip
+        keys = [
+            (f'`{key.name}`', key.kind.words, key.unit, '' if key.needed else 'optional',
+             key.meaning)
+            for key in found.keys
+        ]  # fmt: skip
+        lines += [*_table(['key', 'text', 'unit', '', 'meaning'], keys), '']
+    return '\n'.join(lines)
+
+
 def _index() -> str:
     rows = [
         (f'[{c.executable}]({c.executable}.md)', f'`{c.command}`',
@@ -176,13 +202,14 @@ def _index() -> str:
         for c in CARDS
     ]  # fmt: skip
     text = '`ros2 run rpo_bringup node_pages docs/nodes` writes these pages from the nodes.'
+    text += f' [What nodes say of a run]({PROTOCOL}) is the contract of their statuses.'
     return '\n'.join(['# Nodes', '', text, '', *_table(['node', 'command', 'purpose'], rows), ''])
 
 
 def pages() -> dict[str, str]:
     """Return file name -> page of every node, and an index."""
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    found = {INDEX: _index()}
+    found = {INDEX: _index(), PROTOCOL: protocol()}
     rclpy.init(args=None)
     try:
         for card in CARDS:

@@ -22,6 +22,8 @@ _LAYERS = {
     'distributed': 'campaign',
     'dask': 'campaign',
     'Basilisk': 'truth',
+    'rosbags': 'formats',
+    'ccsds_ndm': 'formats',
     'fuzzylite': 'test',
     'skfuzzy': 'test',
 }

@@ -34,11 +34,13 @@ class LoggedFlight:
     flight : as far as the log shows it without a gap; its scenario ends there
     planned : the scenario as it should have been flown
     gaps : why the log does not show a whole flight; empty if it does
+    lacks : what a bag does not hold beside the flight, and a log does
     """
 
     flight: Flight
     planned: Scenario
     gaps: tuple[str, ...]
+    lacks: tuple[str, ...] = ()
 
     @property
     def whole(self) -> bool:
@@ -51,7 +53,7 @@ def logged_flight(log: RunLog) -> LoggedFlight:
     planned = scenario_of(log)
     ticks = _shown_ticks(log)
     if log.complete or ticks < LEAST_TICKS:
-        return LoggedFlight(flight_of(log), planned, ())
+        return LoggedFlight(flight_of(log), planned, (), log.lacks)
     shown = slice(0, ticks + 1)
     disturbances = log.disturbances_n
     flight = Flight(
@@ -61,7 +63,7 @@ def logged_flight(log: RunLog) -> LoggedFlight:
         np.zeros((ticks + 1, 3)) if disturbances is None else disturbances[shown],
         {name: values[shown] for name, values in other_signals(log).items()},
     )
-    return LoggedFlight(flight, planned, log.gaps)
+    return LoggedFlight(flight, planned, log.gaps, log.lacks)
 
 
 def until(flight: Flight, ticks: int) -> Flight:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rpo_core.files.validation import InputError
+from rpo_log.bag import is_bag
 from rpo_log.show import style
 from rpo_mcap.format.run import log_files
 from rpo_montecarlo.outputs import writing
@@ -286,18 +287,18 @@ def subject_of(target: str) -> Subject:
     InputError
         If it is a folder of neither a run nor a campaign nor a proof.
     """
-    if target.endswith('.mcap'):
+    if target.endswith(('.mcap', '.db3')):
         return 'run'
     if not os.path.isdir(target):  # unlike Path's, never raises on odd names
         return 'controller'
     folder = Path(target)
-    if log_files(folder):
+    if log_files(folder) or is_bag(folder):
         return 'run'
     if (folder / _CAMPAIGN).is_file():
         return 'campaign'
     if (folder / _PROOF).is_file():
         return 'proof'
     raise InputError(
-        f'{target}: must be the folder of a run (it holds run.mcap), of a campaign '
+        f'{target}: must be the folder of a run (it holds run.mcap, or is a bag), of a campaign '
         f'({_CAMPAIGN}) or of a proof ({_PROOF}); of a training, give the .yaml of its controller'
     )

@@ -20,6 +20,7 @@ from rpo_core.judge.verdicts import ZONE_DEPTH, Verdict, missed, verdicts
 from rpo_core.judge.zones import Zone, zones_of
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
+from rpo_log.bag import open_run
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_mcap.errors import LogError
@@ -76,9 +77,12 @@ class _Stages(NamedTuple):
         )
 
 
-def report_of(path: Path) -> tuple[Report, LoggedFlight]:
-    """Return the report of a run folder or .mcap file, and what it is about; raises LogError."""
-    log = read_run(path)
+def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
+    """Return the report of a run folder, .mcap file or bag, and what it is about; LogError.
+
+    scenario : of a bag that does not carry it, name or file
+    """
+    log = read_run(open_run(path, scenario))
     shown = logged_flight(log)
     flight, beside = shown.flight, _optimum(shown)
     controller, why = _controller(log)
@@ -104,9 +108,9 @@ def report_of(path: Path) -> tuple[Report, LoggedFlight]:
     return made, shown
 
 
-def compared(paths: Sequence[Path]) -> tuple[Report, list[LoggedFlight]]:
+def compared(paths: Sequence[Path], scenario: str = '') -> tuple[Report, list[LoggedFlight]]:
     """Return the report of several runs beside each other, and what it is about."""
-    logs = [read_run(path) for path in paths]
+    logs = [read_run(open_run(path, scenario)) for path in paths]
     every = [logged_flight(log) for log in logs]
     names = [path.name for path in paths]
     names = names if len(set(names)) == len(names) else [str(path) for path in paths]
@@ -204,7 +208,7 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
     return (
         f'{flight.scenario.duration_s:g} s from [{start}] m; {when}; '
-        f'J = {figures.energy_n2s:.4g} N²s. Log: {log.path.name}.'
+        f'J = {figures.energy_n2s:.4g} N²s. Log: {"; ".join((log.path.name, *log.lacks))}.'
     )
 
 

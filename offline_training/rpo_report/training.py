@@ -21,7 +21,8 @@ from rpo_report.controller import (
     membership_functions,
     rules,
 )
-from rpo_training.training import FINALISTS, FRONT, HISTORY
+from rpo_training.run import HISTORY
+from rpo_training.training import FINALISTS, FRONT
 
 _ENERGIES = (2.5, 3, 3.5, 4, 5, 7, 10, 15, 20)
 _SHARES = (0.01, 0.1, 1, 10, 50, 90, 99, 99.9, 99.99)

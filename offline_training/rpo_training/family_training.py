@@ -3,7 +3,7 @@
 """The training of a family (`rpo_ctrl.family`): CMA-ES in stages, judged by drawn flights.
 
 The folder holds `family.yaml`, `checkpoint.npz` after each generation, and at the end the
-controller `<name>.yaml`.
+controller `<name>.yaml` and `history.csv`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ CONFIG = 'family.yaml'
 
 _JUDGED = FitnessSettings(
     penalty='graded',
-    margin=0.06,
+    margin=0.03,
     limit_cycle=20.0,
+    tests=20.0,
     drawn=DrawnSettings(
         weight=100.0,
         campaigns=('paper_test', 'random_starts', 'random_moving_starts'),
@@ -50,7 +51,7 @@ _JUDGED = FitnessSettings(
     ),
 )
 
-_DESCENT = CmaSettings(population=20, sigma=0.03, evaluations=6000, descents=1, tolerance=1e-4)
+_DESCENT = CmaSettings(population=20, sigma=0.05, descents=1)
 
 
 @dataclass(frozen=True)
@@ -175,6 +176,10 @@ class FamilyTraining(SearchRun[FamilyConfig, Family]):
         scores = self.fitness.score([found])
         missed = self.missed_draws(scores)
         return self.credited(found, 'cmaes in stages', scores, held_out_that_miss=missed)
+
+    def save_more(self) -> None:
+        """Write `history.csv`, a row for each generation."""
+        self.write_history()
 
     def missed_draws(self, scores: Scores) -> dict[str, str]:
         """Return campaign -> how many of the held-out draws the controller misses."""

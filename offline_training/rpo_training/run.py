@@ -12,9 +12,11 @@ what is searched, and how a chromosome becomes a controller.
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -46,7 +48,7 @@ from rpo_training.fitting import training_set
 
 Floats = NDArray[np.float64]
 
-CHECKPOINT = 'checkpoint.npz'
+CHECKPOINT, HISTORY = 'checkpoint.npz', 'history.csv'
 SCHEMA = 'rpo/checkpoint/2'
 
 LIBRARIES = ('numpy', 'numba', 'pymoo', 'cma')
@@ -390,3 +392,38 @@ class SearchRun(Generic[Config, Found]):
             self._evaluated,
             time.monotonic() - (self._began or 0.0),
         )
+
+    def write_history(self) -> None:
+        """Write `history.csv`, a row for each generation."""
+        history: list[Mapping[str, object]] = []
+        best, evaluations, before = np.full(1, np.inf), 0, None
+        for number, scores in enumerate(self.checkpoint.scores):
+            evaluations += len(scores)
+            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
+            best = first if stage != before or first[0] < best[0] else best
+            before = stage
+            missed = dict(zip(self.fitness.labels, best[2:-1].astype(int), strict=True))
+            history.append(
+                {
+                    'generation': number,
+                    'evaluations': evaluations,
+                    'best_fitness': float(best[0]),
+                    'mean_fitness': float(scores[:, 0].mean()),
+                    'fitness_spread': float(scores[:, 0].std()),
+                    'best_energy_n2s': float(best[1]),
+                    **{f'best_misses_{name}': n for name, n in missed.items()},
+                    'best_arrival_s': float(best[-1]),
+                    'stage': stage,
+                }
+            )
+        self.write_csv(HISTORY, history)
+
+    def write_csv(
+        self, name: str, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()
+    ) -> None:
+        """Write rows into the folder."""
+        text = io.StringIO()
+        writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator='\n')
+        writer.writeheader()
+        writer.writerows(rows)
+        write_text(self.folder / name, text.getvalue())

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.files.validation import InputError, real, whole
-from rpo_judge.scoring.drawn import HELD_OUT
+from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN
 from rpo_training.algorithms import Best, CmaSearch, CmaSettings, GaSearch, Stage
 from rpo_training.genes import GeneSpace
 
@@ -114,24 +114,28 @@ class InTurn(ScriptedSearch):
 class StagedSettings:
     """Options of the stages.
 
-    stages : the first with the settings of CMA-ES
-    sigma, evaluations : of each later one
+    restarts : descents from the start, without drawn flights, with the settings of CMA-ES
+    stages : with drawn flights, from the best of these
+    sigma, evaluations : of each stage
     """
 
+    restarts: int = 2
     stages: int = 3
-    sigma: float = 0.01
+    sigma: float = 0.015
     evaluations: int = 1500
 
     def __post_init__(self) -> None:
+        whole('staged.restarts', self.restarts, least=1, most=1000)
         whole('staged.stages', self.stages, least=1, most=1000)
         real('staged.sigma', self.sigma, above=0.0, most=1.0)
         whole('staged.evaluations', self.evaluations, least=1)
 
 
 class StagedSearch(ScriptedSearch):
-    """CMA-ES in stages, each from the best so far; draws that are held out decide among the bests.
+    """CMA-ES from the start, more than once; then in stages, each from the best so far.
 
-    A stage draws hard flights for the best so far.
+    The first descents are cheap, and far: they fly no draws. A stage draws hard flights for the
+    best so far. Draws that are held out decide among the bests of the stages.
     """
 
     def __init__(
@@ -144,17 +148,21 @@ class StagedSearch(ScriptedSearch):
     def left(self) -> int:
         """Generations left, at most."""
         own, size = self.settings, self.descent.population
-        most = self.descent.evaluations + (own.stages - 1) * own.evaluations
+        most = own.restarts * self.descent.evaluations + own.stages * own.evaluations
         return max(0, -(-(most - self.evaluations) // size))
 
     def _run(self) -> Script:
         """Yield chromosomes; each yield returns their fitness."""
-        own, descent, finalists = self.settings, self.descent, []
+        own, start, finalists = self.settings, self.best.genes, []
+        yield from self._enter(UNDRAWN, 'start', start[None])
+        for number in range(1, own.restarts + 1):
+            self.phase = f'descent {number}'
+            yield from self._descend(self.descent, start, number)
+        later = replace(self.descent, sigma=own.sigma, evaluations=own.evaluations)
         for number in range(1, own.stages + 1):
             yield from self._enter(number, f'stage {number}', self.best.genes[None])
-            yield from self._descend(descent, self.best.genes, number)
+            yield from self._descend(later, self.best.genes, own.restarts + number)
             finalists.append(np.array(self.best.genes))
-            descent = replace(self.descent, sigma=own.sigma, evaluations=own.evaluations)
         yield from self._enter(HELD_OUT, 'held-out flights', np.unique(finalists, axis=0))
 
 

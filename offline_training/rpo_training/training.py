@@ -9,9 +9,7 @@ decide, `finalists.csv`.
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +24,6 @@ from rpo_judge.scoring.fitness import Fitness, Scores
 from rpo_montecarlo.cluster.simulator import ClusterSimulator
 from rpo_montecarlo.engine.population import Population
 from rpo_montecarlo.engine.simulator import Simulator
-from rpo_montecarlo.outputs import write_text
 from rpo_training.algorithms import CmaSearch, GaSearch, ParetoSearch, Search
 from rpo_training.config import TrainingConfig
 from rpo_training.run import SearchRun
@@ -34,7 +31,7 @@ from rpo_training.staged import Finalist, InTurn, TableRace
 
 Floats = NDArray[np.float64]
 
-CONFIG, HISTORY = 'config.yaml', 'history.csv'
+CONFIG = 'config.yaml'
 FRONT, FINALISTS = 'front.csv', 'finalists.csv'
 
 
@@ -100,28 +97,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
 
     def save_more(self) -> None:
         """Write `history.csv`, a row for each generation; for a front, its controllers."""
-        history: list[Mapping[str, object]] = []
-        best, evaluations, before = np.full(1, np.inf), 0, None
-        for number, scores in enumerate(self.checkpoint.scores):
-            evaluations += len(scores)
-            first, stage = scores[int(scores[:, 0].argmin())], self.stages[number]
-            best = first if stage != before or first[0] < best[0] else best
-            before = stage
-            missed = dict(zip(self.fitness.labels, best[2:-1].astype(int), strict=True))
-            history.append(
-                {
-                    'generation': number,
-                    'evaluations': evaluations,
-                    'best_fitness': float(best[0]),
-                    'mean_fitness': float(scores[:, 0].mean()),
-                    'fitness_spread': float(scores[:, 0].std()),
-                    'best_energy_n2s': float(best[1]),
-                    **{f'best_misses_{name}': n for name, n in missed.items()},
-                    'best_arrival_s': float(best[-1]),
-                    'stage': stage,
-                }
-            )
-        self._write_csv(HISTORY, history)
+        self.write_history()
         if self.config.algorithm == 'nsga2':
             self._save_front()
         if self.stages[-1] == HELD_OUT and isinstance(self.search, TableRace):
@@ -140,16 +116,7 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
             }
             counts = zip(self.fitness.labels, map(int, missed), strict=True)
             rows.append(row | {f'held_out_misses_{name}': n for name, n in counts})
-        self._write_csv(FINALISTS, rows)
-
-    def _write_csv(
-        self, name: str, rows: Sequence[Mapping[str, object]], columns: Sequence[str] = ()
-    ) -> None:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, columns or list(rows[0]), lineterminator='\n')
-        writer.writeheader()
-        writer.writerows(rows)
-        write_text(self.folder / name, text.getvalue())
+        self.write_csv(FINALISTS, rows)
 
     def controller(self, genes: Floats, name: str) -> FuzzyController:
         """Return the controller of a chromosome, its provenance filled in."""
@@ -177,4 +144,4 @@ class Training(SearchRun[TrainingConfig, FuzzyController]):
                 self.save(self.controller(genes[index], name))
                 row = name, float(scores[index, 1]), float(soonest)
                 front.append(dict(zip(columns, row, strict=True)))
-        self._write_csv(FRONT, front, columns)
+        self.write_csv(FRONT, front, columns)

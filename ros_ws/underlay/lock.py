@@ -24,8 +24,8 @@ def compile_lock(*arguments: str) -> None:
     """Run `uv pip compile` with the options that all locks share."""
     command = [str(Path(sys.executable).with_name('uv')), 'pip', 'compile', '--quiet']
     command += ['--no-annotate', '--custom-compile-command', 'make lock']
-    # empy 3 is the one package without a wheel.
-    command += ['--only-binary', ':all:', '--no-binary', 'empy']
+    # Two packages, of Python alone, have no wheel.
+    command += ['--only-binary', ':all:', '--no-binary', 'empy', '--no-binary', 'oem']
     command += ['--constraint', 'constraints.in', *arguments]
     env = {**os.environ, 'UV_PYTHON_DOWNLOADS': 'never'}
     done = subprocess.run(

@@ -20,6 +20,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
 from rpo_core.world import cw
+from rpo_ctrl import textbook
 from rpo_ctrl.baseline_kernels import axis_force, baseline_force
 from rpo_ctrl.baselines import Model, Mpc
 from rpo_ctrl.explain import in_words, reasons
@@ -132,14 +133,59 @@ def test_time_to_go_with_gains_6m_t2_and_4m_t_is_the_least_energy_law_of_a_free_
         np.testing.assert_allclose(law.force_n(*state, tick), mpc.force_n(*state, tick), rtol=0.02)
 
 
+@pytest.mark.parametrize(
+    ('law', 'position_s', 'velocity_s'),
+    [
+        (TO_GO, textbook.ARRIVAL_S / 16.0, textbook.ARRIVAL_S / 16.0),
+        (PACE, metrics.ARRIVAL_WINDOW_S, metrics.ARRIVAL_WINDOW_S),
+        (MORE, metrics.ARRIVAL_WINDOW_S, textbook.LEAST_S),
+    ],
+    ids=['time_to_go', 'pace', 'more_words'],
+)
+def test_a_search_begins_at_the_frequency_and_damping_of_the_textbook(law, position_s, velocity_s):
+    """With gains of one time to go T: sqrt(6) / T rad/s, damping 2 / sqrt(6)."""
+    r = v = 1e-6
+    stiffness = -law.force_n((r, 0, 0), (0, 0, 0), 10**6)[0] / r
+    friction = -law.force_n((0, 0, 0), (v, 0, 0), 10**6)[0] / v
+    roots = np.roots([10.0, friction, stiffness])
+    frequency = math.sqrt(np.prod(roots).real)
+    assert frequency == pytest.approx(math.sqrt(6.0) / position_s, rel=1e-3)
+    damping = -roots.sum().real / 2.0 / frequency
+    assert damping == pytest.approx(2.0 / math.sqrt(6.0) * position_s / velocity_s, rel=2e-3)
+
+
+def test_after_arrival_an_error_decays_as_the_textbook_says():
+    """r = R exp(-2 t / T) (cos w t + 2 sin(w t) / (w T)), with w = sqrt(2) / T."""
+    big_t, dt = textbook.ARRIVAL_S / 16.0, 0.01
+    a_d, b_d = cw.matrices(cw.discretise(0.0, 10.0, dt))
+    state = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for tick in range(3000):
+        w, t = math.sqrt(2.0) / big_t, tick * dt
+        decay = math.exp(-2.0 * t / big_t)
+        expected = decay * (math.cos(w * t) + 2.0 * math.sin(w * t) / (w * big_t))
+        assert state[0] / 0.1 == pytest.approx(expected, abs=2e-3)
+        state = a_d @ state + b_d @ np.array(TO_GO.force_n(state[:3], state[3:], 10**6))
+
+
+def test_the_textbook_infers_the_time_to_go_of_an_approach_of_least_energy(monkeypatch):
+    assert textbook.time_from_rest_s(0.1) == textbook.time_from_rest_s(0.5) == 30.0
+    assert textbook.time_from_rest_s(100.0) == pytest.approx(170.0)
+    monkeypatch.setattr(textbook, 'time_from_rest_s', lambda distance_m: 120.0)
+    for s in np.linspace(0.01, 0.85, 15):
+        distance, closing = 40.0 * (1 - s) ** 2 * (1 + 2 * s), 6.0 * 40.0 / 120.0 * s * (1 - s)
+        assert textbook.time_to_go_s(distance, closing) == pytest.approx(120.0 * (1 - s))
+        force = 6.0 * 10.0 * 40.0 / 120.0**2 * (1 - 2 * s)
+        assert textbook.pull_n(distance, closing) == pytest.approx(force)
+
+
 def test_grades_of_the_time_to_go_add_up_to_1_and_hold_after_arrival():
     for tick in range(0, 3000, 7):
         assert sum(TO_GO.grades(tick)) == pytest.approx(1.0, abs=1e-15)
     assert TO_GO.grades(3000) == (0, 0, 0, 0, 1)
     due = TO_GO.rules[-1]
     assert TO_GO.gains(10**6) == (due.position_gain_n_m, due.velocity_gain_n_s_m)
-    last = TO_GO.force_n((1, 0, 0), (0, 0, 0), 10**6)[0]
-    assert last == -due.position_gain_n_m
+    last = TO_GO.force_n((0.5, 0, 0), (0, 0, 0), 10**6)[0]
+    assert last == -0.5 * due.position_gain_n_m
 
 
 def test_the_gains_of_all_ticks_at_once_have_the_bits_of_each():

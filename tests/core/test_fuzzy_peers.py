@@ -184,6 +184,7 @@ def test_scikit_fuzzy_centroid_is_the_polygon_of_our_samples(system, e, v):
     assert theirs == pytest.approx(polygon_centroid(samples, output), abs=1e-12)
 
 
+@pytest.mark.every_landing
 @pytest.mark.filterwarnings('ignore:Passing more than 2 positional:DeprecationWarning:skfuzzy')
 def test_scikit_fuzzy_control_system_differs_by_sampling_alone():
     """Feet on the universe's points, where it interpolates its functions without loss."""

@@ -33,6 +33,7 @@ PLANT_TICK = Status(0, 'plant', 'tick', 'none', (
 MANIFEST = Status(0, 'plant', 'manifest', 'none', (
     ('role', 'plant'), ('run', 'ab12'), ('parameter.mode', 'lockstep'), ('file.scenario.yaml', ''),
 ))  # fmt: skip
+HEARTBEAT = Status(0, 'navigation', 'alive', 'none', (('stages', 'sensors, estimator'),))
 WHOLE = {
     statuses.RunStatus: RUN,
     statuses.StageStatus: STAGE,
@@ -41,6 +42,7 @@ WHOLE = {
     statuses.RecorderStatus: RECORDER,
     statuses.PlantTick: PLANT_TICK,
     statuses.Manifest: MANIFEST,
+    statuses.Heartbeat: HEARTBEAT,
 }
 REQUIRED = {
     statuses.RunStatus: ('phase', 'tick'),
@@ -50,6 +52,7 @@ REQUIRED = {
     statuses.RecorderStatus: ('recorder', 'run', 'reason'),
     statuses.PlantTick: ('run', 'tick'),
     statuses.Manifest: ('role',),
+    statuses.Heartbeat: ('stages',),
 }
 NO_TICKS = ('soon', '', '-1', '1.5', '+5', ' 5', '5 ', '1_000', '0x10', '٣', '²', '007', '9' * 3000)
 NO_FIGURES = ('soon', '', '-1.0', 'nan', 'inf', '1_0.0', ' 1.0', '1e999', '9' * 3000)
@@ -146,6 +149,7 @@ def test_a_figure_of_a_run_is_a_number(wrong):
         (changed(PLANT_TICK, force=''), "'force' is no signal"),
         (changed(RECORDER, recorder=''), '`recorder` must be a text'),
         (RECORDER._replace(message='shut'), '`message` must be one of waiting'),
+        (HEARTBEAT._replace(message='well'), '`message` must be one of alive, gone'),
         (changed(MANIFEST, role=' '), '`role` must be a text'),
         (changed(MANIFEST, mode='lockstep'), "'mode' is no `parameter.` and no `file.`"),
     ],

@@ -16,6 +16,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_guidance.guidance import DOCKED, GuidanceStage
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.rehearsal import nominal
+from rpo_guidance.transfer_kernels import at_port
 
 
 @pytest.fixture(scope='module')
@@ -58,6 +59,13 @@ LEGS = (
     Leg(name='b', kind='straight', to_m=(0.0, 40.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.1),
     Leg(name='c', kind='transfer', to_m=(0.0, 30.0, 0.0), duration_s=61.7),
 )
+
+
+@pytest.mark.parametrize(
+    ('beyond_m', 'there'), [(-0.01, False), (0.0, True), (0.29, True), (0.31, False)]
+)
+def test_the_port_is_left_behind_after_the_length_that_is_asked(beyond_m, there):
+    assert at_port(1.0, 2.0 - beyond_m, 3.0, 1.0, 2.0, 3.0, 0.0, 1.0, 0.0, 0.3) == there
 
 
 @pytest.mark.parametrize('legs', [LEGS, LEGS[:2], LEGS[2:], None])
@@ -115,6 +123,7 @@ def test_guidance_that_is_told_a_wrong_mass_plans_with_it(docking):
     np.testing.assert_allclose(own[0, 6:] / told[0, 6:], 0.8, rtol=1e-3)
 
 
+@pytest.mark.every_landing
 def test_the_passive_approach_is_protected_until_it_commits():
     """From no moment beyond 20 m a silence of the thrusters leads into the sphere in two orbits."""
     from rpo_judge.safety.counts import silence

@@ -19,6 +19,7 @@ import pytest
 import yaml
 from log_runs import DISTURBANCE, FORCE, STATE, STATUS, file_size_limit, make_run, rewrite
 from mcap.reader import make_reader
+from oem import OrbitEphemerisMessage
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -101,6 +102,7 @@ def test_the_commands_of_the_ros_package_are_those_of_rpo(
     assert capsys.readouterr().out == expected.output != ''
 
 
+@pytest.mark.every_landing
 def test_nobody_reads_on(log):
     """`ros2 run rpo_log info runs/demo | head` ends without a traceback."""
     read, write = os.pipe()
@@ -220,6 +222,42 @@ def test_npz(run, log, tmp_path):
         assert found['time_s'].tolist() == run.flight.scenario.times_s.tolist()
         for name, values in columns(run).items():
             np.testing.assert_array_equal(found[name], values)
+
+
+def test_another_library_reads_the_oem(run, log, tmp_path):
+    """Written by ccsds-ndm-py, read by oem."""
+    assert export(log, tmp_path / 'run.oem') == 401
+    found = OrbitEphemerisMessage.open(tmp_path / 'run.oem').segments[0]
+    metadata = {name: found.metadata[name] for name in ('CENTER_NAME', 'REF_FRAME', 'TIME_SYSTEM')}
+    assert metadata == {
+        'CENTER_NAME': 'TARGET', 'REF_FRAME': 'RSW_ROTATING', 'TIME_SYSTEM': 'UTC'
+    }  # fmt: skip
+    read = list(found.states)
+    states = np.array([[*state.position, *state.velocity] for state in read])
+    assert (states == run.flight.states / 1000.0).all()
+    ticks = [round((state.epoch - read[0].epoch).to_value('s') / 0.1, 6) for state in read]
+    assert ticks == list(range(401))
+    assert read[0].epoch.unix == run.base.epoch_ns / 1e9
+
+
+def test_the_other_names_of_the_frame():
+    """The rows of the table in theory.md against the definitions, on a circular orbit."""
+    r, v = np.array([0.6, 0.0, 0.8]), np.array([0.48, 0.8, -0.36])
+    v -= r * (r @ v)
+    v, h = v / np.linalg.norm(v), np.cross(r, v) / np.linalg.norm(v)
+    ours = np.array([r, v, h])
+    defined = {
+        'RTN': (r, None, h), 'LVLH_ROTATING': (None, -h, -r), 'NTW_ROTATING': (None, v, h),
+        'TNW_ROTATING': (v, None, h),
+    }  # fmt: skip
+    page = (Path(__file__).parents[2] / 'docs' / 'theory.md').read_text()
+    for name, axes in defined.items():
+        row = re.search(rf'\|[^|\n]*{name}[^|\n]*\|(.*)\|', page)
+        signs = [cell.strip() for cell in row.group(1).split('|')]
+        rotation = np.array([[(f'-{a}' in s) * -1 + (f'+{a}' in s) for a in 'xyz'] for s in signs])
+        assert round(np.linalg.det(rotation)) == 1
+        for found, axis in zip(rotation @ ours, axes, strict=True):
+            assert axis is None or np.allclose(found, axis), name
 
 
 def test_parquet_where_pyarrow_is_and_a_sentence_where_not(run, log, tmp_path):

@@ -19,7 +19,9 @@ from rpo_core.chain.stage import Place
 from rpo_core.control.controller import load_controller
 from rpo_core.files import scenario
 from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire import cdr, interfaces
+from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_log.tools.export import export
 from rpo_log.verify import verify
@@ -93,6 +95,7 @@ def test_one_bit_of_a_message_is_found(blocks, runs, name, topic, place, check, 
     assert (found.check, found.tick, found.topic) == (check, 15, topic)
 
 
+PUSH_X = Disturbance((0.01, 0.0, 0.0))
 AIR = replace(LEO.dynamics, drag=replace(LEO.dynamics.drag, density_kg_m3=2.1e-11))
 TANK = Propellant(specific_impulse_s=71.0, mass_kg=0.5)
 VALVES = replace(LEO.thrusters.pulses, dead_time_s=0.0)
@@ -114,6 +117,87 @@ VALVES = replace(LEO.thrusters.pulses, dead_time_s=0.0)
 def test_another_world_than_the_scenarios_is_found(blocks, attached, sections, check, tmp_path):
     run_of(attached, replace(attached, sections=sections)).write(tmp_path)
     assert verify(tmp_path).difference.check == check
+
+
+BIASED = {**LIDAR, 'latency_ticks': 2, 'bias_m': [0.0, 0.1, 0.0]}
+SENSOR = make([BIASED], ticks=30, estimator={'disturbance_sigma_n': 0.01})
+FILTER = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.02})
+# fmt: off  (valves: of thrusters the dynamics read the mass too)
+GIVEN = {
+    'plant': (
+        WORLD,
+        replace(WORLD, sections=(AIR, LEO.thrusters)),
+        {STATE: 'dynamics'},
+        'controller, thrusters',
+    ),
+    'valves': (
+        WORLD,
+        replace(WORLD, sections=(LEO.dynamics, replace(LEO.thrusters, pulses=VALVES))),
+        {EXERTED: 'thrusters'},
+        'controller, thrusters, dynamics',
+    ),
+    'ideal thrusters': (
+        HARDWARE,
+        replace(HARDWARE, sections=(ERRORS,)),
+        {STATE: 'dynamics'},
+        'navigation, controller, disturbance',
+    ),
+    'navigation': (
+        HARDWARE,
+        replace(HARDWARE, sections=(LATE, replace(ERRORS, noise_key=(7, 9)))),
+        {ESTIMATE: 'navigation'},
+        'controller, disturbance, thrusters, dynamics',
+    ),
+    'injector': (
+        HARDWARE,
+        replace(HARDWARE, disturbance=PUSH_X),
+        {DISTURBANCE: 'disturbance'},
+        'navigation, controller, thrusters, dynamics',
+    ),
+    'sensor': (SENSORS, SENSOR, {MEASURED: 'sensors'}, 'estimator, controller'),
+    'estimator': (
+        SENSORS,
+        FILTER,
+        {ESTIMATE: 'estimator', PUSH: 'estimator'},
+        'sensors, controller',
+    ),
+}
+# fmt: on
+
+
+@pytest.mark.parametrize('case', GIVEN.values(), ids=GIVEN)
+def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
+    attached, flown, made_by, recomputed = case
+    run_of(attached, flown).write(tmp_path)
+    assert verify(tmp_path).difference.check in made_by.values()
+    found = verify(tmp_path, given=[topic[1:] for topic in made_by])
+    assert found.exit_code == ExitCode.GIVEN, found.sentence()
+    said = ', '.join(f'{topic[1:]} ({stage})' for topic, stage in made_by.items())
+    said += ', figures of run_status' * (STATE in made_by)
+    assert f'given, not judged: {said}; recomputed: {recomputed}' in found.sentence()
+    # One bit of anything else is found as before.
+    (tmp_path / 'b').mkdir()
+    other = FORCE if FORCE not in made_by else STATE
+    rewrite(tmp_path / 'run.mcap', tmp_path / 'b' / 'run.mcap', flipped(other, 15, 0))
+    found = verify(tmp_path / 'b', given=[topic[1:] for topic in made_by])
+    assert (found.exit_code, found.difference.check) == (ExitCode.DIFFERENT, 'controller')
+
+
+def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path):
+    run = runs['hardware']
+    attachments = {'scenario.yaml': run.attachments['scenario.yaml']}
+    replace(run, attachments=attachments).write(tmp_path)
+    assert verify(tmp_path).exit_code == ExitCode.INCOMPLETE
+    found = verify(tmp_path, given=['control_force'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
+    assert found.given == ('control_force (controller)',)
+    assert found.stages == ('navigation', 'disturbance', 'thrusters', 'dynamics')
+
+
+def test_only_a_topic_of_the_log_can_be_given(runs, tmp_path):
+    runs['world'].write(tmp_path)
+    with pytest.raises(InputError, match='`--given` must be one of relative_state, control_force'):
+        verify(tmp_path, given=['navigation_state'])
 
 
 def test_a_controller_that_saw_another_state_than_navigation_found_is_noticed(blocks, tmp_path):

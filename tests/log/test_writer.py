@@ -224,6 +224,7 @@ def may_mount() -> bool:
     return done.returncode == 0
 
 
+@pytest.mark.every_landing
 @pytest.mark.skipif(not may_mount(), reason='a tmpfs can be mounted by root only')
 def test_a_small_tmpfs(tmp_path):
     script = TMPFS.format(path=sys.path, folder=str(tmp_path))

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from inside import inside
 
 from rpo_core.chain.flight import fly
@@ -54,6 +55,7 @@ def test_a_controller_that_wants_the_target_is_stopped_recorded_and_verified(ros
     assert 'assurance' in found.sentence()
 
 
+@pytest.mark.every_landing
 def test_the_covariance_of_an_estimate_reaches_assurance(ros_env, tmp_path):
     """It travels in `navigation_state`; where it is large, the node decides as the core does."""
     sure = Assurance(

@@ -29,6 +29,7 @@ def one_process(ros_env, folder, scenario, controller):
     assert_flown(folder / 'run', scenario, controller)
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_a_law_that_counts_ticks_flies_the_bits_of_the_core(ros_env, tmp_path):
     one_process(ros_env, tmp_path, 'quick', 'mpc')

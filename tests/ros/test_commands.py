@@ -75,7 +75,6 @@ def told(folder, stage):
     return [(e['state'], int(e['tick'])) for e in events if e['stage'] == stage]
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tmp_path):
     """go, hold, retreat, abort of guidance; arm, inhibit, hold, resume, abort of the table."""
@@ -122,7 +121,6 @@ def test_every_command_is_obeyed_or_refused_logged_and_verified(ros, ros_env, tm
     assert code == 0 and 'recomputed: guidance, controller, assurance' in said, said
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 def test_a_lost_guidance_is_a_hold_and_then_an_abort(ros, ros_env, tmp_path):
     """Killed in flight: with it goes the controller's command; assurance flies on alone."""

@@ -93,6 +93,7 @@ BAD = {
 }
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize('case', BAD)
 def test_bad_input_is_one_sentence(ros, case):
     parameters, text = BAD[case]

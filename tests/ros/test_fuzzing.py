@@ -210,7 +210,6 @@ def endured(ros_env, folder, *arguments, deadline_s):
     return trial.output
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_a_flight_endures_some_hundred_hostile_cases(ros_env, tmp_path):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from inside import inside
@@ -91,6 +92,7 @@ def test_a_plan_is_flown_beside_all_other_stages_and_obeys(ros_env, tmp_path):
     assert all(name in found.sentence() for name in ('estimator', 'guidance', 'assurance'))
 
 
+@pytest.mark.every_landing
 def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_env, tmp_path):
     path = tmp_path / 'whole.yaml'
     written(path, duration_s=45.0)

@@ -133,6 +133,7 @@ def test_what_others_say_in_flight_changes_no_byte(ros_env, tmp_path):
     assert sum(counted.values()) == ignored > 60
 
 
+@pytest.mark.every_landing
 def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path, capfd):
     with inside(['-r', 'fuzzy_controller:__ns:=/']) as inner:
         flight = Flight(inner, tmp_path, real_time_factor=40.0)
@@ -147,6 +148,7 @@ def test_two_controllers_at_a_time_are_recorded_as_they_acted(ros_env, tmp_path,
     assert 'handmade' in found.sentence() and 'trained' in found.sentence()
 
 
+@pytest.mark.every_landing
 def test_a_second_plant_does_not_end_the_recording(ros_env, tmp_path, capfd):
     with inside() as inner:
         flight = Flight(inner, tmp_path, real_time_factor=20.0)
@@ -230,6 +232,7 @@ sys.exit(main())
 """
 
 
+@pytest.mark.every_landing
 def test_final_approach_without_a_place_for_its_log(ros_env, tmp_path):
     script = FULL.format(output=str(tmp_path / 'run'))
     env = {**os.environ, **ros_env}
@@ -261,6 +264,7 @@ def test_another_controller_in_flight_is_recorded_and_verified(ros_env, tmp_path
     assert set(read_run(tmp_path / 'run').attachments) == parameters
 
 
+@pytest.mark.every_landing
 def test_what_is_stamped_far_ahead_stops_no_stage_with_memory(ros_env, tmp_path):
     """An estimator that took one such state could not answer the next one any more."""
     path = tmp_path / 'whole.yaml'

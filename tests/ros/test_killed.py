@@ -3,6 +3,8 @@
 """Kill -9 of each node at random moments: what the others do, and how soon they say so."""
 
 import random
+import re
+import statistics
 import time
 
 import pytest
@@ -84,10 +86,11 @@ def free_running_survives_a_peer(run, name, moments):
     """Kill a peer and start it anew, again and again, in one flight."""
     peers = {'fuzzy_controller': run.controller, 'disturbance_injector': run.injector}
     nodes = {peer: begin() for peer, begin in peers.items()}
-    plant = run.plant()
+    plant, killed = run.plant(), []
     run.hand.says('flying')
     for _ in range(moments):
         killed_s = run.kill(nodes[name])
+        killed.append(killed_s)
         values = run.hand.says(f'from {TOPICS[name]}: zero')
         assert time.time() - killed_s < (STALE_TICKS + 2) * 0.1 + SLACK_S
         assert run.hand.statuses[-1][1] == WARN
@@ -95,6 +98,9 @@ def free_running_survives_a_peer(run, name, moments):
         run.warned('plant', 'stale_ticks', killed_s, 1.0)
         nodes[name] = peers[name]()
         run.hand.says('forces are back')
+    said = re.findall(rf'\[(\S+)\] \[plant\]: {name} \(.*\) is silent', plant.output)
+    after_s = [float(stamp) - since for stamp, since in zip(said, killed, strict=True)]
+    assert 0.0 < statistics.median(after_s) < 1.0
     assert plant.process.poll() is None
     assert run.hand.trigger('abort').success
     assert plant.wait() == 3

@@ -75,6 +75,7 @@ def test_in_free_running_it_reads_what_the_plant_applied(ros, tmp_path):
     assert 'estimator' in verified.stages
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path):
     """Navigation hears no commands: each repeated state is answered, and the log verifies."""

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -103,7 +104,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize('case', BAD)
+@pytest.mark.parametrize('case', rest_at_landing(BAD))
 def test_bad_input_is_one_sentence_and_nothing_starts(ros, case):
     name, parameters, said = BAD[case]
     node = ros.node(NODES[name][0], name, **parameters)
@@ -135,6 +136,7 @@ def test_an_existing_run_is_not_overwritten(ros):
     assert 'overwrite' in node.output
 
 
+@pytest.mark.every_landing
 def test_a_flight_over_an_older_one_verifies_after_its_report(ros):
     """The digests listed the picture of the older flight, which the report draws again."""
     output = ros.folder / 'run'
@@ -169,6 +171,7 @@ def test_nobody_there_says_who_is_missing(ros):
     assert 'no answer in time from control_force, disturbance_force' in node.output
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     ('reaction', 'code'), [pytest.param('abort', 3, marks=pytest.mark.slow), ('coast', 0)]
 )
@@ -198,6 +201,7 @@ def test_a_controller_killed_in_flight(ros, reaction, code):
     )
 
 
+@pytest.mark.every_landing
 def test_a_plant_killed_in_flight_leaves_a_closed_log(ros):
     output = ros.folder / 'run'
     ros.node('rpo_ctrl', 'fuzzy_controller')
@@ -249,6 +253,7 @@ sys.exit(running.run_node(Stuck))
 """
 
 
+@pytest.mark.every_landing
 def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_env):
     """A recorder that had closed its log used the processor for a minute, until it was killed."""
     done = subprocess.run(
@@ -259,6 +264,7 @@ def test_a_node_whose_middleware_does_not_stop_ends_and_says_where_it_was(ros_en
     assert 'in destroy_node' in done.stderr
 
 
+@pytest.mark.every_landing
 def test_two_runs_in_two_namespaces_do_not_touch(ros):
     runs = []
     for name in ('alpha', 'beta'):

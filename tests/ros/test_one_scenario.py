@@ -16,6 +16,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_ros import conversions, names, qos
 
 
+@pytest.mark.every_landing
 def test_only_the_plant_is_told_what_to_fly(ros):
     """Navigation, controller and injector start first and know nothing of the scenario."""
     output = ros.folder / 'run'
@@ -32,6 +33,7 @@ def test_only_the_plant_is_told_what_to_fly(ros):
     assert dict(read_run(output).statuses[-1][1].values)['phase'] == 'finished'
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     'node', ['fuzzy_controller', pytest.param('disturbance_injector', marks=pytest.mark.slow)]
 )
@@ -46,6 +48,7 @@ def test_a_node_of_another_scenario_refuses_and_nothing_flies(ros, node):
     assert said in plant.output and 'flying' not in plant.output
 
 
+@pytest.mark.every_landing
 def test_the_same_name_with_another_content_is_told_apart(ros):
     changed = ros.folder / 'approach.yaml'
     from rpo_core import files

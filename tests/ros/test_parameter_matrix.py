@@ -54,6 +54,7 @@ def right(row: Row) -> object:
     return row.choices[-1] if row.choices else row.default
 
 
+@pytest.mark.every_landing
 @each_card
 def test_at_the_start_each_wrong_value_is_refused_by_name(ros_env, card):
     node_class = getattr(card.module, card.cls)

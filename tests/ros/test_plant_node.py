@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
+from landing import rest_at_landing
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
@@ -143,6 +144,7 @@ def test_before_the_flight_there_is_nothing_to_steer(bench):
         assert (answer.success, answer.message) == (False, 'no run in progress: waiting')
 
 
+@pytest.mark.every_landing
 def test_free_running_flies_on_without_its_controller_and_with_the_next(bench):
     bench.start('run', mode='free_running', real_time_factor=10.0, stale_after_ticks=5)
     bench.says('flying')
@@ -201,7 +203,7 @@ def ask(bench, first):
     bench.asking.publish(status)
 
 
-@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+@pytest.mark.parametrize('mode', rest_at_landing(['lockstep', 'free_running']))
 def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
     """Also of the ticks before the question, once; and nothing before it is asked."""
     published, reported = {}, {}

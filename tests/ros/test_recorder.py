@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -59,7 +60,6 @@ def check(flown, log, number):
     assert count >= least, f'{count} of {flown} ticks are left'
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 def test_a_plant_waits_for_a_recorder_that_gets_no_processor(ros):
     """At full speed; the log is whole, and the flight goes on when the recorder does."""
@@ -84,10 +84,9 @@ def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
     check(flown, log, signal.SIGKILL)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize('trial', [pytest.param(0, marks=pytest.mark.every_landing), *range(1, 8)])
+@pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
 def test_the_recorder_ended_at_any_moment(ros, number, trial):
     moment = random.Random(1000 * trial + number).uniform(0.05, 4.0)
     flown, log = end_in_flight(ros, number, after_s=moment, real_time_factor=80.0)
@@ -125,6 +124,7 @@ def test_a_full_disk_ends_the_log_not_the_flight(ros):
         subprocess.run(['umount', str(disk)], check=True)
 
 
+@pytest.mark.every_landing
 def test_a_recorder_says_what_it_waits_for_and_is_no_success(ros):
     """It said nothing, and exited 0 with an empty folder."""
     recorder = ros.node('rpo_log', 'recorder', output=str(ros.folder / 'run'))

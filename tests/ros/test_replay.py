@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 from inside import inside
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 from std_srvs.srv import SetBool
 
 import rpo_core.files
@@ -62,9 +64,24 @@ def test_the_logged_bytes_are_published_again(ros, run_folder):
     assert heard == logged(run_folder, 10, 20)
 
 
-def test_the_same_controller_answers_as_logged(ros, run_folder):
+@pytest.fixture
+def bag(run_folder, tmp_path):
+    """The same run as another recorder writes it: sqlite3, of a namespace, wall-clock times."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        known = {}
+        for number, (topic, _, data) in enumerate(RunReader(run_folder).messages()):
+            if topic.signal not in known:
+                name = '/a' + topic.name if topic.signal != 'clock' else topic.name
+                known[topic.signal] = bag.add_connection(name, topic.type, typestore=store)
+            bag.write(known[topic.signal], 10**18 + number, data)
+    return tmp_path / 'bag'
+
+
+@pytest.mark.every_landing
+def test_the_same_controller_answers_as_logged(ros, bag):
     """It was silent from tick 0 to its end, and while no controller was there."""
-    node = ros.node('rpo_log', 'replay', bag=run_folder, drive='true', rate=1.0)
+    node = ros.node('rpo_log', 'replay', bag=bag, drive='true', rate=1.0)
     node.says('waiting for control_force')
     ros.node('rpo_ctrl', 'fuzzy_controller')
     assert node.wait() == 0, node.output
@@ -72,6 +89,7 @@ def test_the_same_controller_answers_as_logged(ros, run_folder):
     node.says('51 ticks replayed; 0 answers differ from the log')
 
 
+@pytest.mark.every_landing
 def test_a_plain_replay_says_how_far_it_is(ros, run_folder):
     node = ros.node('rpo_log', 'replay', bag=run_folder, rate=1.0, delay_s=2.5)
     node.says('waiting for listeners')
@@ -93,6 +111,7 @@ def test_a_long_pause_times_out_no_controller(ros, run_folder):
     assert node.exit_code == 0 and node.differences == 0
 
 
+@pytest.mark.every_landing
 def test_another_controller_is_found_out(ros, run_folder):
     path = rpo_core.files.shipped('controller')['handmade']
     document = yaml.safe_load(path.read_text())
@@ -105,6 +124,7 @@ def test_another_controller_is_found_out(ros, run_folder):
     node.says('tick 0: logged')
 
 
+@pytest.mark.every_landing
 def test_no_controller_is_said_and_not_waited_for_for_ever(ros, run_folder):
     node = ros.node(
         'rpo_log', 'replay', bag=run_folder, drive='true', rate=0.0, answer_timeout_s=1.0

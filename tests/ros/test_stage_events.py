@@ -53,6 +53,7 @@ def test_switched_off_and_on_in_flight(ros_env, tmp_path):
     assert found.exit_code == 0, found.sentence()
 
 
+@pytest.mark.every_landing
 def test_a_file_that_is_loaded_while_switched_off_begins_no_run(ros_env, tmp_path):
     with inside() as inner:
         scenario = lasting(60.0, tmp_path, 'paper_test')
@@ -68,6 +69,7 @@ def test_a_file_that_is_loaded_while_switched_off_begins_no_run(ros_env, tmp_pat
     assert verify(tmp_path / 'run').exit_code == 0
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize('lost', [0, 1], ids=['controller', 'disturbance'])
 def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
     with inside() as inner:
@@ -86,6 +88,7 @@ def test_a_plant_that_goes_on_without_a_peer(ros_env, tmp_path, lost):
     assert found.exit_code == 0, found.sentence()
 
 
+@pytest.mark.every_landing
 def test_a_flight_that_the_monitor_lets_coast_verifies(ros_env, tmp_path):
     document = yaml.safe_load(files.find('monitor', 'default').read_text())
     document['limits']['range_m'] = 50.0  # the chaser starts farther away

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -14,13 +15,15 @@ from rpo_mcap.read.run_log import read_flight, read_run
 
 @pytest.mark.parametrize(
     ('world', 'more'),
-    [
-        ('world_leo', []),
-        ('world_leo', ['estimator.compensate=true']),
-        ('world_elliptic', []),
-        ('world_moon', []),
-        ('paper_test_measured', []),
-    ],
+    rest_at_landing(
+        [
+            ('world_leo', []),
+            ('world_leo', ['estimator.compensate=true']),
+            ('world_elliptic', []),
+            ('world_moon', []),
+            ('paper_test_measured', []),
+        ]
+    ),
 )
 def test_a_world_flies_the_bits_of_the_core(ros, world, more):
     output = ros.folder / 'run'
@@ -62,7 +65,6 @@ def test_a_world_flies_against_the_wall_clock(ros):
     assert verify(output).difference is None
 
 
-@pytest.mark.slow
 @pytest.mark.every_landing
 def test_the_full_chain_flies_as_seven_processes(ros):
     output, flown = ros.folder / 'run', overrides.load('docking_leo', ['duration_s=40.0'])

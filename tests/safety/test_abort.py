@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from landing import rest_at_landing
 from scipy.linalg import expm
 
 from rpo_core import files
@@ -68,6 +69,7 @@ class Flight:
         return np.linalg.norm(np.array(self.states)[since:, :3], axis=1)
 
 
+@pytest.mark.every_landing
 def test_a_table_that_finds_nothing_changes_no_bit():
     """Nor does assurance: the plan keeps the sets."""
     plain, watched = fly(AROUND, load_controller('allround')), Flight(with_table())
@@ -112,7 +114,9 @@ def drift(state, n, along):
     return nearest
 
 
-@pytest.mark.parametrize('when', [500, AT, 4500, 4900, 5850], ids='{}'.format)
+@pytest.mark.parametrize(
+    'when', rest_at_landing([AT, 500, 4500, 4900, 5850], quick=2), ids='{}'.format
+)
 def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
     """From the plan, and from inside the corridor, 3 m from the port."""
     flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
@@ -127,7 +131,7 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
         assert flight.ranges(when).min() > 10.0
 
 
-@pytest.mark.parametrize('thruster', ['x+', 'x-', 'y+', 'y-', 'z+', 'z-'])
+@pytest.mark.parametrize('thruster', rest_at_landing(['x+', 'y-', 'z+', 'x-', 'y+', 'z-'], quick=2))
 def test_a_stuck_thruster_is_found_and_the_path_stays_clear(thruster):
     """Stuck on for 30 s, known to nobody: the table finds a force that no command explains."""
     begin = AROUND.time_s(AT)

@@ -10,6 +10,7 @@ import shutil
 import numpy as np
 import pytest
 from c_programs import bits, compiled, driven
+from landing import rest_at_landing
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -64,15 +65,17 @@ def program(controller, scenario, folder, optimise='-O2'):
 
 @pytest.mark.parametrize(
     ('name', 'flown', 'ticks'),
-    [
-        ('robust', ASSURED, 4000),
-        ('time_to_go', load_scenario('docking'), 6080),
-        (
-            'trained',
-            PAPER.equipped(Shaping(0.02, 0.001)).equipped(Assurance(keep_out_m=10.0)),
-            4000,
-        ),
-    ],
+    rest_at_landing(
+        [
+            ('robust', ASSURED, 4000),
+            ('time_to_go', load_scenario('docking'), 6080),
+            (
+                'trained',
+                PAPER.equipped(Shaping(0.02, 0.001)).equipped(Assurance(keep_out_m=10.0)),
+                4000,
+            ),
+        ]
+    ),
 )
 def test_a_flight_has_the_bits_of_the_chain(name, flown, ticks, tmp_path):
     controller = load_controller(name)
@@ -110,7 +113,9 @@ LATE = PAPER.equipped(
 
 
 @pytest.mark.parametrize(
-    ('scenario', 'seed'), [(ASSURED, 1), (PLAIN, 2), (LATE, 3)], ids=['assured', 'plain', 'late']
+    ('scenario', 'seed'),
+    rest_at_landing([(ASSURED, 1), (PLAIN, 2), (LATE, 3)]),
+    ids=['assured', 'plain', 'late'],
 )
 def test_hostile_commands_are_answered_with_the_bits_of_the_stage(scenario, seed, tmp_path):
     states, commands = hostile(seed)

@@ -115,6 +115,7 @@ def test_it_may_go_along_all_axes_and_diagonals():
     assert np.allclose(np.linalg.norm(turned, axis=1), 1.0)
 
 
+@pytest.mark.every_landing
 def test_what_is_clear_stays_out_whatever_is_stuck():
     """200 random states and 50 of the shipped plan: no path of a clear manoeuvre enters."""
     flight = fly(AROUND, load_controller('allround'))

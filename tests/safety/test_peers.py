@@ -64,6 +64,7 @@ def test_what_breaks_the_constraints_of_arch_is_seen():
     assert found.delta_v_m_s == 0.0
 
 
+@pytest.mark.every_landing
 def test_the_command_prints_both_beside_each_other():
     files = [str(FOLDER / f'{name}.yaml') for name in ('arch_rendezvous', 'vbar_approach')]
     done = CliRunner().invoke(

@@ -98,7 +98,7 @@ ROSDEP_KEYS = {
 # pip brings them: rosdep has no key for mcap, and the other two come with it.
 WITHOUT_KEY = {'mcap', 'zstandard', 'lz4'}
 # A command that wants one says so, or does without.
-OPTIONAL = {'foxglove', 'matplotlib', 'numba', 'pyarrow'}
+OPTIONAL = {'ccsds_ndm', 'foxglove', 'matplotlib', 'numba', 'pyarrow', 'rosbags'}
 MAX_PACKAGE_LINES = 6500
 
 

@@ -277,6 +277,7 @@ def test_every_field_of_every_file_is_described():
 # --- running what is printed -----------------------------------------------------------------
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize('block', QUICK, ids=lambda block: block.place)
 def test_quick_commands(block, ros_env, tmp_path):
     cwd = folder_like_the_checkout(tmp_path / 'page')

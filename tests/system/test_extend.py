@@ -6,13 +6,9 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
-import sys
 
 import pytest
 from doc_blocks import DOCS, code, run_line
-from scenarios import lasting
 
 from rpo_core import files
 from tools.node_processes import node_processes
@@ -53,7 +49,7 @@ def run(folder, ros_env):
 FLY = 'ros2 run rpo_bringup final_approach --no-report'
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
@@ -70,29 +66,7 @@ def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     assert 'lagged_force' in run('rpo log diff runs/mine runs/slower', code=1)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_a_node_of_ones_own_flies_is_logged_and_verifies(folder, ros_env, run):
-    """All but its commands, which no file of the log explains."""
-    short = lasting(20.0, folder, 'approach')
-    mine = subprocess.Popen(
-        [sys.executable, 'my_node.py'], cwd=folder, env={**os.environ, **ros_env}
-    )
-    try:
-        with node_processes(ros_env, folder) as ros:
-            recorder = ros.node('rpo_log', 'recorder', output=str(folder / 'run'))
-            plant = ros.node('rpo_sim', 'plant', scenario=short, wait_for_recorder='true')
-            assert plant.wait() == 0, plant.output
-            assert recorder.wait() == 0, recorder.output
-        mine.send_signal(signal.SIGINT)
-        assert mine.wait(10.0) == 0
-    finally:
-        mine.kill()
-    said = run('rpo verify run', code=3)
-    assert 'control_force could not be recomputed: the log carries no controller.yaml' in said
-    assert 'recomputed: thrusters, dynamics' in said
-
-
+@pytest.mark.every_landing
 @pytest.mark.timeout(120)
 def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')

@@ -82,13 +82,14 @@ def shells(ros_env, tmp_path):
     opened.close()
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.every_landing
 @pytest.mark.timeout(3 * DEADLINE_S)
 def test_the_readme_flies(shells):
     shells.one_after_the_other('ros2 run rpo_bringup')
     assert (shells.folder / 'runs/first/report/time_histories.png').exists()
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(3 * DEADLINE_S)
 def test_the_readme_flies_in_two_shells(shells):
     shells.side_by_side('ros2 run rpo_sim plant')

@@ -212,6 +212,7 @@ def test_too_few_boxes_prove_less_but_nothing_false(trained, proven):
     assert found['monotone in position error'].verdict == UNDECIDED
 
 
+@pytest.mark.every_landing
 @pytest.mark.parametrize(
     'name',
     [
@@ -232,6 +233,7 @@ def test_damping_is_bounded_above_what_random_points_show(name):
     assert abs(moving.output - at_rest.output) == pytest.approx(claim.found, abs=1e-12)
 
 
+@pytest.mark.every_landing
 def test_rules_that_push_with_the_velocity_have_no_damping(trained):
     rows = tuple(trained.rules.words[::-1])
     found = claims(replace(trained, rules=RuleTable(rows)), most_boxes=2000)

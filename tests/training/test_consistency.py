@@ -47,6 +47,7 @@ def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
     assert found.nees.mean() > 8.0
 
 
+@pytest.mark.every_landing
 @pytest.mark.timeout(180)
 def test_in_its_world_errors_are_held_against_the_filters_own_covariance():
     """NEES of a flight by hand; in `world_leo` the filter claims more than its errors."""

@@ -12,11 +12,13 @@ from rpo_core.control.fuzzy import RuleTable
 from rpo_core.files.scenario import load_set
 from rpo_core.files.starts import Cube
 from rpo_core.files.validation import InputError
+from rpo_core.judge.verdicts import verdicts
 from rpo_judge.scoring.conditions import PAPER
 from rpo_judge.scoring.drawn import HELD_OUT, POSITION_AND_SPEED, DrawnFlights, DrawnSettings
 from rpo_judge.scoring.fitness import Fitness, FitnessSettings, driving
 from rpo_montecarlo.campaign import config as campaigns
 from rpo_montecarlo.campaign import run_batch
+from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 from rpo_training import config as configs
@@ -137,9 +139,20 @@ def test_the_shipped_trainings_say_what_they_judge(name):
     assert set(judged['random_moving_starts']) == set(PAPER.limits)
 
 
-def test_a_search_refuses_the_limit_that_each_run_has_of_its_own():
-    with pytest.raises(InputError, match=r'hold_force_per_disturbance.*`fitness\.drawn\.judged`'):
-        DrawnFlights('paper_test', DrawnSettings(1.0, ('paper_test',)))
+def test_a_force_limited_by_the_disturbance_of_each_run_is_judged_by_that_run():
+    flights = DrawnFlights('paper_test', replace(FEW, judged={}))
+    chosen = [0, 5]
+    campaign = replace(flights.pool(1)[0], controller=ROBUST)
+    with Simulator([flights.case(1, chosen)], 1) as simulator:
+        (rows,) = simulator.fly(population_of(ROBUST))
+    flown = [fly_run(campaign, number) for number in chosen]
+    values = [[verdict.value for verdict in verdicts(flight)] for flight in flown]
+    limits = [[verdict.limit for verdict in verdicts(flight)] for flight in flown]
+    np.testing.assert_array_equal(flights.limits, limits)
+    np.testing.assert_array_equal(flights.values(rows[0]), values)
+    force = flights.judged.index('hold_force_per_disturbance')
+    assert flights.limits[0, force] != flights.limits[1, force]
+    assert flights.choose(rows[0]) == [0, 1]
 
 
 def test_an_unknown_campaign_is_refused_by_name():

@@ -55,6 +55,7 @@ def drawn(monkeypatch):
     return found
 
 
+@pytest.mark.every_landing
 def test_pictures_of_a_training_and_of_the_truth(tmp_path, drawn, monkeypatch):
     columns = 'evaluations', 'mean_fitness', 'best_fitness', 'best_energy_n2s'
     rows = [(60 * k, 300.0 / k, 4.0 + 8.0 / k, 4.0 + 1.0 / k) for k in range(1, 9)]

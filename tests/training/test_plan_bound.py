@@ -166,6 +166,7 @@ STARTS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.every_landing
 @STARTS
 def test_no_random_path_out_of_the_zones_is_below_the_bound(start):
     """Random forces on top of those of the best path found, which keep its end."""
@@ -277,6 +278,7 @@ def test_a_path_that_is_known_is_not_below_the_bound(around):
     assert found.lower <= energy < 0.207
 
 
+@pytest.mark.every_landing
 def test_a_search_that_ends_early_has_a_bound_and_says_so(around, monkeypatch):
     monkeypatch.setattr('rpo_judge.evaluation.plan_bound.SETS', 40)
     scenario, settings, found = around

@@ -55,6 +55,7 @@ def said(done):
     return ast.literal_eval(done.stdout)
 
 
+@pytest.mark.every_landing
 def test_a_process_is_pinned_whatever_its_environment_asks_for():
     """Read from the libraries of the process; without a warning of NumPy."""
     free = said(python(READ, environment=OLD))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 from proofs import BOX, COARSE, problem_of
 from typer.testing import CliRunner
 
@@ -74,6 +75,7 @@ def test_a_law_of_a_point_is_sharp(surface):
     assert fine < 0.02 * coarse
 
 
+@pytest.mark.every_landing
 def test_the_table_agrees_with_rational_numbers(surface):
     controller, _ = surface
     settings = Settings(centre=(0.0,) * 6, half=(1.0,) * 6, coarseness=COARSE)
@@ -161,7 +163,7 @@ def test_flights_of_a_proof_have_the_bits_of_simulate():
     assert (ours.states == theirs.states).all() and (ours.forces_n == theirs.forces_n).all()
 
 
-@pytest.mark.parametrize('name', SHIPPED)
+@pytest.mark.parametrize('name', rest_at_landing(SHIPPED))
 def test_no_flight_leaves_the_invariant_set(name):
     """From its corners, where a flight would leave first."""
     problem = problem_of(name)
@@ -178,6 +180,7 @@ def test_no_flight_leaves_the_invariant_set(name):
         assert np.abs(v + rest.rate * r).max() <= rest.speed_m_s
 
 
+@pytest.mark.every_landing
 def test_there_is_no_invariant_set_without_damping():
     """Rules that ignore the velocity: an oscillator, which never comes to rest."""
     robust = load_fuzzy('robust')
@@ -226,7 +229,7 @@ def test_a_proof_is_checked_and_an_interrupted_one_has_the_same_bytes(sound, tmp
         assert (sound.path / name).read_bytes() == (second.path / name).read_bytes()
 
 
-@pytest.mark.cpu_s(5)
+@pytest.mark.every_landing
 def test_a_refuted_claim_has_a_flight_that_simulate_repeats(tmp_path):
     """Of two claims, the only ones listed; no flight keeps the limit of the second."""
     base, asked = load('paper_training').base, ('hold_error_per_axis_m', 'slew_per_axis_n_s')
@@ -330,6 +333,7 @@ def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
         assert (sound.path / name).read_bytes() == (together.path / name).read_bytes()
 
 
+@pytest.mark.every_landing
 def test_an_estimate_is_of_the_proof_itself(sound):
     """All first cells drawn: the bounds of the proof, and its number of cells."""
     problem = problem_of('robust', half=BOX)
@@ -342,6 +346,7 @@ def test_an_estimate_is_of_the_proof_itself(sound):
     assert run.exit_code == 2
 
 
+@pytest.mark.every_landing
 def test_the_energy_of_flights_is_in_its_range(sound):
     """Of each flight, and the mean of many starts, to within what their number lets expect."""
     ranges, problem = sound.summary()['ranges'], sound.problem

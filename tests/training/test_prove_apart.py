@@ -26,6 +26,8 @@ from rpo_proof.problem import PER_AXIS, Problem, Settings
 from rpo_proof.slew import Strip
 from rpo_report.proof import report_of
 
+pytestmark = pytest.mark.every_landing
+
 CASES = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 

@@ -325,6 +325,7 @@ def said(path, *options):
     return run.exit_code, run.output
 
 
+@pytest.mark.every_landing
 @pytest.mark.usefixtures('_few')
 def test_the_command_says_what_it_checked(copy_of):
     path = copy_of('together')

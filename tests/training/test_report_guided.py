@@ -125,6 +125,7 @@ def table(made, caption):
     return next(b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption))
 
 
+@pytest.mark.every_landing
 def test_the_page_has_a_part_for_each_stage(made, flown):
     text = check_page(page.html(made), made).all('main')[0].text
     titles = [section.title for section in made.sections]
@@ -204,6 +205,7 @@ def test_a_plane_shows_the_zones_of_the_scenario_alone():
     assert not {'corridor', 'keep-out sphere', 'holds, retreat'} & labels
 
 
+@pytest.mark.every_landing
 def test_a_phase_may_last_no_tick(tmp_path):
     """The shipped `docking` arrives and docks at one tick: its report ended in a stack of calls."""
     chain_run(scenario.load_scenario('docking'), load_controller('allround')).write(tmp_path)

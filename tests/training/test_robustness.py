@@ -10,6 +10,7 @@ from math import asin, atan2, degrees, pi, sqrt
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
@@ -45,10 +46,10 @@ def textbook(kp: float, kd: float) -> tuple[float, float, float]:
     return rate, phase, phase / rate
 
 
-@pytest.mark.parametrize('gains', [(2.0, 6.0), (0.01, 0.5), (0.5, 0.2)])
-def test_an_unsaturated_pd_has_the_crossing_of_the_textbook(gains):
-    found = robustness.crossings(pd(*gains), MASS_KG, DT_S)[0]
-    rate, phase, delay_s = textbook(*gains)
+@pytest.mark.parametrize('kp, kd', rest_at_landing([(2.0, 6.0), (0.01, 0.5), (0.5, 0.2)]))
+def test_an_unsaturated_pd_has_the_crossing_of_the_textbook(kp, kd):
+    found = robustness.crossings(pd(kp, kd), MASS_KG, DT_S)[0]
+    rate, phase, delay_s = textbook(kp, kd)
     assert found.amplitude_m == 0.05
     assert found.rate_rad_s == pytest.approx(rate, rel=1e-6)
     assert found.phase_margin_deg == pytest.approx(degrees(phase), rel=1e-5)
@@ -66,10 +67,12 @@ def test_saturation_has_its_describing_function(amplitude):
     assert found.real == pytest.approx(wanted, rel=2e-4) and abs(found.imag) < 1e-12
 
 
+@pytest.mark.every_landing
 def test_a_controller_without_force_has_no_crossing():
     assert robustness.crossings(load_controller('drift'), MASS_KG, DT_S) == []
 
 
+@pytest.mark.every_landing
 def test_the_predicted_delay_margin_is_that_of_flights():
     """An unsaturated loop dies out at the largest whole delay below the margin, not above it."""
     gains = (2.0, 6.0)
@@ -105,9 +108,21 @@ def test_flights_that_are_off_are_those_of_the_chain():
         assert {name: found[name][number] for name in found} == pytest.approx(wanted, rel=1e-12)
 
 
+def test_drawn_flights_feel_all_that_is_off(monkeypatch):
+    """Where a sensor measures, its bias changes: that of navigation would change nothing."""
+    monkeypatch.setattr(robustness, 'RUNS', 12)
+    flights = robustness.Flights(load_controller('time_to_go'))
+    offs = [Off(0.8), Off(thrust=0.9), Off(mass=1.1), Off(delay_ticks=2.0), Off(position_m=0.05)]
+    nominal = flights.shares(flights.drawn, Off())
+    for off in (*offs, Off(velocity_m_s=0.001)):
+        found = flights.shares(flights.drawn, off)
+        assert (found['mean_error_norm_m'] != nominal['mean_error_norm_m']).all(), off
+
+
 @pytest.mark.parametrize('gain', [0.5, 2.5])
-def test_gain_comes_before_the_limit(gain):
+def test_gain_comes_before_the_limit(gain, monkeypatch):
     """A PD with gain k is the PD with gains k times as large, saturated or not."""
+    monkeypatch.setattr(robustness, 'RUNS', 20)
     flights = robustness.Flights(pd(0.01, 0.5))
     scaled = robustness.Flights(pd(gain * 0.01, gain * 0.5))
     for one, other in ((flights.starts, scaled.starts), (flights.drawn, scaled.drawn)):
@@ -169,23 +184,25 @@ def quick(monkeypatch):
     monkeypatch.setattr(robustness, 'QUANTITIES', (LOSS._replace(digits=1, first=0.4),))
 
 
-@pytest.mark.cpu_s(6)
+@pytest.mark.every_landing
 def test_margins_are_printed_and_drawn(quick, tmp_path):
     done = CliRunner().invoke(app, ['evaluate', 'mpc', '--robustness', '-o', str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert 'NOT judged, because missed when nothing is off: ' in done.output
-    assert 'slew per axis (by 200)' in done.output
+    assert 'of paper_test_measured, seed' in done.output and 'slew per axis;' in done.output
     (line,) = (line for line in done.output.splitlines() if 'thrust loss' in line)
     assert '10.0 %' in line and '20.0 %' in line and 'starts: speed' in line
     assert (tmp_path / 'robustness_mpc.png').stat().st_size > 20_000
 
 
+@pytest.mark.every_landing
 def test_a_start_that_misses_leaves_no_margins(quick, tmp_path):
     done = CliRunner().invoke(app, ['evaluate', 'handmade', '--robustness', '-o', str(tmp_path)])
     assert done.exit_code == 1 and 'no margins: 24 of the starts' in done.output
     assert 'thrust loss' not in done.output and 'phase margin' in done.output
 
 
+@pytest.mark.every_landing
 def test_margins_are_kept_as_they_are(tmp_path):
     margins = [replace(margin_of(lambda x: x > 0.4), name=q.name) for q in robustness.QUANTITIES]
     crossing = robustness.Crossing(0.5, 0.2, 60.0, 5.2, 52.4)

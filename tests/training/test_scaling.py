@@ -68,6 +68,7 @@ def test_the_example_missions_are_flown_without_training_and_back(mission, tmp_p
     assert code == 0 and made_for(load_controller(again)).name == 'paper_training'
 
 
+@pytest.mark.every_landing
 def test_what_scaling_cannot_do_is_said(few, tmp_path):
     """500 kg within the slew limit of 10 kg; the scenario that was changed is kept."""
     file, words = tmp_path / 'heavy.yaml', ['--set', 'mass_kg=500', '--set', 'max_force_n=25']

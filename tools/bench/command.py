@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 from rpo_cli.display import print_table, progress
@@ -31,6 +32,9 @@ def run(
         _training(evaluations, workers)
     elif what == 'campaign':
         _campaign(runs, workers)
+    elif what == 'learning':
+        found = flying.environments()
+        print(f'side by side {found.together:.3g} ticks/s of one core, alone {found.alone:.3g}')
     else:
         _ros()
     return False
@@ -84,6 +88,7 @@ def _ros() -> None:
         ('4 processes', ros.four_processes),
         ('1 process', ros.one_process),
         ('full chain, 7 processes', ros.seven_processes),
+        *([('Basilisk as the plant', ros.basilisk_plant)] if find_spec('Basilisk') else []),
     ):
         loop = fly()
         print(f'{name}: {loop.ticks_per_s:.0f} ticks/s, {loop.real_time_factor:.0f} x real time')

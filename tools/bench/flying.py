@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""P2 and P3, training and campaigns: the paper's budget, and 10 000 dispersed runs."""
+"""P2, P3, P6: the paper's budget, 10 000 dispersed runs, environments for learning."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -25,6 +25,34 @@ PAPER_BUDGET = 60 * 301
 
 CAMPAIGN = Path(__file__).parents[2] / 'offline_training' / 'campaigns' / 'paper_test.yaml'
 CAMPAIGN_RUNS = 10_000
+
+
+class Stepped(NamedTuple):
+    """Ticks per CPU second of the vectorised environment, and of the single one."""
+
+    together: float
+    alone: float
+
+
+def environments(runs: int = 4000, steps: int = 100) -> Stepped:
+    """Step environments of the paper's test by a spring and a damper, so many runs side by side."""
+    from rpo_training.gym import FinalApproach
+    from rpo_training.gym_vector import DispersedApproach
+
+    def per_s(env: Any, count: int, steps: int) -> float:
+        """Return ticks per CPU second, the best of three; the first steps compile."""
+        best = 0.0
+        for _ in range(3):
+            seen, _ = env.reset(seed=1)
+            seen, *_ = env.step(np.zeros(env.action_space.shape))
+            began = time.process_time()
+            for _ in range(steps):
+                seen, *_ = env.step(-2.0 * seen[..., :3] - 6.0 * seen[..., 3:6])
+            best = max(best, steps * count / (time.process_time() - began))
+        return best
+
+    alone = per_s(FinalApproach('paper_test'), 1, 10 * steps)
+    return Stepped(per_s(DispersedApproach(runs), runs, steps), alone)
 
 
 class Budget(NamedTuple):

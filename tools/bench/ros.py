@@ -15,6 +15,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_core.files.validation import InputError
 
 SCENARIO, FULL = 'paper_test', 'docking_leo'
+PLANT = ('ros2', 'run', 'rpo_sim', 'plant')
 DOMAIN = '98'
 """Not the default 0, and not the first domains of the tests."""
 
@@ -87,7 +89,7 @@ def _started(commands: Sequence[Sequence[str]], folder: str) -> Iterator[None]:
 def _output(command: Sequence[str], folder: str) -> str:
     """Return the output of a command; raises InputError if it fails."""
     done = subprocess.run(
-        ['ros2', 'run', *command],
+        command,
         env=_environment(folder),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -97,7 +99,7 @@ def _output(command: Sequence[str], folder: str) -> str:
     if done.returncode:
         lines = [x for x in done.stdout.splitlines() if x and not x.startswith('[ros2run]')]
         last = lines[-1] if lines else 'nothing'
-        raise InputError(f'`ros2 run {" ".join(command)}` ended with {done.returncode}: {last}')
+        raise InputError(f'`{" ".join(command)}` ended with {done.returncode}: {last}')
     return done.stdout
 
 
@@ -113,11 +115,19 @@ def one_process() -> Loop:
     """Run plant, controller, disturbance and recorder in one process."""
     with tempfile.TemporaryDirectory() as folder:
         output = str(Path(folder) / 'run')
-        command = ['rpo_bringup', 'final_approach', '--scenario', SCENARIO, '--no-report']
+        command = [
+            'ros2',
+            'run',
+            'rpo_bringup',
+            'final_approach',
+            '--scenario',
+            SCENARIO,
+            '--no-report',
+        ]
         return _loop(_output([*command, '--output', output], folder))
 
 
-def _processes(scenario: str, *others: Sequence[str]) -> Loop:
+def _processes(scenario: str, *others: Sequence[str], plant: Sequence[str] = PLANT) -> Loop:
     """Run plant, controller, disturbance, recorder and other nodes as processes."""
     with tempfile.TemporaryDirectory() as folder:
         nodes = [
@@ -127,13 +137,18 @@ def _processes(scenario: str, *others: Sequence[str]) -> Loop:
             *others,
         ]
         with _started(nodes, folder):
-            plant = ['rpo_sim', 'plant', '--ros-args', '-p', f'scenario:={scenario}']
-            return _loop(_output([*plant, '-p', 'wait_for_recorder:=true'], folder), scenario)
+            options = ['-p', f'scenario:={scenario}', '-p', 'wait_for_recorder:=true']
+            return _loop(_output([*plant, '--ros-args', *options], folder), scenario)
 
 
 def four_processes() -> Loop:
     """Run plant, controller, disturbance and recorder as four processes."""
     return _processes(SCENARIO)
+
+
+def basilisk_plant() -> Loop:
+    """Run the four processes, the plant with Basilisk as its dynamics."""
+    return _processes(SCENARIO, plant=(sys.executable, '-m', 'tools.basilisk_plant'))
 
 
 def seven_processes() -> Loop:
@@ -146,4 +161,4 @@ def seven_processes() -> Loop:
 def ping_pong() -> float:
     """Return round trips per second of two bare rclpy processes."""
     with tempfile.TemporaryDirectory() as folder:
-        return float(_output(['rpo_bringup', 'ping_pong'], folder).split()[0])
+        return float(_output(['ros2', 'run', 'rpo_bringup', 'ping_pong'], folder).split()[0])

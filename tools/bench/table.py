@@ -1,6 +1,6 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""P1 to P5 in one run: a table of targets, our results and those of the peers."""
+"""P1 to P6 in one run: a table of targets, our results and those of the peers."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import datetime
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,10 @@ from tools.bench import flying, inference, ros
 
 MAX_TRAINING_S, MAX_CAMPAIGN_S = 60.0, 4.0
 LEAST_OF_FUZZYLITE, LEAST_OF_SKFUZZY = 100.0, 10_000.0
-LEAST_FOUR, LEAST_ONE, LEAST_SEVEN = 200.0, 400.0, 50.0
-"""The targets: wall time, ratios to the peers, x real time as four processes, in one, as seven."""
+LEAST_STEPPED = 5e6
+LEAST_FOUR, LEAST_ONE, LEAST_SEVEN, LEAST_BASILISK = 200.0, 400.0, 50.0, 50.0
+"""The targets: wall time, ratios to the peers, ticks per second of one core, x real time as four
+processes, in one, as seven, with Basilisk as the plant."""
 
 NAIVE_LOOPS = 216 * 3
 """Axis loops of a controller, without symmetry."""
@@ -68,7 +71,7 @@ def run(progress: Progress = lambda what, share: None) -> Bench:
     date = datetime.datetime.now(datetime.timezone.utc).strftime('%Y-%m-%d %H:%M:%S UTC')
     facts, rows = machine.facts(), []
     figures: dict[str, float] = {}
-    for part in (_inference, _training, _campaign, _ros):
+    for part in (_inference, _training, _campaign, _learning, _ros):
         for row, measured in part(progress, figures):
             rows.append(row)
             figures.update(measured)
@@ -139,14 +142,34 @@ def _campaign(progress: Progress, _: dict[str, float]) -> Measured:
     )
 
 
+def _learning(progress: Progress, _: dict[str, float]) -> Measured:
+    progress('P6 environments', 0.0)
+    found = flying.environments()
+    progress('P6 environments', 1.0)
+    yield (
+        Row(
+            'P6',
+            'environments for learning, 4000 side by side',
+            f'≥ {LEAST_STEPPED:.0e} ticks/s',
+            f'{found.together:.2e}/s',
+            f'{found.alone:.2e}/s, one at a time',
+            f'{found.together / found.alone:.0f} ×',
+            found.together >= LEAST_STEPPED,
+        ),
+        {'stepped_together_per_cpu_s': found.together, 'stepped_alone_per_cpu_s': found.alone},
+    )
+
+
 def _ros(progress: Progress, _: dict[str, float]) -> Measured:
     progress('P4, P5 ROS loop', 0.0)
     trips = ros.ping_pong()
     figures = {'ping_pong_per_s': trips}
+    with_basilisk = ('–', 'Basilisk as the plant, 4 processes', ros.basilisk_plant, LEAST_BASILISK)
     loops = (
         ('P4', 'ROS loop, as 4 processes', ros.four_processes, LEAST_FOUR),
         ('P4', 'ROS loop, in one process', ros.one_process, LEAST_ONE),
         ('P5', 'full chain, as 7 processes', ros.seven_processes, LEAST_SEVEN),
+        *([with_basilisk] if find_spec('Basilisk') else []),
     )
     for number, (target, name, fly, least) in enumerate(loops):
         progress('P4, P5 ROS loop', (number + 1) / (len(loops) + 1))

@@ -299,6 +299,11 @@ def _manifest(rng: Random, tick: int) -> cdr.Status:
     return cdr.Status(0, role, 'manifest', 'none', (*pairs, ('file.scenario.yaml', text)))
 
 
+def _heartbeat(rng: Random, tick: int) -> cdr.Status:
+    says = rng.choice((statuses.ALIVE, statuses.GONE))
+    return cdr.Status(0, rng.choice(_NODES), says, 'none', (('stages', rng.choice(_STAGES)),))
+
+
 _MADE: dict[str, Callable[[Random, int], cdr.Status]] = {
     interfaces.RUN_STATUS: _run_status,
     interfaces.STAGE_STATUS: _stage_status,
@@ -307,6 +312,7 @@ _MADE: dict[str, Callable[[Random, int], cdr.Status]] = {
     interfaces.RECORDER_STATUS: _recorder_status,
     interfaces.PLANT_TICK: _plant_tick,
     interfaces.NODE_MANIFEST: _manifest,
+    interfaces.HEARTBEAT: _heartbeat,
 }
 
 

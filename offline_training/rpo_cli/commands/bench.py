@@ -17,7 +17,7 @@ Examples: `rpo bench` | `rpo bench inference` | `rpo bench training --evaluation
 `rpo bench --write docs/benchmarks.md`
 """
 
-PARTS = ('all', 'inference', 'training', 'campaign', 'ros')
+PARTS = ('all', 'inference', 'training', 'campaign', 'learning', 'ros')
 
 
 def bench(
@@ -31,7 +31,7 @@ def bench(
     write: Annotated[Path | None, typer.Option(help='all: page to put the table into')] = None,
     no_fail: NoFail = False,
 ) -> None:
-    """Measure speed, and that of other tools in the same run: targets P1 to P5.
+    """Measure speed, and that of other tools in the same run: targets P1 to P6.
 
     Exit code 1: a target is missed; only the whole table judges.
     """

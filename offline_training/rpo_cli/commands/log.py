@@ -10,17 +10,17 @@ from typing import Annotated, NoReturn
 import typer
 
 from rpo_cli.commands.shared import echo
-from rpo_log.log_commands import Finding, show
+from rpo_log.log_commands import GIVEN, Finding, show
 
 VERIFY_EXAMPLES = """
 Example: `rpo verify runs/demo --trusted keys`. Exit codes: 0 verified, 1 not as computed, 2 not a
-readable log, 3 as computed as far as the log goes
+readable log, 3 as computed as far as the log goes, 4 as computed from what was given
 """
 KEYGEN_EXAMPLES = 'Example: `rpo keygen keys/me.pem`'
 SIGN_EXAMPLES = 'Example: `rpo sign runs/demo --key keys/me.pem`'
 REPAIR_EXAMPLES = 'Example: `rpo repair runs/broken --output runs/repaired`'
 
-RunArgument = Annotated[Path, typer.Argument(help='run folder or .mcap file')]
+RunArgument = Annotated[Path, typer.Argument(help='run folder, .mcap file or bag')]
 
 log = typer.Typer(
     help='Look into the logs of runs.',
@@ -52,7 +52,7 @@ def diff(first: RunArgument, second: RunArgument) -> None:
 @log.command(epilog='Example: `rpo log export runs/demo demo.csv`')
 def export(
     run: RunArgument,
-    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz or .parquet')],
+    output: Annotated[Path, typer.Argument(help='file to write: .csv, .npz, .parquet or .oem')],
 ) -> None:
     """Write states, forces and disturbances as a table; the suffix of OUTPUT names the format."""
     from rpo_log.tools.export import export as write
@@ -67,11 +67,14 @@ def verify(
         Path | None,
         typer.Option(help='public key, or folder of them (*.pem): one must have signed the run'),
     ] = None,
+    given: Annotated[list[str], typer.Option(metavar='TOPIC', help=GIVEN)] = [],  # noqa: B006
+    scenario: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
+    controller: Annotated[str, typer.Option(help='of a bag without manifests: name or file')] = '',
 ) -> None:
     """Compute a logged flight again, bit for bit; print what is proven and what is not."""
     from rpo_log.verify import verify as check
 
-    _show(check(run, trusted))
+    _show(check(run, trusted, given, scenario, controller))
 
 
 def keygen(

@@ -29,7 +29,8 @@ def report(
         list[str],
         typer.Argument(
             metavar='TARGET...',
-            help='runs (folder or .mcap), or one campaign, proof (folder), controller (name, file)',
+            help='runs (folder, .mcap or bag), or one campaign, proof (folder), controller '
+            '(name or file)',
         ),
     ],
     output: Annotated[
@@ -44,7 +45,7 @@ def report(
         str,
         typer.Option(
             help='of a controller: judge by what this scenario or set requires (name or file)  '
-            '[what it was trained for]'
+            '[what it was trained for]; of a bag without manifests: what was flown'
         ),
     ] = '',
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
@@ -64,8 +65,8 @@ def report(
 
     target, *others = targets
     subject = page.subject_of(target)
-    if scenario and subject != 'controller':
-        raise InputError(f'`--scenario` is for the report of a controller; {target} is a {subject}')
+    if scenario and subject not in ('controller', 'run'):
+        raise InputError(f'`--scenario` is for a controller or a bag; {target} is a {subject}')
     for other in others:
         if (kind := page.subject_of(other)) != 'run' or subject != 'run':
             raise InputError(
@@ -73,7 +74,9 @@ def report(
             )
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
-        made, folder, code = _of_runs(targets) if others else _OF[subject](target, scenario)
+        made, folder, code = (
+            _of_runs(targets, scenario) if others else _OF[subject](target, scenario)
+        )
         paths = write(made, output or folder)
     for path in paths:
         echo(path)
@@ -88,12 +91,14 @@ Made = tuple['Report', Path, int]
 """A report, where it goes if nothing else is said, and the exit code."""
 
 
-def _of_run(target: str, _: str) -> Made:
+def _of_run(target: str, scenario: str) -> Made:
     from rpo_log.show.report import folder_of, print_table
     from rpo_mcap.errors import ExitCode
     from rpo_report import run
 
-    made, shown = run.report_of(Path(target))
+    made, shown = run.report_of(Path(target), scenario)
+    if shown.lacks:
+        echo(f'{target}: {"; ".join(shown.lacks)}', err=True)
     if shown.whole:
         print_table(shown.flight, made.title)
     else:
@@ -101,14 +106,14 @@ def _of_run(target: str, _: str) -> Made:
     return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
 
 
-def _of_runs(targets: list[str]) -> Made:
+def _of_runs(targets: list[str], scenario: str) -> Made:
     from rpo_mcap.errors import ExitCode
     from rpo_report import run
 
-    made, every = run.compared([Path(target) for target in targets])
+    made, every = run.compared([Path(target) for target in targets], scenario)
     for target, shown in zip(targets, every, strict=True):
-        if not shown.whole:
-            echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
+        if missing := (*shown.lacks, *shown.gaps):
+            echo(f'{target}: {"; ".join(missing)}', err=True)
     whole = all(shown.whole for shown in every)
     folder = Path('runs') / '_'.join(['report', *(Path(target).stem for target in targets)])
     return made, folder, ExitCode.OK if whole else ExitCode.INCOMPLETE

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, echo, end
+from rpo_cli.commands.shared import NoFail, SameScenario, Set, chosen_scenario, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 EXAMPLES = """
@@ -21,8 +20,8 @@ Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rp
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(help='shipped name or file  [paper_test]')] = '',
-    named: Annotated[str, typer.Option('--scenario', help='the same, as an option')] = '',
+    scenario: Annotated[str, typer.Argument(help='shipped name or file  [approach]')] = '',
+    named: SameScenario = '',
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
@@ -39,9 +38,7 @@ def simulate(
     from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
 
-    if scenario and named:
-        raise InputError(f'give one scenario; got {scenario} and `--scenario {named}`')
-    chosen, loaded = scenario or named or 'paper_test', load_controller(controller)
+    chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
     flown = overrides.load(chosen, changes or [])
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')

@@ -166,8 +166,8 @@ def notes(rows: Sequence[ComparedController], least: float, campaign: Campaign) 
         'Gain to bias: the largest checked at which, and up to which, all training starts meet '
         f'their conditions, and {RUNS} flights of `{DRAWN}` (seed {SEED}) keep the limits that '
         'they keep when nothing is off; each alone. Gain: of the command, before it is saturated. '
-        'Mass: the controller is not told. Bias: of navigation, on all axes, both signs. !: holds '
-        f'again beyond. –: a start misses already. {_not_judged(rows)} Crossing: of the '
+        'Mass: the controller is not told. Bias: of navigation or sensor, on all axes, both signs. '
+        f'!: holds again beyond. –: a start misses already. {_not_judged(rows)} Crossing: of the '
         'describing function of an axis, where its delay margin is least.',
         f'Command: processor time of one call from Python on {machine()}.',
     ]

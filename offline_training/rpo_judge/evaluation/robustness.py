@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 Check = Callable[[float], tuple[float, str]]
 """From a point to the largest value as a share of its limit, and which limit that is."""
 
-SET, DRAWN = 'paper_training', 'paper_test'
+SET, DRAWN = 'paper_training', 'paper_test_measured'
 RUNS, SEED = 200, 90210
 """Drawn flights of the campaign `DRAWN`, and their seed."""
 
@@ -55,7 +55,7 @@ BEYOND = (1.25, 1.5)
 SHARE = 0.01
 """The bisection ends when its interval is this share of the distance from nominal."""
 
-_AXES = 'x', 'y', 'z'
+_AXES, _BIASES = ('x', 'y', 'z'), ('bias_', 'bias_v')
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Off:
     gain : factor of the command, before it is saturated; slew and force are those after it
     thrust, mass : factors of the applied force, and of the mass, which the controller is not told
     delay_ticks : from a state to the force that answers it
-    position_m, velocity_m_s : error of navigation on each of the three axes
+    position_m, velocity_m_s : error of the sensor, or of navigation, on each of the three axes
     """
 
     gain: float = 1.0
@@ -87,8 +87,10 @@ class Off:
         for axis in _AXES:
             share = column(f'thrust_share_{axis}')
             share[:] = (1.0 + share) * self.thrust - 1.0
-            column(f'bias_{axis}_m')[:] += self.position_m
-            column(f'bias_v{axis}_m_s')[:] += self.velocity_m_s
+            measured = f'sensor_bias_{axis}_m' in drawn.names  # else navigation errs by itself
+            position, velocity = ('sensor_bias_', 'sensor_velocity_bias_') if measured else _BIASES
+            column(f'{position}{axis}_m')[:] += self.position_m
+            column(f'{velocity}{axis}_m_s')[:] += self.velocity_m_s
         return drawn._replace(parameters=found)
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from rpo_core.files.validation import MOST_PATH, InputError, choice, real, shown, store, text, whole
 from rpo_core.judge import metrics
 from rpo_core.judge.requirements import LIMITS
-from rpo_montecarlo.campaign.config import THRUSTER_METRICS, Campaign, find, load
-from rpo_montecarlo.campaign.run_batch import case_of
+from rpo_montecarlo.campaign.config import LEVEL, SHARE, THRUSTER_METRICS, Campaign, find, load
+from rpo_montecarlo.campaign.run_batch import case_of, side_by_side
 from rpo_montecarlo.campaign.sampling import DrawnRuns, draw
 from rpo_montecarlo.engine.cases import DrawnCase
 from rpo_montecarlo.engine.counters import COLUMNS
@@ -39,6 +39,9 @@ POSITION_AND_SPEED = ('hold_error_per_axis_m', 'hold_speed_per_axis_m_s')
 
 HELD_OUT = -1
 """The stage of the draws that no search has seen."""
+
+UNDRAWN = -2
+"""A stage without drawn flights."""
 
 _SEEDS = 1000  # between the seeds of stages and those held out
 
@@ -103,10 +106,11 @@ class DrawnFlights:
 
     label : the name of the campaign
     count : in a stage
-    columns, limits : of the metrics by which a run succeeds
+    columns, limits : of the metrics by which a run succeeds; limits (k,), or (runs, k) of the runs
+        of the last case if the force is limited by each run's own disturbance
     fires : whether thrusters fire in pulses, and what they spend has a column
 
-    Raises InputError if a search cannot judge by the campaign, or the engine cannot fly it.
+    Raises InputError if the engine cannot fly the campaign.
     """
 
     def __init__(self, name: str, settings: DrawnSettings) -> None:
@@ -151,6 +155,10 @@ class DrawnFlights:
             raise InputError(f'a search cannot fly campaign {self.label}: {uneven}')
         if chosen is not None:
             drawn = drawn.some(list(chosen))
+        if SHARE in campaign.config.success:  # whoever flies, the disturbance is the same
+            known = side_by_side(campaign, drawn)
+            limits = [campaign.config.limit(name, known)[1] for name in self.judged]
+            self.limits = np.column_stack(np.broadcast_arrays(*limits, known[LEVEL])[:-1])
         return case_of(campaign, drawn, f'{self.label}, stage {stage}')
 
     def choose(self, rows: Floats | None) -> list[int]:
@@ -180,16 +188,13 @@ class DrawnFlights:
 
 
 def _column(name: str, campaign: Campaign) -> int:
-    """Return the column of a row that has what success is judged by; raises InputError."""
+    """Return the column of a row that has what success is judged by."""
     required = campaign.scenario.requirements
     by_norm = required is not None and required.arrival_error_norm_m is not None
     if name in metrics.UNITS and not (name == 'arrival_time_s' and by_norm):
         return list(metrics.UNITS).index(name)
+    if name == SHARE:
+        return metrics.LATE_FORCE
     if name in THRUSTER_METRICS:
         return list(THRUSTER_METRICS).index(name) - len(THRUSTER_METRICS)
-    if name not in VALUES:
-        raise InputError(
-            f'a search cannot judge by `{name}`, whose limit differs from run to run; '
-            f'name the limits of campaign {campaign.config.name} in `fitness.drawn.judged`'
-        )
     return COLUMNS + VALUES.index(name)

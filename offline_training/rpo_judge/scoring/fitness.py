@@ -9,6 +9,7 @@ by how far a limit is exceeded:
 
 - `limit_cycle`: force and speed of the undisturbed flight from 300 s to 400 s;
 - `disturbance`: position and speed in the last 200 s of the paper's test, in both readings;
+- `tests`: all that the paper's test requires, in both readings;
 - `robustness`: position and speed in the last 200 s of the flights of `search.corners`;
 - `mass_kg`: the training set flown with these masses too, its penalties (not its energy) added;
 - `between`: so are flights from random states between the starts of the training;
@@ -49,8 +50,8 @@ from rpo_core.judge.metrics import (
     SLEW,
 )
 from rpo_ctrl.baselines import Baseline
-from rpo_judge.scoring.conditions import conditions_of
-from rpo_judge.scoring.drawn import HELD_OUT, DrawnFlights, DrawnSettings
+from rpo_judge.scoring.conditions import Conditions, conditions_of
+from rpo_judge.scoring.drawn import HELD_OUT, UNDRAWN, DrawnFlights, DrawnSettings
 from rpo_montecarlo.engine.cases import Case, case_of_flights, case_of_set
 from rpo_montecarlo.engine.lanes import infer_many, make_scratch
 from rpo_montecarlo.engine.population import Population
@@ -121,7 +122,7 @@ class FitnessSettings:
     error_weight : penalty of an error of position or of a late arrival, as a multiple; above 1, it
         costs more not to fly than to fly badly
     margin : share by which every limit is made stricter, in [0, 1)
-    limit_cycle, disturbance, robustness : weight [N^2 s] of the optional terms, 0 = off
+    limit_cycle, disturbance, robustness, tests : weight [N^2 s] of the optional terms, 0 = off
     mass_kg : further masses whose penalties count
     between : random planar loops, and as many vertical ones, whose penalties count; 0 = off
     damping : weight [N^2 s] of the mean force that drives, as a share of full output
@@ -136,6 +137,7 @@ class FitnessSettings:
     limit_cycle: float = 0.0
     disturbance: float = 0.0
     robustness: float = 0.0
+    tests: float = 0.0
     mass_kg: tuple[float, ...] = ()
     between: int = 0
     damping: float = 0.0
@@ -147,7 +149,7 @@ class FitnessSettings:
             raise InputError(f'`fitness.arrival` must be true or false; got {self.arrival!r}')
         if real('fitness.margin', self.margin, least=0.0, most=1.0) == 1.0:
             raise InputError('`fitness.margin` must be below 1; got 1.0')
-        for name in ('limit_cycle', 'disturbance', 'robustness', 'damping'):
+        for name in ('limit_cycle', 'disturbance', 'robustness', 'tests', 'damping'):
             real(f'fitness.{name}', getattr(self, name), 'N^2 s', least=0.0)
         whole('fitness.between', self.between, least=0, most=40)
         real('fitness.error_weight', self.error_weight, above=0.0)
@@ -192,6 +194,19 @@ def excess(values: Floats, limits: float | Floats) -> Floats:
     return 1.0 - np.sqrt(np.sqrt(limits / np.maximum(values, limits)))
 
 
+class _Tests(NamedTuple):
+    """The paper's test in both readings: flights, and what each is judged by."""
+
+    flights: list[Scenario]
+    conditions: list[Conditions]
+
+    @classmethod
+    def of_the_paper(cls) -> _Tests:
+        """Return both; they are judged by the same columns."""
+        flights = [load_scenario(name) for name in TESTS]
+        return cls(flights, [conditions_of(flight) for flight in flights])
+
+
 def _between(case: Case, count: int) -> Case:
     """Return a case of `count` random planar loops, each with as many vertical ones.
 
@@ -225,7 +240,9 @@ class Fitness:
         make_simulator: Callable[[Sequence[Case], int], Any] = Simulator,
     ) -> None:
         self.settings, self.conditions = settings, conditions_of(scenarios.base)
-        self._fixed, self.stage = self._cases(scenarios), -2
+        self._tests = _Tests.of_the_paper() if settings.tests else None
+        self._fixed = self._cases(scenarios)
+        self.stage: int | None = None
         names = settings.drawn.campaigns if settings.drawn.weight else ()
         self.drawn = [DrawnFlights(name, settings.drawn) for name in names]
         self._refuse_free_thrust()
@@ -256,7 +273,9 @@ class Fitness:
         if stage == self.stage or not self.drawn:
             return
         self.stage = stage
-        if stage == HELD_OUT:
+        if stage == UNDRAWN:
+            cases = []
+        elif stage == HELD_OUT:
             cases = [flights.case(stage) for flights in self.drawn]
         else:
             pools: list[Floats | None] = [None] * len(self.drawn)
@@ -289,6 +308,8 @@ class Fitness:
             cases.append(_between(judged(), settings.between))
         if settings.disturbance:
             cases.append(case_of_flights([load_scenario(name) for name in TESTS], TEST_WINDOW_S))
+        if self._tests:
+            cases.append(case_of_flights(self._tests.flights, self._tests.conditions[0].late_s))
         if settings.robustness:
             cases += corner_cases()
         return cases
@@ -302,7 +323,7 @@ class Fitness:
     def score(self, population: Population | Sequence[Baseline]) -> Scores:
         """Return the scores of a population."""
         settings = self.settings
-        if self.drawn and self.stage < HELD_OUT:
+        if self.drawn and self.stage is None:
             self.enter(0)
         outcomes = iter(self.simulator.fly(population, slice(len(self._fixed))))
         cycling = [next(outcomes)] if settings.limit_cycle else []
@@ -316,6 +337,8 @@ class Fitness:
             fitness = fitness + settings.limit_cycle * self._cycling(cycling[0])
         if settings.disturbance:
             fitness = fitness + settings.disturbance * self._disturbed(next(outcomes))
+        if self._tests:
+            fitness = fitness + settings.tests * self._tested(self._tests, next(outcomes))
         if settings.robustness:
             fitness = fitness + settings.robustness * self._cornered(np.hstack(list(outcomes)))
         if settings.damping and isinstance(population, Population):
@@ -336,6 +359,8 @@ class Fitness:
         half. The rest get the term and the misses of flights that all miss by far, and the
         largest cost of thrust that another has.
         """
+        if self.stage == UNDRAWN:
+            return fitness, np.zeros((len(fitness), len(self.drawn)), np.int64)
         order, half = np.argsort(fitness, kind='stable'), -(-len(fitness) // 2)
         if self.stage == HELD_OUT:
             half = len(fitness)
@@ -385,7 +410,7 @@ class Fitness:
         return self.settings.penalty_n2s * total
 
     def _missed(self, values: Floats, limits: Floats, margin: float) -> Floats:
-        """Return the shares of the penalty of values (..., k) at limits (k,) less a margin."""
+        """Return the shares of the penalty of values (..., k) at limits less a margin."""
         limits = limits * (1.0 - margin)
         missed = (values > limits).astype(np.float64)
         if self.settings.penalty == 'graded':
@@ -405,6 +430,12 @@ class Fitness:
             tests[..., LATE_SPEED], keep * MAX_TEST_SPEED_M_S
         )
         return over[:, 0] + over[:, 1]
+
+    def _tested(self, tests: _Tests, flown: Floats) -> Floats:
+        values = tests.conditions[0].values(flown)
+        limits = np.array([judged.limits for judged in tests.conditions])
+        found: Floats = self._missed(values, limits, self.settings.margin).sum(axis=(-2, -1))
+        return found
 
     def _cornered(self, flights: Floats) -> Floats:
         keep = 1.0 - self.settings.margin

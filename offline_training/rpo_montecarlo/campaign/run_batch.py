@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -24,7 +24,7 @@ from rpo_montecarlo.engine.lanes import RUNS
 from rpo_montecarlo.engine.parts.control import Control, control_of
 from rpo_montecarlo.engine.parts.disturbance import levels_n
 from rpo_montecarlo.engine.parts.dynamics import uneven_steps
-from rpo_montecarlo.engine.simulator import Scratch, fly_pairs
+from rpo_montecarlo.engine.simulator import Pairs, Scratch, fly_pairs
 from rpo_montecarlo.engine.support import announce, kinds, why_not
 from rpo_montecarlo.engine.tick import Batch, Part, Runs
 
@@ -104,14 +104,24 @@ def side_by_side(
 
     control : in the place of the campaign's controller; more : parts of every tick beside theirs
     """
-    scenario, case = campaign.scenario, case_of(campaign, drawn, 'campaign')
+    case, w = case_of(campaign, drawn, 'campaign'), _scratch.w
     control = control or control_of(campaign.controller)
     if more:
         batches = (runs._replace(parts=(*runs.parts, *more)) for runs in case.batches)
         case = replace(case, batches=tuple(batches))
-    rows, w = np.empty((len(drawn.numbers), case.columns)), _scratch.w
+    return known_of(campaign, case, ((pairs, w) for pairs in fly_pairs(control, case, w)))
+
+
+def known_of(
+    campaign: Campaign, case: DrawnCase, flown: Iterable[tuple[Pairs, Floats]]
+) -> dict[str, Floats]:
+    """Return what is known (n,) of the runs of a case that have flown, by name.
+
+    flown : up to 40 runs each, with the scratch as their flights left it
+    """
+    scenario, rows = campaign.scenario, np.empty((len(case.starts), case.columns))
     final, level = np.empty((len(rows), 6)), np.empty(len(rows))
-    for pairs in fly_pairs(control, case, w):
+    for pairs, w in flown:
         rows[pairs.some], final[pairs.some] = pairs.rows, pairs.final
         if LEVEL in campaign.more:
             level[pairs.some] = levels_n(pairs.runs, pairs.memories, w)[: len(pairs.rows)]

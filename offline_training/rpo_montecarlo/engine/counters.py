@@ -109,7 +109,7 @@ def count_state(w, m, t, tick):  # type: ignore[no-untyped-def]
         speeds[p + i] = w[V + s] * w[V + s]
 
 
-def _counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
+def counting(runs: Runs, windows: Windows, norms: Floats | None) -> Part:
     """Return the part that counts."""
     planar, vertical = len(runs.planar), len(runs.vertical)
     goals = [goal.position_of(part) for part in runs.parts if part.name == 'goal']
@@ -153,7 +153,7 @@ def fly_lanes(
 
     norms : (2, tail, lanes) room for squared distances and speeds; None where loops are pairs
     """
-    own = [control.part(runs), _counting(runs, windows, norms)]
+    own = [control.part(runs), counting(runs, windows, norms)]
     own += [trace.part] if trace else []
     return fly(runs, own, windows.horizon, w)
 

@@ -156,23 +156,36 @@ class Pairs(NamedTuple):
 
 def fly_pairs(control: Control, case: Case | DrawnCase, w: Floats) -> Iterator[Pairs]:
     """Fly any number of starts, `RUNS` at a time."""
-    judged, windows, columns = case.judged, case.windows, counters.COLUMNS
-    trace = Trace(windows.horizon, PAIRED_LANES) if judged else None
-    masses_kg = case.masses_kg
+    trace = Trace(case.windows.horizon, PAIRED_LANES) if case.judged else None
     batches = case.batches if isinstance(case, DrawnCase) else case.paired()
     for first, runs in zip(range(0, len(case.starts), RUNS), batches, strict=True):
-        memories = fly_lanes(control, runs, windows, w, trace=trace)
-        n = min(RUNS, len(case.starts) - first)
-        some, rows, counted = slice(first, first + n), np.empty((n, case.columns)), columns
-        final, metrics = np.empty((n, 6)), np.empty((n, columns))
-        counters.finish_paired(case.base.dt_s, masses_kg[some], windows.tail, w, metrics, final)
-        rows[:, :columns] = metrics
-        if judged and trace:
-            counted += len(VALUES)
-            rows[:, columns:counted] = judge(trace.states, paired_lanes(n), case.base, judged)
-        for at, values in enumerate(spent_of(memories.get('thrusters')).values(), counted):
-            rows[:, at] = values[:n]
-        yield Pairs(some, rows, final, runs, memories)
+        memories = fly_lanes(control, runs, case.windows, w, trace=trace)
+        yield flown(case, first, runs, memories, w, trace)
+
+
+def flown(
+    case: Case | DrawnCase,
+    first: int,
+    runs: Runs,
+    memories: dict[str, Floats],
+    w: Floats,
+    trace: Trace | None,
+) -> Pairs:
+    """Return up to 40 runs that have flown, from the first of them in the case."""
+    n, counted, judged = min(RUNS, len(case.starts) - first), counters.COLUMNS, case.judged
+    some, rows = slice(first, first + n), np.empty((n, case.columns))
+    final, metrics = np.empty((n, 6)), np.empty((n, counted))
+    masses_kg, tail = case.masses_kg[some], case.windows.tail
+    counters.finish_paired(case.base.dt_s, masses_kg, tail, w, metrics, final)
+    rows[:, :counted] = metrics
+    if judged and trace:
+        counted += len(VALUES)
+        rows[:, counters.COLUMNS : counted] = judge(
+            trace.states, paired_lanes(n), case.base, judged
+        )
+    for at, values in enumerate(spent_of(memories.get('thrusters')).values(), counted):
+        rows[:, at] = values[:n]
+    return Pairs(some, rows, final, runs, memories)
 
 
 def _fly_singly(controller: Controller, case: Case, rows: Floats) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
 from rpo_core import files
@@ -31,6 +31,7 @@ from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import conversions, health, names, qos
+from rpo_ros.rclpy_private import ManagedNode
 from rpo_ros.stage_node import StageNode
 
 SUCCESS, FAILURE, ERROR = (
@@ -86,7 +87,7 @@ class DecisionPublisher:
         return stamp_ns == self._explained_ns
 
 
-class ControllerNode(LifecycleNodeMixin, StageNode):
+class ControllerNode(ManagedNode, StageNode):
     """Answers states with the force of a controller.
 
     Before its first activation it sends nothing, and a plant waits. After that it answers every
@@ -108,7 +109,7 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
         self._label = 'none'
         self._cause: Exception | None = None
         self.answered_zero = 0
-        LifecycleNodeMixin.__init__(self)
+        ManagedNode.__init__(self)
         self._starting = self.values['autostart']
         if self._starting:
             self._autostart()
@@ -176,19 +177,6 @@ class ControllerNode(LifecycleNodeMixin, StageNode):
     @property
     def _full(self) -> str:
         return str(self.get_fully_qualified_name())
-
-    @property
-    def label(self) -> str:
-        """State of the lifecycle: unconfigured, inactive, active or finalized."""
-        return str(self._state_machine.current_state[1])
-
-    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
-        """Refuse a transition that is not possible now; rclpy would end the process with it."""
-        possible = {number for number, *_ in self._state_machine.available_transitions}
-        if transition not in possible:
-            self.complain(f'a transition was refused: {transition} is not possible in {self.label}')
-            return FAILURE
-        return super()._LifecycleNodeMixin__change_state(transition)
 
     def _autostart(self) -> None:
         """Configure and activate; raises the error of a failed transition."""

@@ -102,10 +102,10 @@ class Claim(NamedTuple):
 class Family(Baseline):
     """A kind of controller that a search can train, and that says in words what it does.
 
-    effort : evaluations for each gene in the first stage of a training, and in each later one
+    effort : evaluations for each gene: of a descent from the start, and of a stage of drawn flights
     """
 
-    effort: ClassVar[tuple[int, int]] = (30, 10)
+    effort: ClassVar[tuple[int, int]] = (300, 80)
 
     @classmethod
     @abstractmethod

@@ -27,6 +27,8 @@ from rpo_core.control import blend
 from rpo_core.control.blend import Reasons
 from rpo_core.control.controller_file import Reason, Units, register
 from rpo_core.files.validation import InputError, matrix, real, shown
+from rpo_core.judge.metrics import MAX_ARRIVAL_DISTANCE_M
+from rpo_ctrl import textbook
 from rpo_ctrl.baseline_kernels import (
     BaselineLaw,
     baseline_force,
@@ -36,6 +38,7 @@ from rpo_ctrl.baseline_kernels import (
 )
 from rpo_ctrl.baselines import MAX_GAIN
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
+from rpo_ctrl.textbook import pull_n
 from rpo_kernels.kernels import State
 
 HELD_M = 0.5
@@ -82,7 +85,7 @@ class ForceTable(Family):
     """
 
     alike: ClassVar[bool] = True
-    effort: ClassVar[tuple[int, int]] = (6, 3)
+    effort: ClassVar[tuple[int, int]] = (150, 30)
     distances: ClassVar[tuple[str, ...]]
     seconds: ClassVar[tuple[str, ...]]
     second: ClassVar[str]
@@ -239,12 +242,12 @@ def _towards(pull_n: float) -> str:
     return f'{abs(pull_n):.3g} N{way}'
 
 
-def _peak_values(words: Sequence[str], peaks: Numbers, unit: str) -> dict[str, float]:
+def _peak_values(words: Sequence[str], peaks: Sequence[float], unit: str) -> dict[str, float]:
     return {f'{word}: peak{unit}': peak for word, peak in zip(words, peaks, strict=True)}
 
 
 def _force_values(
-    distances: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Numbers]
+    distances: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Sequence[float]]
 ) -> dict[str, float]:
     return {
         f'{word}, {second}': force
@@ -324,32 +327,19 @@ class Pace(ForceTable):
 
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies.
-
-        It begins at what a search from the least-energy approach found, which took longer.
-        """
-        distances_m = (0.58, 4.734, 13.27, 23.33, 46.77, 64.84, 314.2)
-        paces = (0.2417, 0.4151, 0.5621, 0.7303, 0.8678)
-        forces_n = (
-            (0.05539, 0.08159, 0.07704, 0.03245, -0.0125, -0.01382, -0.03193, -0.05246),
-            (0.3127, 0.3303, 0.04916, -0.01857, -0.07314, 0.04146, -0.1041, -0.2874),
-            (0.4273, 0.4337, 0.3104, 0.1432, 0.01851, -0.03623, -0.4025, -0.4576),
-            (0.5336, 0.4124, 0.2097, 0.1538, -0.01054, -0.222, -0.3257, -0.3702),
-            (0.4868, 0.4936, 0.04728, 0.03624, -0.121, -0.3966, -0.443, -0.6705),
-            (0.5453, 0.556, 0.2067, 0.06734, -0.2056, -0.4105, -0.6053, -0.711),
-            (0.7771, 0.4416, 0.4187, -0.2439, -0.4027, -0.7826, -0.7523, -0.2501),
-        )
-        found = [Gene('lead_s', 10.0, 120.0, 21.81, seconds=1, logarithmic=True)]
-        for name, peak in _peak_values(cls.distances[1:], distances_m, '_m').items():
-            found.append(Gene(name, peak / 2.0, peak * 2.0, peak, 1, logarithmic=True))
+        """Return what a search varies; it begins at `textbook`."""
+        paces = [(i + 1) / 6.0 for i in range(5)]
+        seconds = (-1.0, -0.4, 0.0, *paces)
+        lead, distances_m = textbook.LEAD_S, _distances_m(cls.distances)
+        forces_n = [
+            [pull_n(rho * (1.0 - abs(pace)), rho * pace / lead) for pace in seconds]
+            for rho in distances_m
+        ]
+        found = [Gene('lead_s', lead / 3.0, lead * 3.0, lead, seconds=1, logarithmic=True)]
+        found += _peak_genes(cls.distances[1:], distances_m, '_m', 0)
         for name, peak in _peak_values(cls.seconds[3:-1], paces, '').items():
-            found.append(Gene(name, peak - 0.07, peak + 0.07, peak))
-        resting = _force_values(cls.distances[1:], cls.seconds[:-1], forces_n)
-        for name, start in resting.items():
-            rest = resting[f'{name.partition(",")[0]}, resting']
-            off = 0.5 * abs(start) + 0.3 * rest
-            found.append(Gene(name, start - off, start + off, start, newtons=1))
-        return tuple(found)
+            found.append(Gene(name, peak - 0.075, peak + 0.075, peak))
+        return (*found, *_force_genes(cls.distances[1:], cls.seconds[:-1], forces_n))
 
     @classmethod
     def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> Pace:
@@ -426,33 +416,18 @@ class MoreWords(ForceTable):
 
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies.
-
-        It begins at what a longer search from the surface of `pace` found.
-        """
-        damping = 2.423
-        distances_m = (0.7485, 4.553, 10.49, 26.08, 45.05, 58.24)
-        speeds_m_s = (0.05493, 0.2927, 0.4176, 0.6978, 0.8962)
-        forces_n = (
-            (0.4515, 0.1611, 0.09305, -0.01589, -0.3204, -0.3602, -0.4507, -0.4789),
-            (0.5154, 0.1665, 0.0447, 0.007882, -0.0001342, -0.2872, -0.4352, -0.3505),
-            (0.4583, 0.3879, 0.3037, 0.255, 0.1267, 0.003998, -0.1928, -0.3001),
-            (0.4321, 0.2406, 0.2395, 0.1895, 0.1176, 0.04226, -0.02424, -0.1736),
-            (0.4198, 0.09237, 0.0383, 0.04616, 0.07408, 0.07026, 0.07421, 0.003745),
-            (0.3728, 0.2029, 0.1962, 0.1809, 0.169, 0.1573, 0.09969, 0.04508),
+        """Return what a search varies; it begins at `textbook`."""
+        damping = textbook.gains(textbook.LEAST_S)[1]
+        distances_m = _distances_m(cls.distances)
+        speeds_m_s = [textbook.SPEED_M_S * ((i + 1) / 5.0) ** 1.5 for i in range(5)]
+        seconds = (-speeds_m_s[-1], -speeds_m_s[0], 0.0, *speeds_m_s)
+        forces_n = [[pull_n(distance, speed) for speed in seconds] for distance in distances_m]
+        return (
+            Gene('damping_n_s_m', damping / 3.0, damping * 3.0, damping, -1, 1, 1, True),
+            *_peak_genes(cls.distances[1:], distances_m, '_m', 0),
+            *_peak_genes(cls.seconds[RESTING + 1 :], speeds_m_s, '_m_s', -1),
+            *_force_genes(cls.distances[1:], cls.seconds, forces_n),
         )
-        found = [Gene('damping_n_s_m', damping / 3, damping * 3, damping, -1, 1, 1, True)]
-        for seconds, peaks, unit, words in (
-            (0, distances_m, '_m', cls.distances[1:]),
-            (-1, speeds_m_s, '_m_s', cls.seconds[RESTING + 1 :]),
-        ):
-            named = _peak_values(words, peaks, unit).items()
-            for (name, peak), (least, most) in zip(named, _between(peaks), strict=True):
-                found.append(Gene(name, least, most, peak, 1, seconds, logarithmic=True))
-        for name, start in _force_values(cls.distances[1:], cls.seconds, forces_n).items():
-            off = 0.5 * abs(start) + 0.05
-            found.append(Gene(name, start - off, start + off, start, newtons=1))
-        return tuple(found)
 
     @classmethod
     def of_values(cls, name: str, values: Mapping[str, float], mission: Mission) -> MoreWords:
@@ -471,10 +446,30 @@ class MoreWords(ForceTable):
         )
 
 
-def _between(peaks: Numbers) -> list[tuple[float, float]]:
-    """Return the ranges of ascending peaks in a search, of which no two touch."""
+def _distances_m(words: Sequence[str]) -> Numbers:
+    """Return peaks for the words of a distance, without `at`."""
+    return textbook.geometric(MAX_ARRIVAL_DISTANCE_M, textbook.RANGE_M, len(words) - 1)
+
+
+def _peak_genes(
+    words: Sequence[str], peaks: Sequence[float], unit: str, seconds: int
+) -> list[Gene]:
+    """Return genes of ascending peaks, of whose ranges no two touch."""
     around = (peaks[0] / 4.0, *peaks, peaks[-1] * 4.0)
-    return [
-        (peak * (before / peak) ** 0.45, peak * (after / peak) ** 0.45)
-        for before, peak, after in zip(around, peaks, around[2:], strict=False)
-    ]
+    found = []
+    for i, (name, peak) in enumerate(_peak_values(words, peaks, unit).items()):
+        least, most = (peak * (other / peak) ** 0.45 for other in (around[i], around[i + 2]))
+        found.append(Gene(name, least, most, peak, 1, seconds, logarithmic=True))
+    return found
+
+
+def _force_genes(
+    words: Sequence[str], seconds: Sequence[str], forces_n: Sequence[Sequence[float]]
+) -> list[Gene]:
+    """Return genes of forces, each free by its own size and that at rest there."""
+    rest = {word: abs(row[RESTING]) for word, row in zip(words, forces_n, strict=True)}
+    found = []
+    for name, start in _force_values(words, seconds, forces_n).items():
+        off = abs(start) + rest[name.partition(',')[0]]
+        found.append(Gene(name, start - off, start + off, start, newtons=1))
+    return found

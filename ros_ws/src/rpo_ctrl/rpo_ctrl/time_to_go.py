@@ -23,6 +23,7 @@ from rpo_core.control.controller_file import Reason, Scaling, Units, register
 from rpo_core.files.validation import InputError, check_fields, choice, real, store
 from rpo_core.judge import metrics
 from rpo_core.world.cw import TickLength
+from rpo_ctrl import textbook
 from rpo_ctrl.baseline_kernels import BaselineLaw, baseline_force, interval, law_of
 from rpo_ctrl.baselines import MAX_GAIN, MAX_HORIZON_TICKS, PAPER_MODEL
 from rpo_ctrl.family import Claim, Family, Gene, Mission, Table
@@ -32,22 +33,7 @@ from rpo_kernels.kernels import State
 WORDS = ('long', 'medium', 'short', 'very short', 'due')
 """The words of the time to go; `due` is also the word after arrival."""
 
-_ARRIVAL_S = (150.0, 200.0, 182.0)
-_PEAKS_S = ((130.0, 180.0), (75.0, 130.0), (40.0, 75.0), (18.0, 40.0), (4.0, 18.0))
-_STARTS = (
-    (155.0, 0.0022, 0.19),
-    (105.0, 0.005, 0.37),
-    (55.0, 0.0145, 0.57),
-    (29.0, 0.05, 1.13),
-    (12.0, 0.3, 3.1),
-)
-"""Least, most and start of genes: the arrival, the peaks [s]; starts of peak, k [N/m], d [N s/m].
-
-They were found by a search that began at the least-energy law of a free mass of 10 kg.
-"""
-
-_BOX_M, _BOX_M_S = 100.0, 0.05  # starts for which claims are made
-_FLIGHT_S = 200.0
+_BOX_M, _BOX_M_S = textbook.RANGE_M, 0.05  # starts for which claims are made
 
 _gain = partial(real, least=0.0, most=MAX_GAIN)
 
@@ -173,13 +159,16 @@ class TimeToGo(Family):
 
     @classmethod
     def genes(cls) -> tuple[Gene, ...]:
-        """Return what a search varies."""
-        found = [Gene('arrival_s', *_ARRIVAL_S, seconds=1)]
-        for word, (least, most), (t, k, d) in zip(WORDS, _PEAKS_S, _STARTS, strict=True):
+        """Return what a search varies; it begins at `textbook`, each word at half the time."""
+        arrival = textbook.ARRIVAL_S
+        found = [Gene('arrival_s', 0.8 * arrival, 1.5 * arrival, arrival, seconds=1)]
+        for i, word in enumerate(WORDS):
+            t = arrival / 2.0**i
+            k, d = textbook.gains(t)
             found += [
-                Gene(f'{word}: peak_s', least, most, t, seconds=1),
-                Gene(f'{word}: k', 0.3 * k, 3.0 * k, k, -1, 0, 1, logarithmic=True),
-                Gene(f'{word}: d', 0.3 * d, 3.0 * d, d, -1, 1, 1, logarithmic=True),
+                Gene(f'{word}: peak_s', 0.75 * t, 1.35 * t, t, seconds=1, logarithmic=True),
+                Gene(f'{word}: k', k / 4.0, k * 4.0, k, -1, 0, 1, logarithmic=True),
+                Gene(f'{word}: d', d / 4.0, d * 4.0, d, -1, 1, 1, logarithmic=True),
             ]
         return tuple(found)
 
@@ -260,7 +249,7 @@ class TimeToGo(Family):
 
     def _worst_of_box(self, mean_s: float) -> _Worst:
         """Return the largest values over all starts in the box; means over the last `mean_s`."""
-        ticks, tail = round(_FLIGHT_S / self.tick_s), round(mean_s / self.tick_s)
+        ticks, tail = round(textbook.FLIGHT_S / self.tick_s), round(mean_s / self.tick_s)
         corners = np.array(list(product((1.0, -1.0), repeat=6))).T
         state, forces = corners * np.repeat([_BOX_M, _BOX_M_S], 3)[:, None], []
         distance, speed = np.zeros(64), np.zeros(64)

@@ -23,8 +23,12 @@ _DESCRIPTIONS = {
 _EPILOG = """example:
   ros2 run rpo_log {} runs/demo
 
-exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete
+exit code: 0 no problem; 1 not as computed; 2 not a readable log; 3 the log is incomplete;
+4 no problem but for what was given
 """
+
+
+GIVEN = 'topic that a node of somebody else made: it is taken as it is; may be repeated'
 
 
 class Finding(Protocol):
@@ -46,7 +50,7 @@ def parser(command: str) -> argparse.ArgumentParser:
         epilog=_EPILOG.format(command),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('run', type=Path, help='run folder or .mcap file')
+    found.add_argument('run', type=Path, help='run folder, .mcap file or bag')
     if command == 'verify':
         found.add_argument(
             '--trusted',
@@ -54,6 +58,9 @@ def parser(command: str) -> argparse.ArgumentParser:
             metavar='KEYS',
             help='public key, or folder of them (*.pem): one must have signed the run',
         )
+        found.add_argument('--given', action='append', default=[], metavar='TOPIC', help=GIVEN)
+        for kind in ('scenario', 'controller'):
+            found.add_argument(f'--{kind}', default='', help=f'{kind} of a bag without manifests')
     if command == 'repair':
         found.add_argument('--output', type=Path, help='where the repaired log goes')
         found.add_argument(
@@ -75,7 +82,8 @@ def _find(command: str, options: argparse.Namespace) -> Finding:
     if command == 'verify':
         from rpo_log.verify import verify
 
-        return verify(options.run, options.trusted)
+        more = options.given, options.scenario, options.controller
+        return verify(options.run, options.trusted, *more)
     if command == 'info':
         from rpo_log.tools.info import inspect
 

@@ -21,7 +21,7 @@ RECORDER = (
 )  # fmt: skip
 
 REPLAY = (
-    Row('bag', '', 'run folder or .mcap file', example='runs/first'),
+    Row('bag', '', 'run folder, .mcap file or bag', example='runs/first'),
     Row('rate', 1.0, 'simulated seconds per second; 0: as fast as possible', most=1e6,
         smallest=1e-6),
     Row('start_s', 0.0, 'time of the run at which to begin', 's'),

@@ -30,6 +30,7 @@ from rpo_mcap.write.side_file import DecisionLogWriter, HealthLogWriter, SideFil
 from rpo_mcap.write.writer import PHASES, Claims, RunLogWriter
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import texts_of
+from rpo_ros.heartbeat import Watch
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
 from rpo_ros.signals import hear, message_class
@@ -111,6 +112,7 @@ class RecorderNode(FlightNode):
         )
         hear(self, Manifest, self._on_manifest)
         hear(self, PlantTick, self._on_plant_tick, qos.RECORDING)
+        self._watch = Watch(self, lambda: self._running and self._end is None)
 
     def _on_raw(self, name: str, data: bytes) -> None:
         if self._commanded_s is None and name == self._force_topic:

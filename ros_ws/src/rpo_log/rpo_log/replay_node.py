@@ -16,10 +16,10 @@ from std_srvs.srv import SetBool, Trigger
 from rpo_core import files
 from rpo_core.files.validation import InputError
 from rpo_core.wire import interfaces
+from rpo_log.bag import open_run
 from rpo_log.parameters import REPLAY as PARAMETERS
 from rpo_mcap.errors import LogError
 from rpo_mcap.read.decode import Message, values_of
-from rpo_mcap.read.stream import RunReader
 from rpo_ros import conversions, names, qos
 from rpo_ros.parameters import declare
 from rpo_ros.running import FlightNode, run_node
@@ -48,7 +48,7 @@ class ReplayNode(FlightNode):
         super().__init__('replay', overrides)
         self.values = declare(self, PARAMETERS)
         try:
-            self._reader = RunReader(files.expanded('bag', self.values['bag']))
+            self._reader = open_run(files.expanded('bag', self.values['bag']))
         except LogError as error:
             raise InputError(f'`bag` {error}') from None
         self._range = self._ticks_asked()

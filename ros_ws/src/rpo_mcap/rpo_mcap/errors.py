@@ -18,6 +18,7 @@ class ExitCode(IntEnum):
     DIFFERENT = 1  # the logs differ, or the flight is not the one the log claims
     BAD_INPUT = 2  # not a readable log of a run
     INCOMPLETE = 3  # readable, and equal as far as it goes, but cut short or with holes
+    GIVEN = 4  # whole and as computed, from signals that the caller declared given
 
 
 class Fault(str, Enum):

@@ -121,7 +121,11 @@ def _shown(h: Vector, m: Any, at: int) -> float:
 
 @kernel
 def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> float:
-    """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma."""
+    """Take one measured number, h . x[first : first + 3] plus noise; return innovation / sigma.
+
+    Of a variance more than 1e16 times the measured one, rounding leaves P with no digit that is
+    right, and a diagonal or the spread may be negative; the updates that follow put that right.
+    """
     row = P + STATES * first  # P is symmetric: rows are faster than columns
     for i in range(STATES):
         m[WORK + i] = h[0] * m[row + i] + h[1] * m[row + STATES + i] + h[2] * m[row + 18 + i]
@@ -140,7 +144,7 @@ def update(m: Any, first: int, h: Vector, measured: float, variance: float) -> f
             value = m[row + b] - gain * m[WORK + b] - rest * other + noise * other
             m[row + b] = value
             m[P + STATES * b + a] = value
-    return innovation / sqrt(spread)
+    return innovation / sqrt(abs(spread))
 
 
 @kernel

@@ -8,17 +8,32 @@ listens to their output, `navigation_state`.
 
 from __future__ import annotations
 
+from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
+from rpo_core.files.scenario import Scenario
+from rpo_nav.parameters import ALL, ESTIMATOR, NAVIGATION, SENSORS
 from rpo_ros.place_node import PlaceNode
 from rpo_ros.running import run_node
+
+PLACES = {
+    ALL: (Place.SENSOR, Place.ESTIMATOR),
+    SENSORS: (Place.SENSOR,),
+    ESTIMATOR: (Place.ESTIMATOR,),
+}
 
 
 class NavigationNode(PlaceNode):
     """Answers each true state with the navigation solution, a function of state and tick."""
 
     node_name = 'navigation'
-    places = (Place.SENSOR, Place.ESTIMATOR)
+    rows = NAVIGATION
+    places = PLACES[ALL]
     what = ('navigating', 'errors of navigation')
+
+    def part(self, scenario: Scenario) -> Chain | None:
+        """Return the stages that it runs; without any, the node ends."""
+        self.places = PLACES[self.values['stages']]
+        return super().part(scenario)
 
 
 def main() -> int:

@@ -6,6 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_ros.parameter_rows import SCENARIO
+from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 
-NAVIGATION = (replace(SCENARIO, example='path/to/mine.yaml'),)
+ALL, SENSORS, ESTIMATOR = 'all', 'sensors', 'estimator'
+
+NAVIGATION = (
+    replace(SCENARIO, example='path/to/mine.yaml'),
+    ParameterRow('stages', ALL, "those that this node runs; the others are somebody else's",
+                 choices=(ALL, SENSORS, ESTIMATOR)),
+)  # fmt: skip

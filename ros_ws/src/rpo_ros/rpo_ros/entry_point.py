@@ -20,7 +20,7 @@ EXIT_BAD_INPUT = 2
 
 GENERATOR = 'rosidl_generator_py.generate_py_impl'
 """Writes Python code from message definitions, which no node does. Every message module imports it
-if it can: with its parser it is a quarter of the CPU time that a node takes to start."""
+if it can: with its parser it is a large part of the CPU time that a node takes to start."""
 
 LONGEST_END_S = 20.0
 """Longest time for the middleware and the interpreter to end, once a node has closed its files."""

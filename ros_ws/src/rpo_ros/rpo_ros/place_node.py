@@ -11,25 +11,27 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_ros import health
+from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 from rpo_ros.stage_node import StageNode
 
 
 class PlaceNode(StageNode):
     """Runs the stages that a scenario has at some places of the chain.
 
-    node_name : of the node
+    node_name : of the node; rows : its parameters
     places : of the chain
     what : the work of the stages in a word, and their product
     role : in the manifest; '' for none
     """
 
     node_name = ''
+    rows: tuple[ParameterRow, ...] = (SCENARIO,)
     places: tuple[Place, ...] = ()
     what = ('', '')
     role = ''
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        super().__init__(self.node_name, overrides)
+        super().__init__(self.node_name, overrides, self.rows)
         self.begin()
 
     def part(self, scenario: Scenario) -> Chain | None:

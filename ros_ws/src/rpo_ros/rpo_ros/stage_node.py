@@ -17,9 +17,10 @@ from rpo_core.chain.chain import Chain, Signals
 from rpo_core.chain.stage import WITHOUT_COMMAND, ZERO, Signal
 from rpo_core.files.scenario import Scenario
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import REFUSED, RUNNING, WAITING, RunStatus
+from rpo_core.wire.statuses import GONE, REFUSED, RUNNING, WAITING, RunStatus
 from rpo_ros import health, names, qos
 from rpo_ros.conversions import to_status
+from rpo_ros.heartbeat import Pulse
 from rpo_ros.parameter_rows import SCENARIO, ParameterRow
 from rpo_ros.parameters import declare
 from rpo_ros.patience import MOST_REPEATS, Patience
@@ -93,7 +94,11 @@ class StageNode(FlightNode):
             self._listen(interfaces.RELATIVE_STATE)
         hear(self, RunStatus, self._on_run_status, qos.LATCHED)
         health.publish_health(self, self.health)
+        self._pulse = Pulse(self, self._stages)
         self._run.begin()
+
+    def _stages(self) -> list[str]:
+        return [link.stage.name for link in self.chain.links] if self.chain else []
 
     @property
     def scenario(self) -> Scenario | None:
@@ -377,6 +382,7 @@ class StageNode(FlightNode):
 
     def close(self) -> None:
         """Wait until the last answer has arrived: otherwise the log would miss it."""
+        self._pulse.beat(GONE)
         for outlet in self._outlets.values():
             outlet.publisher.wait_for_all_acked(_LAST_WORDS)
         self._stage_status.wait_for_all_acked(_LAST_WORDS)

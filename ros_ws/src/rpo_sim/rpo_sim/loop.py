@@ -9,7 +9,9 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
-from rpo_core.wire.statuses import RUNNING, WAITING
+from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
+from rpo_ros import health
+from rpo_ros.heartbeat import Watch
 from rpo_ros.running import FlightNode
 
 
@@ -20,10 +22,12 @@ class Loop(FlightNode):
     phase : WAITING, RUNNING, FINISHED or ABORTED
     paused : only requested ticks pass
     steps : requested ticks that have not passed
+    watch : the signs of life of the other nodes
     progress_s, sent_s : monotonic times of the last tick, of the last state sent
     """
 
     values: Mapping[str, Any]
+    watch: Watch
 
     def __init__(self, name: str, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(name, overrides)
@@ -31,6 +35,24 @@ class Loop(FlightNode):
         self.paused = False
         self.steps = 0
         self.progress_s = self.sent_s = time.monotonic()
+
+    def pause(self, wanted: bool) -> None:
+        """Pause a run, or go on; what it does already changes nothing."""
+        if wanted == self.paused:
+            return
+        self.paused, self.steps = wanted, 0
+        if wanted:
+            self.report(health.OK, PAUSED, PAUSED)
+        else:
+            self.report(health.OK, RUNNING, 'flying', resumed='true')
+            self.go_on()
+
+    def step(self, ticks: int) -> None:
+        """Let so many more ticks pass of a run that is paused."""
+        fresh = not self.steps
+        self.steps += ticks
+        if fresh and ticks:
+            self.go_on()
 
     @property
     def stepping(self) -> bool:

@@ -43,8 +43,8 @@ class LoopHealth:
         """Return the values that depend on the wall clock: counts, latency and lateness."""
         return {**self._figures(), **self._latency.histogram.figures('latency')}
 
-    def status(self, phase: str, unrecorded: bool) -> health.Health:
-        """Return level, message and values; a warning while faults happen."""
+    def status(self, phase: str, unrecorded: bool, silent: str) -> health.Health:
+        """Return level, message and values; a warning while faults happen, or nodes are silent."""
         plant = self._plant
         figures = self.wall_figures()
         values: dict[str, Any] = {
@@ -58,7 +58,9 @@ class LoopHealth:
         }
         if plant.openings is not None:
             values['openings'] = plant.openings
+        if silent:
+            values['silent'] = silent
         faults = sum(plant.ignored.values()) + sum(figures.get(name, 0) for name in _FAULTS)
-        level = health.WARN if faults > self._faults or unrecorded else health.OK
+        level = health.WARN if faults > self._faults or unrecorded or silent else health.OK
         self._faults = faults
         return level, f'{phase}, the recorder is gone' if unrecorded else phase, values

@@ -126,6 +126,8 @@ class LockstepPacing(Pacing):
     def _lose_peers(self) -> None:
         lost = ', '.join(self.plant.missing)
         reason = f'no answer to tick {self.plant.tick} from {lost}'
+        if self.loop.watch.silent:
+            reason += f'; silent: {", ".join(self.loop.watch.silent)}'
         if self.loop.values['on_peer_timeout'] == 'abort':
             self.loop.abort(reason)
             return

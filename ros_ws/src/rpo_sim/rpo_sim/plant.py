@@ -54,6 +54,7 @@ class Plant:
 
     scenario : of the run
     expected : topics of the answers to each state
+    chain : the stages that the plant runs
     taken : tick, of the last ones -> the answers to its state that were accepted, by topic
     settled_after_ticks : after so many ticks no answer to a state can act any more
     depths_m : zone -> how deep the chaser has been in it so far, if it was
@@ -69,9 +70,9 @@ class Plant:
         self.saturated_ticks = 0
         self.ignored: Counter[str] = Counter()
         self.taken: dict[int, dict[str, Force]] = {0: {}}
-        self._chain = Chain.of(scenario).part(*PLACES)
-        self._chain.reset()
-        self.inputs = tuple(name for name in self._chain.inputs if name != RELATIVE_STATE)
+        self.chain = Chain.of(scenario).part(*PLACES)
+        self.chain.reset()
+        self.inputs = tuple(name for name in self.chain.inputs if name != RELATIVE_STATE)
         self.signals: Signals = {RELATIVE_STATE: tuple(map(float, scenario.start))}
         self._limit = float(scenario.max_force_n)
         self._stamp_ns = scenario.stamp_ns(0)
@@ -93,7 +94,7 @@ class Plant:
     @property
     def openings(self) -> int | None:
         """How often a valve has opened; None where thrusters do not fire in pulses."""
-        for link in self._chain.links:
+        for link in self.chain.links:
             if isinstance(link.stage, ValvesStage) and EXERTED_FORCE in link.stage.outputs:
                 return round(float(link.stage.memory[pulse_kernels.OPENINGS]))
         return None
@@ -122,7 +123,7 @@ class Plant:
         before = signals[RELATIVE_STATE]
         for name in self.inputs:
             signals[name] = answers.get(name, ZERO)
-        self._chain.step(self.tick, signals)
+        self.chain.step(self.tick, signals)
         # With its norms: 1e300 m is finite, but no controller can answer it.
         state = signals[RELATIVE_STATE]
         if not math.isfinite(norm(*state[:3]) + norm(*state[3:])):
@@ -165,7 +166,7 @@ class Plant:
     def last_signals(self, answers: Mapping[str, Force]) -> Signals:
         """Return the signals of the last tick, whose answers change no state."""
         signals = {**self.signals, **{name: answers.get(name, ZERO) for name in self.inputs}}
-        self._chain.step(self.tick, signals)
+        self.chain.step(self.tick, signals)
         return signals
 
     def ending(self) -> str:

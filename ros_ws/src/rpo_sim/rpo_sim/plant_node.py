@@ -15,11 +15,13 @@ from rpo_core.chain.chain import Signals
 from rpo_core.chain.stage import Signal
 from rpo_core.files import scenario
 from rpo_core.wire import interfaces
-from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, PAUSED, RUNNING, WAITING
+from rpo_core.wire.statuses import ABORTED, ENDED, FINISHED, GONE, PAUSED, RUNNING, WAITING
 from rpo_ros import health
+from rpo_ros.heartbeat import Pulse, Watch
 from rpo_ros.parameters import declare
 from rpo_ros.running import run_node
 from rpo_ros.signals import listen
+from rpo_sim import standard_control
 from rpo_sim.free_running import FreeRunningPlant
 from rpo_sim.lockstep import LockstepPlant
 from rpo_sim.loop import Loop
@@ -55,6 +57,7 @@ class PlantNode(Loop):
         self._peers, self._own = topics_of(self.scenario)
         self._connect()
         self.control = SimulatorControl(self)
+        self._standard = standard_control.offer(self)
         self._manifest(files.read_text(path))
         self._begin_run()
         self.every(min(_LOOK_S, self.values['resend_after_s']), self._look)
@@ -67,6 +70,8 @@ class PlantNode(Loop):
         self.topics = Publications(self, self.values['publish_clock'], [*applied, *self._own])
         for name in self._peers:
             listen(self, name, partial(self._on_answer, name), self._ignore)
+        self.watch = Watch(self, lambda: self.phase not in (WAITING, *ENDED))
+        self._pulse = Pulse(self, lambda: ['plant'])
         self._refusals = Refusals(self, self.scenario)
         self.reports = TickReports(self, self.run_id, self._peers)
         self.recorder = RecorderWatch(
@@ -158,6 +163,8 @@ class PlantNode(Loop):
             self.steps -= 1
         if self.paused and not self.steps:
             self.report(health.OK, PAUSED, PAUSED)
+        if self._standard is not None:
+            self._standard.moved()
 
     def _judge_zones(self) -> None:
         """Say so when the chaser has come into a keep-out zone in which it was not before."""
@@ -236,6 +243,8 @@ class PlantNode(Loop):
         self.reports.end(self.plant)
         self.report(level, phase, reason)
         self.progress_s = time.monotonic()
+        if self._standard is not None:
+            self._standard.moved()
         if phase == ABORTED:
             text = f'aborted at tick {self.tick}: {reason}'
             log = self.get_logger()
@@ -245,6 +254,10 @@ class PlantNode(Loop):
         self.get_logger().info(f'finished at {time_s:g} s: {self.plant.ending()}')
         if self.plant.entered:
             self.get_logger().error(f'MISSED: {self.plant.entered}')
+
+    def close(self) -> None:
+        """Say that it ends."""
+        self._pulse.beat(GONE)
 
     def reset(self) -> None:
         """End the run and start another at tick 0; the recorder closes the log of the first."""
@@ -274,7 +287,8 @@ class PlantNode(Loop):
         self.topics.status(level, reason, values)
 
     def _health(self) -> health.Health:
-        return self.loop.status(PAUSED if self.paused else self.phase, self._unrecorded)
+        phase = PAUSED if self.paused else self.phase
+        return self.loop.status(phase, self._unrecorded, ', '.join(self.watch.silent))
 
     def interrupt(self, reason: str) -> None:
         """Publish that the run was interrupted, and let the recorder close its log."""

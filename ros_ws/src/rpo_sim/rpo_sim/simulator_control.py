@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Services to steer a simulation: pause, step, reset, abort.
 
-They use std_srvs: the ROS wheels do not have the standard package simulation_interfaces. A call
-returns at once; `run_status` reports when the request is done.
+They use std_srvs: not every ROS 2 has the package simulation_interfaces (`standard_control`). A
+call returns at once; `run_status` reports when the request is done.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 from std_srvs.srv import SetBool, Trigger
 
 from rpo_core.wire.statuses import PAUSED, RUNNING, WAITING
-from rpo_ros import health
 from rpo_sim.loop import Loop
 
 Answer = SetBool.Response | Trigger.Response
@@ -38,26 +37,18 @@ class SimulatorControl:
         return '' if running else f'no run in progress: {self.loop.phase}'
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        loop, refusal = self.loop, self._no_run()
-        if not refusal and request.data != loop.paused:
-            loop.paused, loop.steps = request.data, 0
-            if loop.paused:
-                loop.report(health.OK, PAUSED, PAUSED)
-            else:
-                loop.report(health.OK, RUNNING, 'flying', resumed='true')
-                loop.go_on()
+        refusal = self._no_run()
+        if not refusal:
+            self.loop.pause(request.data)
         done = PAUSED if request.data else RUNNING
-        return _answer(response, refusal, f'{done} at tick {loop.tick}')
+        return _answer(response, refusal, f'{done} at tick {self.loop.tick}')
 
     def _on_step(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         loop = self.loop
         refusal = self._no_run() or ('' if loop.paused else 'not paused: pause first')
         tick, requested = loop.tick, loop.values['step_ticks']
         if not refusal:
-            fresh = not loop.steps
-            loop.steps += requested
-            if fresh:
-                loop.go_on()
+            loop.step(requested)
         return _answer(response, refusal, f'{requested} ticks from tick {tick}')
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -51,6 +51,7 @@ DECISION = 'decision'
 NODE_MANIFEST = 'node_manifest'
 RECORDER_STATUS = 'recorder_status'
 PLANT_TICK = 'plant_tick'
+HEARTBEAT = 'heartbeat'
 DIAGNOSTICS = 'diagnostics'
 
 STATE, COMMAND, THRUST, DISTURBANCE = 'state', 'command', 'thrust', 'disturbance'
@@ -306,6 +307,8 @@ for _row in (
     Interface(PLANT_TICK, STATUS_TYPE,
               'what the plant published and took at a tick, from where a recorder asks',
               due=EVENT, logged=False, qos=Qos(depth=2 * REMEMBERED_TICKS)),
+    Interface(HEARTBEAT, STATUS_TYPE, 'sign of life of a node of the loop, 5 a second of wall time',
+              due=EVENT, logged=False, qos=Qos(depth=16)),
     Interface(DIAGNOSTICS, ARRAY_TYPE, 'health, once a second of wall time',
               due=EVENT, logged=False, qos=Qos(depth=10)),
 ):

@@ -1,18 +1,19 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""What nodes say of a run in a DiagnosticStatus: a strict reader for each topic.
+"""What nodes say of a run in a DiagnosticStatus: a contract and a strict reader for each topic.
 
 Anybody may publish on a topic. A reader takes a status as a whole, or raises an InputError that
-names the wrong field: no node acts on a part of it.
+names the wrong field: no node acts on a part of it. `docs/nodes/protocol.md` is written from the
+contracts (`tools/node_pages.py`).
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 from rpo_core.files.validation import InputError, choice, printable, quoted, shown, text
 from rpo_core.wire import interfaces
@@ -36,8 +37,6 @@ MOST_CHARACTERS = 4000
 MOST_IN_ALL = 10_000
 """Of all its texts together."""
 
-_RUN_FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
-_MODES = ('open', 'approach', 'contact')
 _TICK = re.compile('0|[1-9][0-9]{0,17}')
 _NUMBER = re.compile(r'-?([0-9]+(\.[0-9]*)?(e[+-]?[0-9]+)?|inf)|nan')
 
@@ -78,42 +77,112 @@ def _values(status: Status) -> dict[str, str]:
     return once(status.values)
 
 
-def _given(values: Mapping[str, str], name: str) -> str:
-    if name not in values:
-        raise InputError(f'`{name}` is missing')
-    return values[name]
-
-
-def _tick(values: Mapping[str, str], name: str = 'tick') -> int:
-    found = _given(values, name)
+def _tick(name: str, found: str) -> int:
     if not _TICK.fullmatch(found):
         raise InputError(f'`{name}` must be a whole number >= 0; got {shown(found)}')
     return int(found)
 
 
-def _number(values: Mapping[str, str], name: str) -> float:
+def _number(name: str, found: str) -> float:
     """Return a number, which may be infinite or NaN: a margin without a limit, a bad command."""
-    found = _given(values, name)
     if len(found) > 40 or not _NUMBER.fullmatch(found):
         raise InputError(f'{quoted(name)} must be a number; got {shown(found)}')
     return float(found)
 
 
-def _figure(values: Mapping[str, str], name: str) -> float:
-    found = _number(values, name)
-    if not 0.0 <= found < math.inf:
-        raise InputError(f'{quoted(name)} must be a finite number >= 0; got {shown(values[name])}')
-    return found
+def _figure(name: str, found: str) -> float:
+    if not 0.0 <= _number(name, found) < math.inf:
+        raise InputError(f'{quoted(name)} must be a finite number >= 0; got {shown(found)}')
+    return float(found)
+
+
+def _names(name: str, found: str) -> tuple[str, ...]:
+    known = [row.name for row in interfaces.rows()]
+    return tuple(choice(name, word, known) for word in found.split())
+
+
+class Kind(NamedTuple):
+    """What the text of a value must be: for the page, and as a function of its key and the text."""
+
+    words: str
+    read: Callable[[str, str], Any]
+
+
+def _one_of(*words: str) -> Kind:
+    return Kind(', '.join(f'`{w}`' for w in words), lambda name, found: choice(name, found, words))
+
+
+TICK, NUMBER = Kind('whole number >= 0', _tick), Kind('number, inf or nan', _number)
+FIGURE, NAMES = Kind('finite number >= 0', _figure), Kind('names of topics, with spaces', _names)
+TEXT = Kind('one line', text)
+TEXT_OR_NONE = Kind('one line, may be empty', lambda name, found: found and text(name, found))
+REASON = Kind('text, may be empty', lambda _, found: printable(found))
+FILE = Kind('text', lambda _, found: found)
+
+
+class Key(NamedTuple):
+    """A value of a status.
+
+    name : its key; 'file.<name>' stands for all that begin with 'file.', '<topic>' for any other
+    kind, unit, meaning : of the value
+    needed : whether a status without it is refused
+    """
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: str = ''
+    needed: bool = True
+
+
+@dataclass(frozen=True)
+class Contract:
+    """What a status of a topic holds: the table that the nodes validate with.
+
+    sender, when : who publishes it, and when
+    peer : what whoever hears it does, or must do
+    keys : its values; `reason` of a phase or state is its `message`
+    fields : name, message or hardware_id of the status -> what it must be, where it is fixed
+    level : for people
+    """
+
+    sender: str
+    when: str
+    peer: str
+    keys: tuple[Key, ...]
+    fields: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    level: str = '0'
+
+    def read(self, status: Status, most: bool = True) -> dict[str, Any]:
+        """Return the values by key, each as its kind reads it; raises InputError.
+
+        most : whether the length of texts is limited
+        """
+        values = _values(status) if most else once(status.values)
+        for name, allowed in self.fields.items():
+            choice(name, getattr(status, name), allowed)
+        found: dict[str, Any] = {}
+        for key in self.keys:
+            if key.name in values:
+                found[key.name] = key.kind.read(key.name, values[key.name])
+            elif key.needed:
+                raise InputError(f'`{key.name}` is missing')
+        return found
 
 
 class Reader(Protocol):
     """What one kind of status says; `topic` carries it."""
 
     topic: ClassVar[str]
+    contract: ClassVar[Contract]
 
     @classmethod
     def of(cls, status: Status) -> Reader:
         """Return what a status says; raises InputError."""
+
+
+_PHASES = _one_of(*LEVELS)
+_ANY_TICK = Key('tick', TICK, 'first tick that it holds for')
 
 
 @dataclass(frozen=True)
@@ -128,6 +197,28 @@ class RunStatus:
     """
 
     topic: ClassVar[str] = interfaces.RUN_STATUS
+    contract: ClassVar[Contract] = Contract(
+        'the plant',
+        'as each phase begins, and when a peer is lost or comes back, the chaser enters a keep-out '
+        'zone, or the recorder is gone. The message is the reason',
+        'the recorder begins its log with `running`, at tick 0 or later, and closes it after '
+        '`finished` or `aborted`. It takes a status whose distance and speed are those of the '
+        'state of its tick, and no other. Nodes begin a new run after a new `waiting`',
+        (
+            Key('phase', _PHASES, 'of the run; `paused` is in no log'),
+            Key('tick', TICK, 'that the plant is at; `finished`: the last one'),
+            Key('time_s', FIGURE, 'since tick 0', 's', False),
+            Key('distance_m', FIGURE, 'to the target; the recorder needs it', 'm', False),
+            Key('speed_m_s', FIGURE, 'relative to the target; the recorder needs it', 'm/s', False),
+            Key('energy_n2s', FIGURE, 'sum of the squared forces that the thrusters took, per '
+                'axis, times the tick', 'N² s', False),
+            Key('saturated_ticks', FIGURE, 'ticks with a saturated command', '', False),
+            Key('dropped', NAMES, 'the plant goes on without these, from `tick` on', '', False),
+            Key('resumed', _one_of('true'), 'it goes on after a pause', '', False),
+        ),
+        {'name': ('run',), 'hardware_id': ('none',)},
+        ', '.join(f'`{phase}` {" or ".join(map(str, found))}' for phase, found in LEVELS.items()),
+    )  # fmt: skip
     phase: str
     tick: int
     reason: str
@@ -142,26 +233,19 @@ class RunStatus:
     @classmethod
     def of(cls, status: Status) -> RunStatus:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        phase = choice('phase', _given(values, 'phase'), LEVELS)
+        found = cls.contract.read(status)
+        phase = found['phase']
         if status.level not in LEVELS[phase]:
             levels = ' or '.join(map(str, LEVELS[phase]))
             raise InputError(f'the level of `{phase}` must be {levels}; got {status.level}')
-        for field, wanted in (('name', 'run'), ('hardware_id', 'none')):
-            choice(field, getattr(status, field), [wanted])
-        if 'resumed' in values:
-            choice('resumed', values['resumed'], ['true'])
-        dropped = values.get('dropped', '').split()
-        for name in dropped:
-            choice('dropped', name, [row.name for row in interfaces.rows()])
-        known = ('phase', 'tick', 'resumed', 'dropped')
-        for name in (name for name in values if name not in known):
-            # At the end, free running adds figures of its own.
-            if name not in _RUN_FIGURES and phase not in ENDED:
-                raise InputError(f'{shown(name)} is not a known value')
-            _figure(values, name)
-        reason, resumed = printable(status.message), 'resumed' in values
-        return cls(phase, _tick(values), reason, tuple(dropped), resumed)
+        known = {key.name for key in cls.contract.keys}
+        for name, value in status.values:
+            if name not in known:
+                if phase not in ENDED:  # at the end, free running adds figures of its own
+                    raise InputError(f'{shown(name)} is not a known value')
+                _figure(name, value)
+        reason, dropped = printable(status.message), found.get('dropped', ())
+        return cls(phase, found['tick'], reason, dropped, 'resumed' in found)
 
 
 @dataclass(frozen=True)
@@ -174,6 +258,20 @@ class StageStatus:
     """
 
     topic: ClassVar[str] = interfaces.STAGE_STATUS
+    contract: ClassVar[Contract] = Contract(
+        'a node of the chain; its name is that of the node',
+        'before the answer to the first tick that it holds for',
+        'the recorder logs it, if a node of that name is there. Verify recomputes what follows '
+        f'from it. Of a node that says `{REFUSED}` before tick 0, the plant aborts the run',
+        (
+            Key('stage', TEXT, 'of the chain'),
+            Key('state', TEXT, f'`active`, `inactive`, `without_command`, `{REFUSED}`, a command '
+                'or a decision of the stage'),
+            _ANY_TICK,
+            Key('reason', REASON, 'for people'),
+        ),
+        level='0 `active`, 1 else',
+    )  # fmt: skip
     node: str
     stage: str
     state: str
@@ -183,10 +281,8 @@ class StageStatus:
     @classmethod
     def of(cls, status: Status) -> StageStatus:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        stage, state = (text(name, _given(values, name)) for name in ('stage', 'state'))
-        node = text('name', status.name)
-        return cls(node, stage, state, _tick(values), printable(_given(values, 'reason')))
+        found = cls.contract.read(status)
+        return cls(text('name', status.name), **found)
 
 
 @dataclass(frozen=True)
@@ -194,6 +290,16 @@ class GuidanceStatus:
     """A phase of the plan, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.GUIDANCE_STATUS
+    contract: ClassVar[Contract] = Contract(
+        'guidance',
+        'as a phase of the plan begins',
+        'views show it; no node of the loop needs it',
+        (
+            Key('phase', TEXT, 'of the plan'),
+            _ANY_TICK,
+            Key('reason', REASON, 'for people'),
+        ),
+    )
     phase: str
     tick: int
     reason: str
@@ -201,9 +307,7 @@ class GuidanceStatus:
     @classmethod
     def of(cls, status: Status) -> GuidanceStatus:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        phase = text('phase', _given(values, 'phase'))
-        return cls(phase, _tick(values), printable(_given(values, 'reason')))
+        return cls(**cls.contract.read(status))
 
 
 @dataclass(frozen=True)
@@ -216,6 +320,24 @@ class AssuranceStatus:
     """
 
     topic: ClassVar[str] = 'assurance_status'
+    contract: ClassVar[Contract] = Contract(
+        'assurance',
+        'as an intervention begins or ends, and when its constraint changes',
+        'views show it; no node of the loop needs it',
+        (
+            Key('mode', _one_of('open', 'approach', 'contact'), 'of the zones'),
+            Key('constraint', TEXT_OR_NONE, 'for which the command is changed; empty: it passes'),
+            _ANY_TICK,
+            Key('margin_m', NUMBER, 'that the command as it came would leave', 'm'),
+            Key('margin_m_s', NUMBER, 'the same of the speed', 'm/s'),
+            *(
+                Key(f'{moment}_n.{axis}', NUMBER, f'command {moment} assurance', 'N')
+                for moment in ('before', 'after')
+                for axis in 'xyz'
+            ),
+        ),
+        level='1 while it changes commands, else 0',
+    )
     mode: str
     constraint: str
     tick: int
@@ -225,17 +347,8 @@ class AssuranceStatus:
     @classmethod
     def of(cls, status: Status) -> AssuranceStatus:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        for name in (f'{moment}_n.{axis}' for moment in ('before', 'after') for axis in 'xyz'):
-            _number(values, name)
-        constraint = _given(values, 'constraint')
-        return cls(
-            choice('mode', _given(values, 'mode'), _MODES),
-            text('constraint', constraint) if constraint else '',
-            _tick(values),
-            _number(values, 'margin_m'),
-            _number(values, 'margin_m_s'),
-        )
+        found = cls.contract.read(status)
+        return cls(**{name: value for name, value in found.items() if '_n.' not in name})
 
 
 @dataclass(frozen=True)
@@ -250,6 +363,24 @@ class RecorderStatus:
     """
 
     topic: ClassVar[str] = interfaces.RECORDER_STATUS
+    contract: ClassVar[Contract] = Contract(
+        'the recorder',
+        f'once a second of wall time, at each change, and every {interfaces.PROGRESS_TICKS} ticks. '
+        f'The message is its state: `{RECORDER_WAITS}`, `{READY}`, `{CLOSED}` or `{FAILED}`',
+        f'a plant that sees a recorder waits until it is `{READY}` before it passes tick 0, and in '
+        f'lockstep is never more than {interfaces.MOST_AHEAD_TICKS} ticks ahead of `next_tick`; '
+        f'after its last `run_status` it stays until `{CLOSED}`. From `asks_from` on it publishes '
+        f'`{interfaces.PLANT_TICK}`; a plant that does not leaves messages that differ unexplained',
+        (
+            Key('recorder', TEXT, 'id of the recorder'),
+            Key('run', TEXT_OR_NONE, 'of the plant that it records, from its manifest'),
+            Key('reason', REASON, 'why it failed'),
+            Key('next_tick', TICK, 'first tick that its log does not have yet', '', False),
+            Key('asks_from', TICK, 'first tick of which the plant shall report', '', False),
+        ),
+        {'message': (RECORDER_WAITS, READY, CLOSED, FAILED)},
+        '0; 2 with a reason',
+    )
     says: str
     recorder: str
     run: str
@@ -260,16 +391,7 @@ class RecorderStatus:
     @classmethod
     def of(cls, status: Status) -> RecorderStatus:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        says = choice('message', status.message, (RECORDER_WAITS, READY, CLOSED, FAILED))
-        run = _given(values, 'run')
-        return cls(
-            says,
-            text('recorder', _given(values, 'recorder')),
-            text('run', run) if run else '',
-            printable(_given(values, 'reason')),
-            *(_tick(values, n) if n in values else None for n in ('next_tick', 'asks_from')),
-        )
+        return cls(says=status.message, **cls.contract.read(status))
 
 
 @dataclass(frozen=True)
@@ -282,6 +404,17 @@ class PlantTick:
     """
 
     topic: ClassVar[str] = interfaces.PLANT_TICK
+    contract: ClassVar[Contract] = Contract(
+        'the plant',
+        'when no answer to the state of a tick can act any more; only if a recorder asks',
+        'the recorder logs, of messages that differ, the one that the plant published or took',
+        (
+            Key('run', TEXT, 'id of the plant, from its manifest'),
+            Key('tick', TICK, 'that it tells of'),
+            Key('<topic>', NUMBER, 'numbers of the message, with spaces, each by `repr` so that '
+                'no bit is lost; empty: the plant took none', '', False),
+        ),
+    )  # fmt: skip
     run: str
     tick: int
     taken: Mapping[str, str]
@@ -289,19 +422,18 @@ class PlantTick:
     @classmethod
     def of(cls, status: Status) -> PlantTick:
         """Return what a status says; raises InputError."""
-        values = _values(status)
-        run, tick = text('run', _given(values, 'run')), _tick(values)
-        taken = {name: found for name, found in values.items() if name not in ('run', 'tick')}
-        for name, found in taken.items():
+        found = cls.contract.read(status)
+        taken = {name: value for name, value in status.values if name not in found}
+        for name, value in taken.items():
             if name not in interfaces.table():
                 raise InputError(f'{shown(name)} is no signal')
             columns = interfaces.row_of(name).columns
-            numbers = found.split()
+            numbers = value.split()
             if numbers and len(numbers) != len(columns):
-                raise InputError(f'{quoted(name)} must have {len(columns)} numbers; got {found!r}')
+                raise InputError(f'{quoted(name)} must have {len(columns)} numbers; got {value!r}')
             for number in numbers:
-                _number({name: number}, name)
-        return cls(run, tick, taken)
+                _number(name, number)
+        return cls(**found, taken=taken)
 
 
 def numbers_text(values: Iterable[float]) -> str:
@@ -320,6 +452,23 @@ class Manifest:
     """
 
     topic: ClassVar[str] = interfaces.NODE_MANIFEST
+    contract: ClassVar[Contract] = Contract(
+        'the plant, and each node with files or parameters that shape the flight; its name is that '
+        'of the node',
+        'once a second of wall time, and at each change',
+        'nodes take the scenario from the manifest of the plant, and the recorder waits for it. It '
+        'attaches all files and parameters to the log. A controller without a file sends its role '
+        'alone: for one that sends none, the recorder waits 5 s',
+        (
+            Key('role', TEXT, '`plant`, `controller`, `disturbance`, or another'),
+            Key('run', TEXT_OR_NONE, 'id of the plant, new for each start; of a plant', '', False),
+            Key('parameter.<name>', FILE, 'a parameter as YAML. Of a plant `parameter.mode`: '
+                '`lockstep` or `free_running`; `parameter.publish_clock` is `True` if it publishes '
+                '`/clock`', '', False),
+            Key('file.<name>', FILE, 'the text of a file: `file.scenario.yaml` of a plant, '
+                '`file.controller.yaml` of a controller', '', False),
+        ),
+    )  # fmt: skip
     node: str
     role: str
     run: str
@@ -328,20 +477,51 @@ class Manifest:
     @classmethod
     def of(cls, status: Status) -> Manifest:
         """Return what a status says; raises InputError."""
-        values = once(status.values)
-        role, run = text('role', _given(values, 'role')), values.get('run', '')
+        found = cls.contract.read(status, most=False)
+        values = dict(status.values)
         for key in values:
-            if key not in ('role', 'run') and not key.startswith(('parameter.', 'file.')):
+            if key not in found and not key.startswith(('parameter.', 'file.')):
                 raise InputError(f'{shown(key)} is no `parameter.` and no `file.`')
-        node = text('name', status.name)
-        return cls(node, role, text('run', run) if run else '', values)
+        return cls(text('name', status.name), found['role'], found.get('run', ''), values)
+
+
+ALIVE, GONE = 'alive', 'gone'
+"""What a node says of itself: GONE as it ends in order."""
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """Sign of life of a node.
+
+    node : its name; stages : that it runs; says : ALIVE or GONE
+    """
+
+    topic: ClassVar[str] = interfaces.HEARTBEAT
+    contract: ClassVar[Contract] = Contract(
+        'the plant, and each node that runs stages of the scenario; its name is that of the node',
+        f'five times a second of wall time: `{ALIVE}`; as it ends in order: `{GONE}`',
+        'plant and recorder warn within a second, on their log, of a node that was heard and is '
+        'not any more; `/diagnostics` of the plant and the reason of an abort name it too. A node '
+        'that never sent one is not missed',
+        (Key('stages', TEXT, 'that the node runs'),),
+        {'message': (ALIVE, GONE)},
+    )
+    node: str
+    stages: str
+    says: str
+
+    @classmethod
+    def of(cls, status: Status) -> Heartbeat:
+        """Return what a status says; raises InputError."""
+        found = cls.contract.read(status)
+        return cls(text('name', status.name), found['stages'], status.message)
 
 
 READERS: Mapping[str, type[Reader]] = {
     kind.topic: kind
     for kind in (
         RunStatus, StageStatus, GuidanceStatus, AssuranceStatus, RecorderStatus, PlantTick,
-        Manifest,
+        Manifest, Heartbeat,
     )
 }  # fmt: skip
 """Name of a topic -> its reader."""

@@ -18,6 +18,7 @@ from rpo_core.files.validation import printable
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import Verdict, missed, verdicts
 from rpo_ctrl.similarity import hint
+from rpo_log.bag import open_run
 from rpo_log.show import style
 from rpo_mcap.format.run import CONTROLLER, REPORT
 from rpo_mcap.read.run_log import RunLog, controller_of, flight_of, read_run, scenario_of
@@ -45,7 +46,7 @@ def show(run: Path, scale: str = '') -> tuple[Path | None, bool]:
 
     Raises LogError if the log is not that of a whole flight.
     """
-    log = read_run(run)
+    log = read_run(open_run(run))
     flight, title = flight_of(log), title_of(log)
     print_table(flight, title)
     if scale and (line := hint(flight, controller_of(log), scale)):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import Interface
+from rpo_log.bag import open_run
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.decode import Event, TickBlock
 from rpo_mcap.read.stream import RunReader
@@ -69,11 +70,11 @@ def _shown(value: float | None) -> str:
 class _Side:
     """One of the two logs, read block by block.
 
-    last : last tick so far
+    last : last tick that was read
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.reader = RunReader(path)
+        self.reader = open_run(path)
         self.events: list[Event] = []
         self.last = -1
         self.held: TickBlock | None = None
@@ -86,19 +87,17 @@ class _Side:
             if self.held is None:
                 return None
             self.events.extend(self.held.events)
+            self.last = int(self.held.ticks[-1]) if len(self.held.ticks) else self.last
         return self.held
 
     def take(self, block: TickBlock, ticks: NDArray[np.int64]) -> TickBlock:
         """Take the next ticks out of what `fill` returned; NaN for those that are not there."""
         self.held = block.after(int(ticks[-1]))
-        taken = block.ticks[: len(block.ticks) - len(self.held.ticks)]
-        self.last = int(taken[-1]) if len(taken) else self.last
         return block.at(ticks)
 
     def drain(self) -> None:
         """Read to the end."""
-        while (block := self.fill()) is not None:
-            self.last = int(block.ticks[-1])
+        while self.fill() is not None:
             self.held = None
 
 

@@ -1,11 +1,12 @@
 # Copyright 2026 The RPO stack authors
 # SPDX-License-Identifier: Apache-2.0
-"""A log for other tools: CSV, NumPy, Parquet; one row a tick, units in the column names."""
+"""A log for other tools: CSV, NumPy, Parquet, CCSDS OEM; one row a tick, units in the names."""
 
 from __future__ import annotations
 
 import csv
 import importlib.util
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rpo_core.wire import interfaces
+from rpo_log.bag import open_run
 from rpo_mcap.errors import Fault, LogError, cannot_write, exists
 from rpo_mcap.read.stream import RunReader
 from rpo_mcap.topics import Topic
@@ -110,18 +112,56 @@ def _parquet(reader: RunReader, output: Path) -> int:
     return rows
 
 
+OEM_FRAME = 'RSW_ROTATING'
+"""Name of `target_lvlh` in the registry of CCSDS; its other names are in docs/theory.md."""
+
+
+def _oem(reader: RunReader, output: Path) -> int:
+    import ccsds_ndm as ndm  # type: ignore[import-untyped,import-not-found,unused-ignore]
+
+    states = []
+    for table in tables(reader):
+        columns_m = [table[name] for name in _COLUMNS[interfaces.STATE_TYPE]]
+        values = np.column_stack(columns_m).astype(np.float64)
+        there = np.isfinite(values).all(axis=1)
+        epochs = map(_utc, table['stamp_ns'][there].tolist())
+        rows = zip(epochs, (values[there] / 1000.0).tolist(), strict=True)
+        states += [ndm.StateVectorAcc(epoch, *row) for epoch, row in rows]
+    if not states:
+        raise LogError(Fault.EMPTY, reader.path, 'holds no state')
+    metadata = ndm.OemMetadata(
+        object_name='CHASER', object_id='CHASER', center_name='TARGET', ref_frame=OEM_FRAME,
+        time_system='UTC', start_time=states[0].epoch, stop_time=states[-1].epoch,
+        comment=['relative to the target; velocity as seen in the turning frame'],
+    )  # fmt: skip
+    header = ndm.OdmHeader(creation_date=_utc(time.time_ns()), originator='RPO')
+    message = ndm.Oem(header, [ndm.OemSegment(metadata, ndm.OemData(state_vectors=states))])
+    message.validate()
+    with open(output, 'x', encoding='ascii') as stream:
+        stream.write(message.to_str('kvn'))
+    return len(states)
+
+
+def _utc(stamp_ns: int) -> str:
+    """Return a stamp as CCSDS writes it, to the nanosecond."""
+    second, ns = divmod(stamp_ns, 1_000_000_000)
+    return f'{time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(second))}.{ns:09d}'
+
+
 FORMATS: dict[str, Callable[[RunReader, Path], int]] = {
     '.csv': _csv,
     '.npz': _npz,
     '.parquet': _parquet,
+    '.oem': _oem,
 }
 """By the suffix of the output. CSV writes floats so that they come back bit for bit."""
 
 
 def export(path: str | Path, output: str | Path) -> int:
-    """Write a log as .csv, .npz or .parquet; return the number of rows. Raises LogError.
+    """Write a log as .csv, .npz, .parquet or .oem; return the number of rows. Raises LogError.
 
-    Parquet needs pyarrow. An existing file is not overwritten.
+    Parquet needs pyarrow; OEM needs ccsds-ndm-py, ModuleNotFoundError without it. An existing file
+    is not overwritten.
     """
     target = Path(output)
     write = FORMATS.get(target.suffix)
@@ -137,7 +177,7 @@ def export(path: str | Path, output: str | Path) -> int:
             target,
             'Parquet needs pyarrow, which is not installed; install it, or export to .csv or .npz',
         )
-    reader = RunReader(path)
+    reader = open_run(path)
     try:
         return write(reader, target)
     except FileExistsError:

@@ -7,9 +7,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from rpo_log.bag import open_run
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.format.run import TimeBase
-from rpo_mcap.read.stream import Completeness, RunReader
+from rpo_mcap.read.stream import Completeness
 from rpo_mcap.topics import Topic
 
 
@@ -58,18 +59,18 @@ class LogInfo:
 
 
 def inspect(path: str | Path) -> LogInfo:
-    """Read a log through, in bounded memory; raises LogError."""
-    reader = RunReader(path)
+    """Read a log or a bag through, in bounded memory; raises LogError."""
+    reader = open_run(path)
     completeness = Completeness(reader)
     for block in reader.blocks():
         completeness.add(block)
     return LogInfo(
         path=reader.path,
-        files=tuple((file, file.stat().st_size) for file in reader.files),
+        files=tuple((file, file.stat().st_size) for file in reader.sources),
         base=reader.base,
         messages=completeness.messages,
         ticks=(completeness.first, completeness.last),
         attachments={name: len(data) for name, data in reader.attachments.items()},
         outcome=completeness.outcome,
-        gaps=completeness.gaps(reader.damage),
+        gaps=(*completeness.gaps(reader.damage), *reader.lacks),
     )

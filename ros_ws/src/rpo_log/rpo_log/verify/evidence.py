@@ -91,9 +91,9 @@ class Evidence:
         self._read: dict[str, str] = {}  # digests of the files that were read, by name
         self._found = Verification(reader.path, 0, None, ())
 
-    def of_log(self, statuses: Statuses, free: bool) -> None:
+    def of_log(self, statuses: Statuses, free: bool, foreign: bool = False) -> None:
         """Judge run_status, and the records of the log that are not messages."""
-        self._recomputed.append('phases and figures of run_status')
+        self._recomputed.append('phases' + ' and figures' * (not foreign) + ' of run_status')
         self._unknown.append('texts of events')
         if free:
             self._unknown.append('when forces came')
@@ -101,7 +101,9 @@ class Evidence:
         premises = {name: _sha256(data) for name, data in sorted(carried.items())}
         self._found = replace(self._found, premises={**premises, 'events': statuses.said})
         self._unknown.append(f'whether {PARAMETERS} is what the nodes ran with')
-        if self._reader.damage:
+        if self._reader.foreign:
+            self._unknown.append('records of the bag beside its messages')
+        if self._reader.foreign or self._reader.damage:
             return
         found = [f.deviation(records_of_run(self._reader, p)) for p, f in self._forms.items()]
         self._take(next(filter(None, found), ''), 'records beside the messages')
@@ -114,7 +116,7 @@ class Evidence:
         """
         rate_hz = None if free else decision_rate_hz(self._reader)
         if decisions is None:
-            if rate_hz and self._reader.path.is_dir():
+            if rate_hz and self._reader.path.is_dir() and not self._reader.foreign:
                 self._gaps.append(f'{DECISIONS_FILE} is missing')
             return
         self._take('; '.join(decisions.gaps(rate_hz, last_tick)), DECISIONS_FILE)
@@ -123,9 +125,10 @@ class Evidence:
     def of_folder(self, trusted: Path | None) -> None:
         """Judge the other files of the folder, and its signature."""
         folder = self._reader.path
-        if not folder.is_dir():
+        if not folder.is_dir() or self._reader.foreign:
             if trusted is not None:
-                self._gaps.append('a single file has no signature')
+                what = 'a bag' if self._reader.foreign else 'a single file'
+                self._gaps.append(f'{what} has no signature')
             return
         if not self._reader.damage and os.path.lexists(folder / METADATA_FILE):
             gap, self._read[METADATA_FILE] = metadata_fault(self._reader)

@@ -24,6 +24,7 @@ from rpo_mcap.topics import Topic
 
 _RUNNING, _FINISHED, _ABORTED = 'running', 'finished', 'aborted'
 _LEVELS = {_RUNNING: (0, 1), _FINISHED: (0,), _ABORTED: (1, 2)}
+_FIGURES = ('time_s', 'energy_n2s', 'distance_m', 'speed_m_s', 'saturated_ticks')
 _OF_FREE_RUNNING = ('saturated_ticks',)
 """Figures that a log of free running does not tell: what was applied is saturated already."""
 
@@ -61,10 +62,14 @@ class Statuses:
     """Compares the events of a log with its flight.
 
     free : free running: the end carries figures of the wall clock
+    foreign : the plant is somebody else's: its figures are not judged
     """
 
-    def __init__(self, scenario: Scenario, topic: Topic | None, free: bool) -> None:
+    def __init__(
+        self, scenario: Scenario, topic: Topic | None, free: bool, foreign: bool = False
+    ) -> None:
         self._scenario, self._topic, self._free = scenario, topic, free
+        self._foreign = foreign
         self._phases: list[str] = []
         self._said = hashlib.sha256()
         # squares per axis [N^2], energy [N^2 s], saturated ticks; NaN from an unknown on
@@ -107,7 +112,7 @@ class Statuses:
         if event.signal != interfaces.RUN_STATUS or self._topic is None:
             return None
         for field, logged, computed in self._compared(event):
-            if logged != computed:
+            if logged != computed and not (self._foreign and field in _FIGURES):
                 name = self._topic.name
                 return Difference(event.tick, name, field, logged, computed, REST)
         self._phases.append(event.values.get('phase', ''))
@@ -147,8 +152,7 @@ class Statuses:
     def _others(self, phase: str, status: cdr.Status) -> Iterator[tuple[str, str, str]]:
         """Compare the names of the values: each once, none that the plant does not write."""
         names = [name for name, _ in status.values]
-        known = ['phase', 'tick', 'time_s', 'energy_n2s', 'distance_m', 'speed_m_s']
-        known += ['saturated_ticks', 'dropped']
+        known = ['phase', 'tick', 'dropped', *_FIGURES]
         ended_free = self._free and phase in (_FINISHED, _ABORTED)
         for name in names:
             allowed = names.count(name) == 1 and (name in known or ended_free)

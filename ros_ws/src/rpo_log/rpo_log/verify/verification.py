@@ -35,6 +35,7 @@ class Verification:
         none was asked for
     signed : files that it signed, and that are as they were; SHA-256 each
     controllers : per controller its commands, if there was more than one
+    given : signals that were taken as they are, not judged; each with the stage that makes it
     """
 
     path: Path
@@ -51,13 +52,16 @@ class Verification:
     signed_by: str | None = None
     signed: Mapping[str, str] = field(default_factory=dict)
     controllers: tuple[str, ...] = ()
+    given: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
-        """OK, DIFFERENT, or INCOMPLETE."""
+        """OK, DIFFERENT, INCOMPLETE, or GIVEN where nothing but what was given is not proven."""
         if self.difference is not None or self.faults:
             return ExitCode.DIFFERENT
-        return ExitCode.INCOMPLETE if self.gaps else ExitCode.OK
+        if self.gaps:
+            return ExitCode.INCOMPLETE
+        return ExitCode.GIVEN if self.given else ExitCode.OK
 
     def sentence(self) -> str:
         """Return one line for people."""
@@ -65,13 +69,16 @@ class Verification:
             return f'{self.path}: NOT as computed: {self.difference.sentence()}'
         if self.faults:
             return f'{self.path}: NOT as recorded: {"; ".join((*self.faults, *self.gaps))}'
-        stages = f'recomputed: {", ".join(self.stages)}'
+        stages = f'recomputed: {", ".join(self.stages) or "nothing"}'
         if self.controllers:
             stages += f'; {len(self.controllers)} controllers: {", ".join(self.controllers)}'
+        if self.given:
+            stages = f'given, not judged: {", ".join(self.given)}; {stages}'
         if self.gaps:
             gaps = '; '.join(self.gaps)
             return f'{self.path}: as computed as far as it goes, but {gaps}; {stages}'
-        sentence = f'{self.path}: verified, {self.ticks} ticks bit for bit; {stages}'
+        verified = 'as computed from what was given' if self.given else 'verified'
+        sentence = f'{self.path}: {verified}, {self.ticks} ticks bit for bit; {stages}'
         if self.free_running:
             sentence += (
                 '; a free-running flight: each state follows from the force applied, and each '

@@ -20,7 +20,8 @@ The first difference ends it. Logs of any length are verified in bounded memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,9 +31,10 @@ from rpo_core.chain.chain import NO_FORCE, Chain, Link
 from rpo_core.chain.stage import Place
 from rpo_core.control.controller import AnyController
 from rpo_core.control.controller_file import followed
-from rpo_core.files.validation import InputError
+from rpo_core.files.validation import InputError, choice
 from rpo_core.wire import interfaces
 from rpo_core.wire.interfaces import RELATIVE_STATE, current, row_of
+from rpo_log.bag import open_run
 from rpo_log.verify.evidence import Decisions, Evidence
 from rpo_log.verify.recomputation import (
     MOST_HELD_TICKS,
@@ -77,12 +79,19 @@ _SECTIONS = {
 }  # fmt: skip
 
 
-class _Verifier:
-    """Computes the blocks of a log anew; keeps what one hands to the next."""
+FIGURES = 'figures of run_status'
 
-    def __init__(self, reader: RunReader) -> None:
+
+class _Verifier:
+    """Computes the blocks of a log anew; keeps what one hands to the next.
+
+    given : signals that are taken as they are
+    """
+
+    def __init__(self, reader: RunReader, given: Collection[str]) -> None:
         self.scenario = scenario_of(reader)
-        known = CONTROLLER in reader.attachments
+        self._given = frozenset(given)
+        known = CONTROLLER in reader.attachments and interfaces.CONTROL_FORCE not in given
         controller = controller_of(reader) if known else None
         try:
             self.chain = Chain.of(self.scenario, controller)
@@ -96,6 +105,7 @@ class _Verifier:
         for topic in reader.topics:
             if topic.row.rider:
                 self.topics[topic.row.rider] = Topic(topic.name, row_of(topic.row.rider))
+        self._take_given(reader)
         self._require_topics(reader)
         self.free = topics.free_running(reader.topics)
         self.stages = [Recomputation(link.stage) for link in self.chain.links]
@@ -110,12 +120,42 @@ class _Verifier:
         self._previous = PreviousSignals()
         self._following: tuple[int, Floats] | None = None  # state computed for the next tick
         status = self.topics.get(interfaces.RUN_STATUS)
-        self.statuses = Statuses(self.scenario, status, self.free)
+        foreign = RELATIVE_STATE in self._given
+        self.statuses = Statuses(self.scenario, status, self.free, foreign)
         said = self.topics.get(interfaces.STAGE_STATUS)
-        self.stated = StatedDecisions(self.stages, said.name if said else interfaces.STAGE_STATUS)
+        self.stated = StatedDecisions(
+            [found for found in self.stages if found.stage.name in self.names],
+            said.name if said else interfaces.STAGE_STATUS,
+        )
         self.decisions = self._decisions(reader, controller)
         self.controllers = Controllers(reader, self.scenario, controller, self.decisions)
-        self._controller_known = known
+        self._controller_known = known or interfaces.CONTROL_FORCE in given
+
+    def _take_given(self, reader: RunReader) -> None:
+        """Check what is given, and find which stages are judged all the same.
+
+        A stage is judged if something that is compared follows from its outputs. Raises InputError.
+        """
+        logged = [name for name, topic in self.topics.items() if topic.row.columns]
+        for name in self._given:
+            choice('--given', name, logged)
+        riders = (interfaces.row_of(name).rider for name in self._given)
+        self._given |= {name for name in riders if name}
+        self.names: tuple[str, ...] = ()
+        needed = self.topics.keys() - self._given
+        for link in reversed(self.chain.links):
+            if needed & set(link.stage.outputs):
+                self.names = (link.stage.name, *self.names)
+                needed |= {name for name in link.reads if name not in self.topics}
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Signals that are given, each with the stage that makes it, in the order of the table."""
+        makers = {name: x.stage.name for x in self.chain.links for name in x.stage.outputs}
+        makers.setdefault(interfaces.CONTROL_FORCE, 'controller')
+        made = [row.name for row in interfaces.rows() if row.name in self._given]
+        named = [f'{name} ({makers[name]})' if name in makers else name for name in made]
+        return (*named, *[FIGURES] * (RELATIVE_STATE in made))
 
     def _decisions(self, reader: RunReader, controller: AnyController | None) -> Decisions | None:
         """Return the decisions beside the log; None if there are none."""
@@ -139,18 +179,13 @@ class _Verifier:
                     raise LogError(Fault.MISSING_TOPIC, reader.path, sentence)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the stages that are recomputed."""
-        return tuple(link.stage.name for link in self.chain.links)
-
-    @property
     def gaps(self) -> list[str]:
         """What could not be checked, for people."""
         found = [
             f'{found.stage.name} could not be recomputed at {found.gaps} ticks, the first is '
             f'{found.first_gap}: its memory was not known after a missing message'
             for found in self.stages
-            if found.gaps
+            if found.gaps and found.stage.name in self.names
         ]
         if self._unchecked:
             found.append(
@@ -175,6 +210,7 @@ class _Verifier:
         found: list[Difference | None] = [
             non_canonical_difference(message, self.scenario.stamp_ns(message.tick))
             for message in block.non_canonical
+            if message.topic.signal not in self._given
         ]
         if len(block.ticks):
             found += self._compare(block)
@@ -280,7 +316,8 @@ class _Verifier:
             computed[0], where[0] = self._following[1], True
         last = int(block.ticks[-1]) + 1
         self._following = (last, following[-1]) if known[-1] else None
-        return self._first(self.names[-1], RELATIVE_STATE, block, computed, where)
+        dynamics = self.chain.links[-1].stage.name
+        return self._first(dynamics, RELATIVE_STATE, block, computed, where)
 
     def _unmade(self, block: TickBlock) -> Iterator[Difference | None]:
         """Compare disturbances and covariances that no stage makes with zero."""
@@ -304,7 +341,7 @@ class _Verifier:
                     applied = block.values[_APPLIED[carried]]
                     held = self._held[carried]
                     computed, known = held.held(block.ticks, block.values[name], applied)
-                    if not self._hold_known:
+                    if not self._hold_known and _APPLIED[carried] not in self._given:
                         there = np.isfinite(applied).all(axis=1)
                         self._count_unchecked(block.ticks[~known & there])
                     yield self._first(APPLIED, _APPLIED[carried], block, computed, known)
@@ -327,7 +364,7 @@ class _Verifier:
         computed = np.ascontiguousarray(computed)
         unequal = logged.view(np.uint64) != computed.view(np.uint64)
         unequal &= (known & block.present[signal])[:, None]
-        if not unequal.any():
+        if signal in self._given or not unequal.any():
             return None
         row, column = divmod(int(unequal.argmax()), unequal.shape[1])
         topic = self.topics[signal]
@@ -341,16 +378,26 @@ class _Verifier:
         )
 
 
-def verify(path: str | Path, trusted: Path | None = None) -> Verification:
-    """Compute the flight of a run folder or .mcap file anew and compare.
+def verify(
+    path: str | Path,
+    trusted: Path | None = None,
+    given: Collection[str] = (),
+    scenario: str = '',
+    controller: str = '',
+) -> Verification:
+    """Compute the flight of a run folder, .mcap file or bag anew and compare.
 
     trusted : public key, or folder of them; one of them must have signed the run folder
+    given : signals of the log that somebody else's node made: they are taken as they are
+    scenario, controller : names or files, of a bag that does not carry them
 
-    Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys. A log that
-    cannot be read and is not the one that SHA256SUMS lists is a difference, no LogError.
+
+    Raises LogError if it is not the log of a run, InputError if `trusted` holds no keys, or what is
+    given is no signal of the log. A log that cannot be read and is not the one that SHA256SUMS
+    lists is a difference, no LogError.
     """
     try:
-        return _verification(path, trusted)
+        return _verification(open_run(path, scenario, controller), trusted, given)
     except LogError as error:
         faults = _faults_of(Path(path))
         if not faults:
@@ -367,9 +414,8 @@ def _faults_of(folder: Path) -> tuple[str, ...]:
         return ()
 
 
-def _verification(path: str | Path, trusted: Path | None) -> Verification:
-    reader = RunReader(path)
-    verifier, evidence = _Verifier(reader), Evidence(reader)
+def _verification(reader: RunReader, trusted: Path | None, given: Collection[str]) -> Verification:
+    verifier, evidence = _Verifier(reader, given), Evidence(reader)
     completeness = Completeness(reader)
     for block in events_ahead(reader.blocks(), verifier.states):
         completeness.add(block)
@@ -380,14 +426,17 @@ def _verification(path: str | Path, trusted: Path | None) -> Verification:
         difference = verifier.stated.difference()
     ticks = completeness.last + 1
     if difference is not None:
-        return Verification(reader.path, ticks, difference, (), verifier.free, verifier.names)
-    gaps = [*completeness.gaps(reader.damage), *verifier.gaps]
+        return Verification(
+            reader.path, ticks, difference, (), verifier.free, verifier.names, given=verifier.given
+        )
+    gaps = [*completeness.gaps(reader.damage), *reader.lacks, *verifier.gaps]
     gaps += verifier.stated.gaps(completeness.last)
     gaps += verifier.statuses.gaps if not gaps else []
     gaps += verifier.unknown_controller
-    evidence.of_log(verifier.statuses, free=verifier.free)
+    evidence.of_log(verifier.statuses, verifier.free, FIGURES in verifier.given)
     answered = verifier.states.dropped.get(interfaces.CONTROL_FORCE, ticks)
     evidence.of_decisions(verifier.decisions, min(ticks, answered) - 1, verifier.free)
     evidence.of_folder(trusted)
     shares = verifier.controllers.shares
-    return evidence.verification(ticks, gaps, verifier.free, verifier.names, shares)
+    found = evidence.verification(ticks, gaps, verifier.free, verifier.names, shares)
+    return replace(found, given=verifier.given)

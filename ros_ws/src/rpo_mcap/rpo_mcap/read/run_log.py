@@ -46,6 +46,7 @@ class RunLog:
     non_canonical : messages that hold more than a stamp and the numbers of their signal
     damage : where the file ends early; empty if it was closed in order
     gaps : why the log does not show a whole flight; empty if it does
+    lacks : what a bag does not hold beside the flight, and a log does
     """
 
     path: Path
@@ -59,6 +60,7 @@ class RunLog:
     non_canonical: tuple[NonCanonical, ...]
     damage: str
     gaps: tuple[str, ...]
+    lacks: tuple[str, ...] = ()
 
     @property
     def states(self) -> NDArray[np.float64]:
@@ -101,13 +103,13 @@ class RunLog:
         return dict(self.statuses[-1][1].values).get('phase') if self.statuses else None
 
 
-def read_run(path: str | Path) -> RunLog:
-    """Return the log of a run folder, or of one .mcap file, in memory; raises LogError.
+def read_run(path: str | Path | RunReader) -> RunLog:
+    """Return the log of a run folder, of one .mcap file or of a reader, in memory; LogError.
 
     A log that is cut short is read as far as it goes (`RunLog.damage`); `RunReader.blocks` reads
     long logs in bounded memory.
     """
-    reader = RunReader(path)
+    reader = path if isinstance(path, RunReader) else RunReader(path)
     completeness, blocks = Completeness(reader), []
     for block in reader.blocks():
         completeness.add(block)
@@ -127,6 +129,7 @@ def read_run(path: str | Path) -> RunLog:
         non_canonical=tuple(message for b in blocks for message in b.non_canonical),
         damage=reader.damage,
         gaps=completeness.gaps(reader.damage),
+        lacks=reader.lacks,
     )
 
 
@@ -177,7 +180,8 @@ def attachment(path: Path, attachments: Mapping[str, bytes], name: str) -> bytes
         raise LogError(
             Fault.MISSING_ATTACHMENT,
             path,
-            f'must carry {name}; it carries {", ".join(attachments) or "no file"}',
+            f'must carry {name}; it carries {", ".join(attachments) or "no file"}'
+            + ('; `--scenario` names that of a bag' if name == SCENARIO else ''),
         )
     return attachments[name]
 

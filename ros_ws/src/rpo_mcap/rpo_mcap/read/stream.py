@@ -65,15 +65,20 @@ class RunReader:
     After the constructor: `base`, `topics`, `attachments`. `blocks` then reads all ticks in bounded
     memory. Raises LogError.
 
+    foreign : whether it is a bag that our recorder did not write
+    lacks : what such a bag does not hold, and a log does
+    sources : the files of the log or bag
     digests : per file, SHA-256 of the bytes that `blocks` read; empty if they were not all read
     witness : called with the file and each of its records beside the messages, while `blocks` reads
     """
 
     witness: Callable[[Path, McapRecord], None] | None = None
+    foreign = False
+    lacks: tuple[str, ...] = ()
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.files = files_of(self.path)
+        self.files = self.sources = files_of(self.path)
         self._path = self.files[0]
         self.damage = ''
         self.attachments: dict[str, bytes] = {}

@@ -1,0 +1,234 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""An ordinary bag (`ros2 bag record`) of the topics of a run, read as if we had recorded it.
+
+rosbags reads the bag: MCAP or sqlite3, any file name, compressed or not. Its messages are put in
+the order of their ticks by the recorder's own writer, in a temporary log. What the bag lacks is
+said in `lacks`.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rpo_core import files
+from rpo_core.files import scenario as scenario_file
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_core.wire.statuses import Manifest, RunStatus
+from rpo_log.manifests import CONTROLLER, PLANT, Manifests
+from rpo_mcap import topics
+from rpo_mcap.errors import Fault, LogError
+from rpo_mcap.format import run
+from rpo_mcap.format.run import METADATA_FILE, TimeBase
+from rpo_mcap.read.stream import RunReader
+from rpo_mcap.topics import Topic
+from rpo_mcap.write.writer import PHASES, RunLogWriter
+
+_STORAGE = ('.mcap', '.db3')
+_NOT_OURS = (Fault.NOT_FOUND, Fault.NOT_A_RUN, Fault.NOT_MCAP)
+_MOST_HOLES = 10
+"""Stamps on a grid have at most so many ticks for each of them; else they are on none."""
+
+
+def open_run(path: str | Path, scenario: str = '', controller: str = '') -> RunReader:
+    """Return the reader of a log: a run's own, or an ordinary bag of its topics.
+
+    scenario, controller : of a bag without manifests, names or files
+
+    Raises InputError, LogError.
+    """
+    try:
+        reader = RunReader(path)
+    except LogError as error:
+        bag = _bag_at(Path(path)) if error.fault in _NOT_OURS else None
+        if bag is None:
+            raise
+        return BagReader(bag, scenario, controller)
+    if scenario or controller:
+        raise _not_needed(reader.path)
+    return reader
+
+
+def _not_needed(path: Path) -> InputError:
+    return InputError(
+        f'`--scenario` and `--controller` are for a bag that does not carry them; {path} does'
+    )
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is that of a bag, by its files' names."""
+    return _bag_at(path) is not None
+
+
+def _bag_at(path: Path) -> Path | None:
+    """Return the folder of a bag, or its file; None if it is none."""
+    if path.name == METADATA_FILE:
+        path = path.parent
+    if path.suffix in _STORAGE and path.is_file():
+        return path
+    # A folder with digests was written by our recorder: what is wrong with it is no bag.
+    ours = os.path.lexists(path / run.SUMS_FILE)
+    return path if (path / METADATA_FILE).is_file() and not ours else None
+
+
+def _files_of(bag: Path) -> list[Path]:
+    """Return the files of a bag; LogError if one is a pipe, a socket or a device."""
+    beside = sorted(bag.iterdir()) if bag.is_dir() else [bag]
+    found = [path for path in beside if set(_STORAGE) & set(path.suffixes)]
+    for path in found:
+        if not path.is_file():
+            raise LogError(Fault.NOT_FOUND, path, 'must be a regular file')
+    return found
+
+
+class BagReader(RunReader):
+    """Reads an ordinary bag; what its messages prove is as with a log.
+
+    scenario, controller : names or files, where no manifest in the bag brings them
+
+    Raises InputError, LogError; ModuleNotFoundError without rosbags.
+    """
+
+    foreign = True
+
+    def __init__(self, path: Path, scenario: str = '', controller: str = '') -> None:
+        from rosbags.rosbag2 import Reader
+
+        folder = Path(tempfile.mkdtemp(prefix='rpo_bag_'))
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.lacks: tuple[str, ...] = ()
+        sources = _files_of(path)
+        try:
+            with Reader(path) as bag:
+                self._convert(bag, path, folder, (scenario, controller))
+        except (InputError, ModuleNotFoundError):
+            raise
+        except Exception as error:  # of a library that reads what anybody may have written
+            sentence = f'cannot be read as a bag: {error}; try `ros2 bag reindex`'
+            raise LogError(Fault.CORRUPT, path, sentence) from None
+        super().__init__(folder)
+        self.path, self.sources = path, sources
+
+    def _convert(self, bag: Any, path: Path, folder: Path, given: tuple[str, str]) -> None:
+        """Write the messages of a bag as a log into a folder; note what it lacks."""
+        recorded, manifest_topics = _topics_of(bag, path)
+        attachments, lacks = _carried(bag, manifest_topics)
+        for name, kind, value in zip(
+            (run.SCENARIO, run.CONTROLLER), ('scenario', 'controller'), given, strict=True
+        ):
+            if value and name in attachments:
+                raise _not_needed(path)
+            if value:
+                attachments[name] = files.read_text(files.find(kind, value)).encode()
+                lacks.append(f'its {kind} is not in the bag: {value} is given')
+        base = _base_of(bag, path, recorded, attachments, lacks)
+        writer = RunLogWriter(folder, base, recorded, attachments)
+        for topic, _, data in _messages(bag, set(recorded)):
+            if recorded[topic].signal != interfaces.RUN_STATUS or _is_phase(data):
+                writer.record(topic, data)
+        found = writer.close()
+        if found.failure:
+            raise LogError(Fault.CANNOT_WRITE, folder, f'cannot hold a log: {found.failure}')
+        lacks += [
+            f'{count} messages of {topic} contradict another of their tick: the first was taken'
+            for topic, count in found.conflicts.items()
+        ]
+        lacks += [f'{count} messages of {name} came too late' for name, count in found.late.items()]
+        lacks += [f'{found.foreign} messages are of no tick of the run'] if found.foreign else []
+        self.lacks = tuple(lacks)
+
+
+def _messages(bag: Any, names: set[str]) -> Iterator[tuple[str, int, bytes]]:
+    """Yield topic, time of recording and CDR of the messages of some topics, in their order."""
+    wanted = [connection for connection in bag.connections if connection.topic in names]
+    for connection, stamp_ns, data in bag.messages(wanted) if wanted else ():
+        yield connection.topic, stamp_ns, bytes(data)
+
+
+def _topics_of(bag: Any, path: Path) -> tuple[dict[str, Topic], set[str]]:
+    """Return the topics of the run in a bag, and those of manifests; raises LogError."""
+    there = {connection.topic: connection for connection in bag.connections if connection.msgcount}
+    states = [name for name in there if name.rpartition('/')[2] == interfaces.RELATIVE_STATE]
+    if len(states) > 1:
+        sentence = f'holds several runs ({", ".join(states)}); record one namespace alone'
+        raise LogError(Fault.WRONG_TYPE, path, sentence)
+    space = states[0].rpartition('/')[0] if states else ''
+    found = {}
+    for name, connection in there.items():
+        topic = topics.find(name)
+        if topic is None or name not in (f'{space}/{topic.signal}', topic.row.topic):
+            continue
+        if connection.msgtype != topic.type:
+            sentence = f'{name} must be {topic.type}; got {connection.msgtype}'
+            raise LogError(Fault.WRONG_TYPE, path, sentence)
+        found[name] = topic
+    for signal in topics.REQUIRED:
+        if signal not in {topic.signal for topic in found.values()}:
+            names = ', '.join(sorted(there)) or 'no message'
+            raise LogError(Fault.MISSING_TOPIC, path, f'has no topic {signal}; it has {names}')
+    return found, {f'{space}/{interfaces.NODE_MANIFEST}'}
+
+
+def _carried(bag: Any, names: set[str]) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files that the manifests in a bag bring, and what they lack."""
+    manifests, controllers = Manifests(), []
+    for _, _, data in _messages(bag, names):
+        try:
+            manifest = Manifest.of(cdr.decode_status(data))
+        except (InputError, cdr.CdrError):
+            continue
+        if manifests.take(manifest.node, manifest.values) or manifest.role != CONTROLLER:
+            continue
+        text = manifest.values.get(f'file.{run.CONTROLLER}')
+        if text is not None and text not in controllers:
+            controllers.append(text)
+    if manifests.scenario is None:
+        return {}, [f'it has no manifest of the {PLANT}']
+    found = manifests.attachments({})
+    for number, text in enumerate(controllers[: run.MOST_CONTROLLERS], 1):
+        found[run.controller_name(number)] = text.encode()
+    return found, [f'it has no manifest of the {role}' for role in manifests.missing]
+
+
+def _base_of(
+    bag: Any, path: Path, recorded: dict[str, Topic], attachments: dict[str, bytes],
+    lacks: list[str],
+) -> TimeBase:  # fmt: skip
+    """Return the ticks of the scenario; without one, those of the stamps of the states."""
+    if run.SCENARIO in attachments:
+        text = attachments[run.SCENARIO].decode()
+        found = files.loads(text, scenario_file.parse, run.SCENARIO)
+        if not isinstance(found, Scenario):
+            raise InputError('`--scenario` must be a single flight; it is a set')
+        return TimeBase(found.epoch_ns, found.dt_ns, found.ticks)
+    state = next(name for name, t in recorded.items() if t.signal == interfaces.RELATIVE_STATE)
+    stamps = np.unique([cdr.stamp_ns(data) for _, _, data in _messages(bag, {state})])
+    dt_ns = int(np.gcd.reduce(np.diff(stamps))) if len(stamps) > 1 else 0
+    first, last = int(stamps[0]), int(stamps[-1])
+    if not dt_ns or (last - first) // dt_ns > _MOST_HOLES * len(stamps):
+        sentence = f'the stamps of {state} show no length of a tick; `--scenario` names it'
+        raise LogError(Fault.BAD_STAMP, path, sentence)
+    lacks.append(
+        f'its scenario is not known: ticks are the stamps of {state}, every {dt_ns / 1e9:g} s from '
+        'the first to the last'
+    )
+    return TimeBase(first, dt_ns, (last - first) // dt_ns)
+
+
+def _is_phase(data: bytes) -> bool:
+    """Return whether a run_status is one of those that a log holds."""
+    try:
+        status = RunStatus.of(cdr.decode_status(data))
+    except (InputError, cdr.CdrError):
+        return False
+    return status.phase in PHASES and not status.resumed

@@ -1,0 +1,166 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ordinary bags of a run's topics, as another library writes them: read as a log, gaps named."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import pytest
+from log_runs import CLOCK, FORCE, STATE, Run, flipped
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+from rosbags.typesys import Stores, get_typestore
+from typer.testing import CliRunner
+
+from rpo_cli.cli import app
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_log.bag import open_run
+from rpo_log.tools.diff import diff
+from rpo_log.tools.export import export
+from rpo_log.tools.info import inspect
+from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.read.run_log import read_run
+from rpo_report import page
+from rpo_report.logged import logged_flight
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
+WALL_NS = 1_790_000_000_000_000_000
+
+
+def manifests(run: Run) -> list[tuple[str, int, bytes]]:
+    """What the nodes say of themselves, without tick."""
+    files = {name: text.decode() for name, text in run.attachments.items()}
+    values = (
+        {'role': 'plant', 'run': 'a', 'file.scenario.yaml': files['scenario.yaml']},
+        {'role': 'controller', 'file.controller.yaml': files['controller.yaml']},
+        {'role': 'disturbance'},
+    )
+    return [('/node_manifest', 0, cdr.encode_status(0, v['role'], '', 'none', v)) for v in values]
+
+
+def write_bag(
+    folder: Path, messages: Any, space: str = '', plugin: StoragePlugin = MCAP, pressed: bool = True
+) -> Path:
+    """Write messages in the order in which they came, with wall-clock times, by rosbags."""
+    with_others = itertools.chain(messages, [('/rosout', 0, cdr.encode_clock(0))])
+    bag = Writer(folder, version=9, storage_plugin=plugin)
+    if pressed:
+        bag.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+    with bag:
+        known: dict[str, Any] = {}
+        for number, (name, _, data) in enumerate(with_others):
+            row = interfaces.find(name)
+            kind = row.type if row else 'rosgraph_msgs/msg/Clock'
+            full = name if name == CLOCK else space + name
+            if name not in known:
+                known[name] = bag.add_connection(full, kind, typestore=STORE)
+            bag.write(known[name], WALL_NS + number, data)
+    return folder
+
+
+@pytest.fixture(scope='module')
+def bags(short_run: Run, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One flight as four bags: in both formats, in a namespace, without manifests."""
+    folder = tmp_path_factory.mktemp('bags')
+    told, bare = manifests(short_run), short_run.shuffled(5, spread=3.0)
+    return {
+        'sqlite3': write_bag(folder / 'any name', told + bare, plugin=SQLITE, pressed=False),
+        'mcap': write_bag(folder / 'run', told + bare),
+        'namespace': write_bag(folder / 'spaced', told + bare, '/a/b'),
+        'bare': write_bag(folder / 'bare', bare, pressed=False),
+        'log': short_run.write(folder / 'log') and folder / 'log',
+    }
+
+
+@pytest.mark.parametrize('kind', ['sqlite3', 'mcap', 'namespace'])
+def test_a_bag_with_manifests_is_as_good_as_a_log(bags, kind, short_run):
+    found = verify(bags[kind])
+    assert found.exit_code == ExitCode.OK, found.sentence()
+    assert found.ticks == 51 and 'controller' in found.stages
+    assert 'records beside the messages' not in found.recomputed
+    assert any('records of the bag' in unknown for unknown in found.unknown)
+    if kind != 'namespace':
+        differs = diff(bags[kind], bags['log'])
+        assert not differs.first and differs.remarks == ['parameters.yaml differs']
+
+
+@pytest.mark.parametrize('kind', ['sqlite3', 'bare'])
+def test_every_reader_takes_a_bag(bags, kind, tmp_path):
+    path, scenario = bags[kind], 'paper_test' if kind == 'bare' else ''
+    export(path, tmp_path / 'bag.csv')
+    export(bags['log'], tmp_path / 'log.csv')
+    assert (tmp_path / 'bag.csv').read_bytes() == (tmp_path / 'log.csv').read_bytes()
+    info = inspect(path / 'metadata.yaml')
+    assert info.files[0][0].parent == path and info.ticks == (0, 50)
+    assert page.subject_of(str(path)) == page.subject_of(str(info.files[0][0])) == 'run'
+    shown = logged_flight(read_run(open_run(path, scenario)))
+    # the shipped scenario is longer than what was flown
+    assert len(shown.flight.states) == 51 and shown.whole != bool(scenario)
+
+
+@pytest.mark.slow
+def test_a_bag_is_reported(bags, tmp_path):
+    options = ['-o', str(tmp_path), '--no-fail', '--scenario', 'paper_test']
+    found = CliRunner().invoke(app, ['report', str(bags['bare']), *options])
+    assert found.exit_code == 3 and 'no manifest of the plant' in found.output
+    assert 'no manifest of the plant' in (tmp_path / 'report.html').read_text()
+
+
+def test_what_a_bag_lacks_is_named_and_can_be_given(bags, tmp_path, short_run):
+    info = inspect(bags['bare'])
+    assert info.exit_code == ExitCode.INCOMPLETE
+    assert info.gaps[0] == 'it has no manifest of the plant'
+    assert 'every 0.1 s' in info.gaps[1] and len(info.gaps) == 2
+    with pytest.raises(LogError, match=r'must carry scenario.yaml.*--scenario') as error:
+        verify(bags['bare'])
+    assert error.value.fault == Fault.MISSING_ATTACHMENT
+    flown = tmp_path / 'flown.yaml'
+    flown.write_bytes(short_run.attachments['scenario.yaml'])
+    found = verify(bags['bare'], scenario=str(flown), controller='handmade')
+    assert found.exit_code == ExitCode.INCOMPLETE and found.difference is None
+    assert all(word in found.sentence() for word in ('no manifest', 'controller', 'is given'))
+    other = verify(bags['bare'], scenario=str(flown), controller='pd')
+    assert other.difference is not None and other.difference.check == 'controller'
+    for path in (bags['sqlite3'], bags['log']):
+        with pytest.raises(InputError, match='for a bag that does not carry them'):
+            verify(path, scenario='paper_test')
+
+
+def test_holes_and_contradictions_in_a_bag_are_gaps(short_run, tmp_path):
+    lost = [m for m in short_run.messages if m[:2] != (STATE, 20)]
+    change = flipped(FORCE, 30)
+    twice = [(n, t, change(n, t, d)) for n, t, d in short_run.messages if (n, t) == (FORCE, 30)]
+    bag = write_bag(tmp_path / 'bag', [*manifests(short_run), *lost, *twice])
+    found = verify(bag)
+    assert found.exit_code == ExitCode.INCOMPLETE, found.sentence()
+    assert f'1 messages of {STATE} are missing' in found.sentence()
+    assert f'1 messages of {FORCE} contradict' in found.sentence()
+    forged = [(n, t, change(n, t, d)) for n, t, d in short_run.messages]
+    bag = write_bag(tmp_path / 'forged', [*manifests(short_run), *forged])
+    assert (bad := verify(bag).difference) is not None and bad.tick == 30
+
+
+def test_what_is_no_bag_of_one_run_is_refused(short_run, tmp_path):
+    others = [(f'/b{name}', tick, data) for name, tick, data in short_run.messages]
+    states = [m for m in short_run.messages if m[0] == STATE]
+    jitter = [(n, t, cdr.encode_odometry(t * t * 17 + 3, 'target_lvlh', 'chaser', [0.0] * 6))
+              for n, t, _ in states]  # fmt: skip
+    forces = [m for m in short_run.messages if m[0] == FORCE]
+    broken = write_bag(tmp_path / 'broken', short_run.messages)
+    file = next(broken.glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[:-100])
+    cases = {
+        write_bag(tmp_path / 'two', [*short_run.messages, *others]): 'several runs',
+        write_bag(tmp_path / 'open', states): 'has no topic control_force',
+        write_bag(tmp_path / 'jitter', [*jitter, *forces]): 'no length of a tick',
+        broken: 'cannot be read as a bag',
+    }
+    for path, sentence in cases.items():
+        with pytest.raises(LogError, match=sentence):
+            open_run(path)

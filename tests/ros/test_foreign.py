@@ -1,0 +1,148 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Nodes of somebody else, as docs/foreign has them: flown in lockstep, logged, replayed, verified.
+
+They are processes that import nothing of this stack; ours run in the test's own process.
+"""
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from inside import inside
+from scenarios import lasting
+
+from rpo_ctrl.controller_node import ControllerNode
+from rpo_guidance.guidance_node import GuidanceNode
+from rpo_log.recorder_node import RecorderNode
+from rpo_log.replay_node import ReplayNode
+from rpo_log.verify import verify
+from rpo_mcap.errors import ExitCode
+from rpo_mcap.read.run_log import read_run
+from rpo_nav.navigation_node import NavigationNode
+from rpo_safety.assurance_node import AssuranceNode
+from rpo_sim.disturbance_injector_node import DisturbanceInjectorNode
+from rpo_sim.plant_node import PlantNode
+from tools.basilisk_plant import BasiliskPlant
+
+FOREIGN = Path(__file__).parents[2] / 'docs' / 'foreign'
+
+
+@pytest.fixture
+def foreign(ros_env):
+    """Start scripts of docs/foreign."""
+    started = []
+
+    def start(script, argument):
+        path = FOREIGN / script
+        assert 'rpo_' not in path.read_text()
+        words = [sys.executable, str(path), argument]
+        started.append(subprocess.Popen(words, env={**os.environ, **ros_env}))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
+    ros_env, foreign, tmp_path
+):
+    scenario, folder = lasting(8.0, tmp_path), tmp_path / 'run'
+    plant = foreign('plant.py', scenario)
+    with inside() as inner:
+        controller = inner.start(ControllerNode({'controller': 'handmade'}))
+        recorder = inner.start(RecorderNode({'output': str(folder)}))
+        inner.until(lambda: recorder.done and plant.poll() is not None)
+        assert (plant.returncode, recorder.exit_code) == (0, 0)
+        controller.new_run()
+        replay = inner.start(ReplayNode({'bag': str(folder), 'drive': True, 'rate': 0.0}))
+        inner.until(lambda: replay.done)
+        assert (replay.exit_code, replay._played, replay.differences) == (0, 81, 0)
+    assert verify(folder).exit_code == ExitCode.DIFFERENT
+    found = verify(folder, given=['relative_state'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
+    assert found.sentence().endswith(
+        'as computed from what was given, 81 ticks bit for bit; given, not judged: '
+        'relative_state (dynamics), figures of run_status; recomputed: controller'
+    )
+
+
+def sensed(folder):
+    """Write two seconds of a scenario with a sensor and an estimator."""
+    document = yaml.safe_load(Path(lasting(2.0, folder)).read_text())
+    unit = {'kind': 'relative_position', 'noise_floor_m': 0.01}
+    path = folder / 'sensed.yaml'
+    path.write_text(yaml.safe_dump({**document, 'sensors': {'units': [unit]}, 'estimator': {}}))
+    return str(path)
+
+
+OTHERS = {
+    'controller': ('approach', ['control_force'], 'thrusters, dynamics'),
+    'disturbance': ('quick', ['disturbance_force'], 'controller, thrusters, dynamics'),
+    'sensor': ('', ['measurement'], 'estimator, controller, thrusters, dynamics'),
+    'estimator': ('', ['navigation_state'], 'sensors, controller, thrusters, dynamics'),
+    'guidance': ('hold_points', ['reference_state', 'reference_force'],
+                 'controller, thrusters, dynamics'),
+    'assurance': ('assured', ['assured_force'],
+                  'navigation, controller, disturbance, thrusters, dynamics'),
+}  # fmt: skip
+OURS = {
+    'controller': (ControllerNode, {'controller': 'handmade'}),
+    'disturbance': (DisturbanceInjectorNode, {}),
+    'sensor': (NavigationNode, {'stages': 'sensors'}),
+    'estimator': (NavigationNode, {'stages': 'estimator'}),
+    'guidance': (GuidanceNode, {}),
+    'assurance': (AssuranceNode, {}),
+}
+
+
+@pytest.mark.parametrize('role', OTHERS)
+def test_verify_names_what_somebody_else_made_and_nothing_else(ros_env, foreign, tmp_path, role):
+    name, given, recomputed = OTHERS[role]
+    scenario = lasting(2.0, tmp_path, name) if name else sensed(tmp_path)
+    foreign('answers.py', role)
+    with inside() as inner:
+        for ours, (node, options) in OURS.items():
+            if ours != role:
+                inner.start(node(options))
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        inner.start(PlantNode({'scenario': scenario, 'wait_for_recorder': True}))
+        inner.until(lambda: recorder.done)
+    assert recorder.exit_code == 0
+    assert verify(tmp_path / 'run').exit_code != ExitCode.OK
+    found = verify(tmp_path / 'run', given=given)
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ()), found.sentence()
+    assert [said.partition(' ')[0] for said in found.given] == given
+    assert found.sentence().endswith(f'recomputed: {recomputed}')
+
+
+@pytest.mark.skipif(not find_spec('Basilisk'), reason='Basilisk (layer truth) is not installed')
+def test_basilisk_flies_as_the_plant(ros_env, tmp_path):
+    """One step a tick, by its own gravity: near the linear motion, but not its bits."""
+    runs = {}
+    for name, kind in (('ours', PlantNode), ('basilisk', BasiliskPlant)):
+        with inside() as inner:
+            fly_with(kind, inner, tmp_path / name)
+        runs[name] = read_run(tmp_path / name).states
+    apart = np.abs(runs['basilisk'] - runs['ours'])[:, :3].max(axis=1)
+    assert len(apart) == 41 and 0.0 < apart[-1] < 1e-5
+    assert verify(tmp_path / 'basilisk').exit_code == ExitCode.DIFFERENT
+    found = verify(tmp_path / 'basilisk', given=['relative_state'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
+
+
+def fly_with(kind, inner, folder):
+    """Fly 4 s of the paper's test with a plant."""
+    inner.start(ControllerNode({'controller': 'handmade'}))
+    inner.start(DisturbanceInjectorNode({}))
+    recorder = inner.start(RecorderNode({'output': str(folder)}))
+    scenario = lasting(4.0, folder.parent, 'paper_test')
+    inner.start(kind({'scenario': scenario, 'wait_for_recorder': True}))
+    inner.until(lambda: recorder.done)

@@ -1,0 +1,73 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `plant` with Basilisk as its dynamics (layer `truth`), in lockstep, one step a tick.
+
+python -m tools.basilisk_plant --ros-args -p scenario:=paper_test -p wait_for_recorder:=true
+
+Target and chaser are two of its spacecraft under its gravity; all else is the plant of `rpo_sim`:
+thrusters, topics, services. Verify such a run with `rpo verify RUN --given relative_state`.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from rpo_core.chain.chain import Link
+from rpo_core.chain.stage import Place, Signal, Stage
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_ros.running import run_node
+from rpo_sim.parameters import LOCKSTEP
+from rpo_sim.plant_node import PlantNode
+from tools.basilisk import BasiliskFlight, knows
+
+
+class BasiliskStage(Stage):
+    """From forces to the next true state: in the place of the dynamics of a chain."""
+
+    name = 'dynamics'
+    outputs = (RELATIVE_STATE,)
+    memory_ticks = None
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.flight, self.start_kg = BasiliskFlight(scenario), scenario.mass_kg
+
+    def step(self, tick: int, *inputs: Any) -> tuple[Signal, ...]:
+        """Return the state (6,) [m, m/s] one tick later; where the mass falls, forces grow."""
+        _state, thrust, disturbance, *mass = inputs
+        force = np.add(thrust, disturbance)
+        if tick < self.flight.scenario.ticks:  # the command of the last tick moves nothing
+            self.flight.step(force * (self.start_kg / mass[0][0]) if mass else force)
+        return (tuple(self.flight.state.tolist()),)
+
+
+class BasiliskPlant(PlantNode):
+    """The plant of `rpo_sim` with other dynamics; raises InputError where it cannot fly."""
+
+    def _begin_run(self) -> None:
+        """Wait at tick 0 of a new run, with new spacecraft."""
+        if find_spec('Basilisk') is None:
+            raise InputError('Basilisk is missing: `make setup LAYERS=truth` installs it')
+        if self.values['mode'] != LOCKSTEP or not knows(self.scenario):
+            raise InputError('Basilisk flies in lockstep, and without drag')
+        super()._begin_run()
+        chain = self.plant.chain
+        chain.links = tuple(self._with_basilisk(link) for link in chain.links)
+
+    def _with_basilisk(self, link: Link) -> Link:
+        if link.place is not Place.DYNAMICS:
+            return link
+        return link._replace(stage=BasiliskStage(self.scenario))
+
+
+def main() -> int:
+    """Entry point."""
+    return run_node(BasiliskPlant)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
