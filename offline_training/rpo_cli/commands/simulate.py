@@ -25,18 +25,32 @@ def simulate(
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            '--output', '-o', help='run folder: a log, as the recorder of ROS 2 writes it'
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='replace the run in an existing folder')
+    ] = False,
     no_fail: NoFail = False,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
 
     Exit code 1: a requirement of the scenario is missed.
     """
+    import yaml
+
+    from rpo_core import files
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_core.judge.verdicts import missed
     from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
+    from rpo_log.tools.record import record
+    from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
     chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
     flown = overrides.load(chosen, changes or [])
@@ -48,4 +62,13 @@ def simulate(
         echo(line)
     if csv:
         outputs.write_flight(flight, csv)
+    if output:
+        named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
+        attached = {
+            SCENARIO: overrides.text_of(chosen, changes or []),
+            CONTROLLER: files.read_text(files.find('controller', controller)),
+            PARAMETERS: yaml.safe_dump({'simulate': named_by}),
+        }
+        texts = {name: text.encode() for name, text in attached.items()}
+        echo(f'{output}: {record(flight, texts, output, overwrite=overwrite).sentence()}')
     end(missed(flight), no_fail)
