@@ -16,6 +16,7 @@ from rpo_cli.commands import (
     evaluate,
     explain,
     export,
+    listing,
     log,
     optimal,
     plan,
@@ -96,5 +97,11 @@ app.command(epilog=log.KEYGEN_EXAMPLES)(log.keygen)
 app.command(epilog=log.SIGN_EXAMPLES)(log.sign)
 app.command(epilog=log.REPAIR_EXAMPLES)(log.repair)
 app.add_typer(safety.safety, name='safety')
+app.command('list', epilog=listing.EXAMPLES)(listing.listing)
 app.command(epilog=report.EXAMPLES)(report.report)
 app.command(epilog=watch.EXAMPLES)(watch.watch)
+
+for _typer in (app, safety.safety):
+    for _command in _typer.registered_commands:
+        if _command.callback is not None:
+            listing.completing(_command.callback)

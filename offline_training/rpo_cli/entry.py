@@ -23,7 +23,6 @@ _LAYERS = {
     'dask': 'campaign',
     'Basilisk': 'truth',
     'rosbags': 'formats',
-    'ruamel': 'formats',
     'ccsds_ndm': 'formats',
     'fuzzylite': 'test',
     'skfuzzy': 'test',

@@ -120,6 +120,7 @@ def set_up(asked: Optional[str], layers: Sequence[str]) -> None:
     if missing:
         venv.install(missing)
     venv.install_editable(ROOT / 'offline_training')
+    venv.link_packages(workspace.packages())
     outdated = workspace.outdated()
     if outdated:
         workspace.build(venv.python, underlay_environment(ros_prefix), outdated)

@@ -200,6 +200,11 @@ class Environment:
         self.run(self.uv('--no-deps', '--offline', *plain, '--editable', str(project)))
         self.write(**{project.name: mark})
 
+    def link_packages(self, packages: Sequence[Path]) -> None:
+        """Let the interpreter import `packages` without `env.bash`, after what it is given."""
+        for folder in self.path.glob('lib/python3.*/site-packages'):
+            (folder / 'rpo_packages.pth').write_text(''.join(f'{path}\n' for path in packages))
+
     def pip(self, *arguments: str) -> List[str]:
         """Return a command of pip."""
         options = ['--no-input', '--disable-pip-version-check', '--no-color']

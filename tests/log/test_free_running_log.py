@@ -4,12 +4,14 @@
 
 import math
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run
 
 from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
 from rpo_core.wire import cdr
 from rpo_core.wire.statuses import numbers_text
 from rpo_log.tools.diff import diff
@@ -29,9 +31,11 @@ LAME = range(60, 75)
 class FreeRun:
     """A flight with a fifth of the forces lost on their way to the plant, or late."""
 
-    def __init__(self, loss: float = 0.2) -> None:
+    def __init__(self, loss: float = 0.2, max_force_n: float = 0.5) -> None:
         run = make_run(30.0)
-        self.run, self.scenario = run, run.flight.scenario
+        flown = replace(run.flight.scenario, max_force_n=max_force_n)
+        run.attachments['scenario.yaml'] = scenario.dumps(flown).encode()
+        self.run, self.scenario = run, flown
         self.plant = FreeRunningPlant(
             self.scenario, ['control_force', 'disturbance_force'], STALE_AFTER
         )
@@ -112,6 +116,13 @@ def test_answers_that_lack_are_no_fault_and_the_flight_verifies(free, tmp_path):
     assert found.exit_code == 0, found.gaps
     assert found.free_running
     assert 'When forces came cannot be computed' in found.sentence()
+
+
+def test_what_a_plant_limits_is_no_difference(tmp_path):
+    free = FreeRun(loss=0.0, max_force_n=0.05)
+    assert free.plant.saturated_ticks > 50
+    free.write(tmp_path)
+    assert verify(tmp_path).exit_code == 0, verify(tmp_path).sentence()
 
 
 def test_the_flight_of_a_log_is_what_was_flown(free, tmp_path):

@@ -361,7 +361,7 @@ def test_without_a_report_ticks_wait_for_one_window_and_have_a_conflict():
 
 def test_a_window_of_states_without_reports_lets_a_tick_go():
     heard = contested()
-    for tick in range(2, 2 * WINDOW):
+    for tick in range(2, 2 * WINDOW + 2):
         heard.say(0, tick)
         heard.say(1, tick)
         # at tick + 1 - WINDOW the newest state leads, which is a window behind the newest of all

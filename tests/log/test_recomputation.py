@@ -4,12 +4,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from rpo_core.chain.stage import Stage
+from rpo_core.control import controller
+from rpo_core.files import scenario
 from rpo_core.wire import interfaces
-from rpo_log.verify.recomputation import Recomputation
+from rpo_log.verify.recomputation import Controllers, Recomputation
+from rpo_mcap.read.decode import TickBlock
 
 
 class Sum(Stage):
@@ -89,3 +94,23 @@ def test_a_stage_that_began_in_flight_has_no_memory(block):
     known, found = run(None, range(8), began=[4], block=block)
     assert known == {k: k + 1.0 if k < 4 else k - 3.0 for k in range(8)}
     assert not found.gaps
+
+
+def test_a_command_is_of_the_controller_that_made_the_one_before_where_two_would_make_it():
+    """Ticks made by: the first; the second; both; the first; none; the first, switched off."""
+    flown = scenario.load_scenario('paper_test')
+    first, second = (controller.load_controller(name) for name in ('handmade', 'lqr'))
+    attached = {'controller-1.yaml': controller.dumps(second).encode(), 'other.yaml': b''}
+    reader = SimpleNamespace(path='a.mcap', attachments=attached)
+    made = np.array([[0, 1, 2, 3, 4.0, 5], [0, 9, 2, 3, 9, 5], [9, 1, 2, 9, 9, 9]])[:, :, None]
+    ticks = np.arange(6)
+    block = TickBlock(ticks, {'force': made[0]}, {'force': ticks >= 0})
+    found = Controllers(reader, flown, first, None)
+    (best,), known = found.any_of(
+        block, 'force', ([made[1]], ticks != 1), lambda *_: ([made[2]], ticks < 4), ticks < 5
+    )
+    assert best[:, 0].tolist() == [0, 1, 2, 3, 9, 5] and known.all()
+    assert found.shares == tuple(
+        f'{name} ({file}) at 2 ticks'
+        for name, file in ((first.name, 'controller.yaml'), (second.name, 'controller-1.yaml'))
+    )

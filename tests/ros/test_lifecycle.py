@@ -2,12 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller as a managed node: what each transition does, and what a bad one leaves."""
 
+import inspect
+import re
+from pathlib import Path
+
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
+from rclpy.lifecycle import LifecycleNode
 
 from rpo_core import files
 from rpo_core.control.controller import load_controller
@@ -173,3 +178,20 @@ def test_a_transition_that_is_not_possible_is_refused_and_the_node_lives(ros_env
         assert not bench.transition(NODE, 'activate')
         assert bench.state(NODE) == 'active'
         assert Asker(bench).ask(1) == force_of('handmade')
+
+
+def test_private_names_of_rclpy_are_in_one_module():
+    kinds = [kind for kind in LifecycleNode.__mro__ if kind.__module__.startswith('rclpy')]
+    private = {name for kind in kinds for name in vars(kind) if re.match('_[A-Za-z]', name)}
+    for kind in kinds:
+        private |= set(re.findall(r'self\.(_[a-z]\w*)', inspect.getsource(kind)))
+    used = {}
+    for path in Path(__file__).parents[2].glob('ros_ws/src/*/*/**/*.py'):
+        text = path.read_text()
+        own = set(re.findall(r'(?:self\.|def )(_[a-z]\w*)(?:\(|: .* = | = )', text))
+        found = set(re.findall(r"""[.'"](_[A-Za-z]\w*)""", text)) & private - own
+        found |= set(re.findall(r'_[A-Z]\w*Mixin__\w+', text))
+        if found and re.search('rclpy|rpo_ros', text):
+            used[path.name] = found
+    expected = '_LifecycleNodeMixin__change_state', '_parameter_overrides', '_state_machine'
+    assert used == {'rclpy_private.py': set(expected)}

@@ -9,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from inside import inside
+from landing import rest_at_landing
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
@@ -202,7 +203,7 @@ def ask(bench, first):
     bench.asking.publish(status)
 
 
-@pytest.mark.parametrize('mode', ['lockstep', 'free_running'])
+@pytest.mark.parametrize('mode', rest_at_landing(['lockstep', 'free_running']))
 def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
     """Also of the ticks before the question, once; and nothing before it is asked."""
     published, reported = {}, {}

@@ -13,6 +13,7 @@ from rpo_cli.cli import app
 from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.files.scenario import ScenarioSet
+from rpo_log.tools.diff import diff
 from rpo_log.verify import verify
 from tools.node_processes import node_processes
 
@@ -35,6 +36,10 @@ def test_a_shipped_scenario_is_flown_verified_and_reported(name, ros_env, tmp_pa
         assert node.wait(600.0) == 0, node.output
     verified = verify(folder)
     assert verified.exit_code == 0, verified.sentence()
+    alone = ['simulate', flown, '-o', str(tmp_path / 'alone'), '--no-fail']
+    assert CliRunner().invoke(app, alone).exit_code == 0
+    _, *differ = diff(folder, tmp_path / 'alone').lines()
+    assert differ == ['parameters.yaml differs']
     reported = CliRunner().invoke(app, ['report', str(folder)], env={'COLUMNS': '200'})
     assert reported.exit_code == 0, reported.output
     page = (folder / 'report/report.html').read_text(encoding='utf-8')

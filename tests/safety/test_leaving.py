@@ -28,6 +28,7 @@ def test_each_state_outside_is_counted_once_in_its_band():
     assert far[-1].clear == 6
 
 
+@pytest.mark.every_landing
 def test_a_longer_failure_is_harder_to_leave_from():
     states = counts.at_random(counts.machine_of(GUARDED), 60, 4)
     worst = []

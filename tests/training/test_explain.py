@@ -123,6 +123,13 @@ def test_an_instant_of_a_run_is_explained_with_the_bits_of_the_log(folder):
     assert 'tick 37, 3.7 s' in run(path / 'run.mcap', '--at', 3.79).stdout
 
 
+def test_one_command_explains_the_default_a_run_and_its_controller_at_any_state(folder):
+    assert run().stdout == run('allround').stdout == run('--controller', 'allround').stdout
+    assert 'tick 0, 0 s' in run(folder[0]).stdout
+    state = ('--state', '10,60,-40,0,0,0')
+    assert run(folder[0], *state).stdout == run('handmade', *state).stdout != run(*state).stdout
+
+
 def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
     scenario = folder[1].scenario
     base = TimeBase(scenario.epoch_ns, scenario.dt_ns, scenario.ticks)
@@ -142,21 +149,19 @@ def test_a_force_that_the_controller_does_not_give_is_told(folder, tmp_path):
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        ([], 'say what to explain: a controller, a run with --at, or --state'),
         (['nobody'], '`controller` must be one of'),
         (['--state', '1,2,3'], '`state` must be 6 finite numbers x,y,z,vx,vy,vz'),
         (['--state', '1,2,3,4,5,six'], '`state` must be 6 finite numbers'),
         (['--state', '1e9,0,0,0,0,0'], '`x` must be a finite number >= -100000 and <= 100000 m'),
         (
             ['--state', '1,2,3,0,0,0', '--at', '3'],
-            '`--state` takes one controller, `--scenario`, and nothing else',
+            '`--state` needs no `--at`',
         ),
-        (['trained', '--state', '1,2,3,0,0,0', '--controller', 'handmade'], 'takes one controller'),
+        (['trained', '--state', '1,2,3,0,0,0', '--controller', 'handmade'], 'give one controller'),
         (['trained', '--at', '5'], '`--at` needs a run, a folder or a .mcap file; got trained. To'),
-        (['--controller', 'handmade'], '`--controller` needs `--state`'),
         (['--at', '3'], '`--at` needs a run'),
         (['/no/such/run', '--at', '3'], '/no/such/run'),
-        (['FOLDER'], 'say which instant of the run, like --at 37.5'),
+        (['FOLDER', '--certify'], '`--certify` takes one controller'),
         (['FOLDER', '--at', '5.5'], '`--at` must be within the log, 0 to 5 s; got 5.5'),
         (['FOLDER', '--at', '-1'], '`--at` must be within the log'),
     ],

@@ -15,6 +15,7 @@ import scipy.stats
 from campaign_documents import write_campaign
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from landing import rest_at_landing
 from log_runs import FORCE, Run, make_run
 from pages import Page
 from typer.testing import CliRunner
@@ -181,7 +182,7 @@ def test_a_log_that_ends_early_shows_a_shorter_flight(short_run, tmp_path):
         logged.logged_flight(read_run(tmp_path / 'stub'))
 
 
-@pytest.mark.parametrize(('limit', 'kept'), [(1e6, '90 / 90'), (0.0, '0 / 90')])
+@pytest.mark.parametrize(('limit', 'kept'), rest_at_landing([(1e6, '90 / 90'), (0.0, '0 / 90')]))
 def test_a_campaign_where_every_run_succeeds_or_none(store, limit, kept):
     texts = store.campaign.texts
     changed = (

@@ -124,6 +124,7 @@ def table(made, caption):
     return next(b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption))
 
 
+@pytest.mark.every_landing
 def test_the_page_has_a_part_for_each_stage(made, flown):
     text = check_page(page.html(made), made).all('main')[0].text
     titles = [section.title for section in made.sections]

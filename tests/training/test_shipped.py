@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from landing import rest_at_landing
 from processes import repeated
 
 from rpo_core.chain.flight import fly
@@ -141,11 +142,10 @@ def test_robust_keeps_the_claims_in_every_corner():
         assert not kept[1].all(), 'the corners must be hard'
 
 
-@pytest.mark.every_landing
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     'preset',
-    [pytest.param(name, marks=pytest.mark.slow if name != 'paper' else ()) for name in SHORT],
+    rest_at_landing(SHORT, quick=0, landing=1),
 )
 def test_a_shortened_training_gives_the_committed_bits(preset, tmp_path):
     trained, expected = (

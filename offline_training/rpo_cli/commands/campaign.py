@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rpo_montecarlo.campaign.store import Store
 
 EXAMPLES = """
-Examples: `rpo campaign offline_training/campaigns/paper_test.yaml` | `rpo campaign mine.yaml
+Examples: `rpo campaign paper_test` | `rpo campaign mine.yaml
 --runs 1000000 -o runs/million` | `rpo campaign --resume runs/million` | `rpo campaign
 runs/million --run 1234 --csv run.csv` | `rpo campaign runs/million --run 1234 --export
 run_1234.yaml`, for the ROS nodes | `rpo campaign mine.yaml --faults` | `rpo
@@ -35,8 +35,8 @@ SWEEP_RUNS = 400
 
 def campaign(
     source: Annotated[
-        Path | None, typer.Argument(help='campaign file, or the folder of a campaign')
-    ] = None,
+        str, typer.Argument(help='shipped name or file of a campaign, or the folder of one')
+    ] = '',
     output: Annotated[
         Path | None, typer.Option('--output', '-o', help='folder  [runs/NAME_SEED]')
     ] = None,
@@ -79,12 +79,12 @@ def campaign(
     }  # fmt: skip
     changes = {name: value for name, value in options.items() if value is not None}
     if resume is not None:
-        if source is not None or output is not None or run is not None or changes:
+        if source or output is not None or run is not None or changes:
             raise InputError('`--resume` takes everything from the folder: give nothing else')
         missed = _fly(Store.open(resume), workers, cluster, least)
         end(missed, no_fail)
         return
-    if source is None:
+    if not source:
         raise InputError('a campaign file, the folder of a campaign, or --resume FOLDER is needed')
     for option, path in (('csv', csv), ('export', export)):
         if path is not None and run is None:
@@ -143,17 +143,17 @@ def _sweep(chosen: Campaign, runs: int) -> None:
         typer.echo(f'{config.scenario}, undispersed, messages {kind}: {some}{none}')
 
 
-def _of_source(source: Path, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
+def _of_source(source: str, changes: dict[str, Any]) -> tuple[Campaign, Store | None]:
     from rpo_montecarlo.campaign import config
     from rpo_montecarlo.campaign.store import Store
 
-    if not source.is_dir():
+    if not Path(source).is_dir():
         overridden, judge = changes.pop('set', []), changes.pop('judge', [])
         campaign = config.load(source, overridden, **changes)
         return campaign.judging(judge) if judge else campaign, None
     if changes:
         raise InputError(f'`--{next(iter(changes))}` cannot change a campaign that has results')
-    store = Store.open(source)
+    store = Store.open(Path(source))
     if not store.finished:
         raise InputError(f'{source}: is not finished: go on with --resume')
     return store.campaign, store
@@ -234,7 +234,7 @@ def _show_run(chosen: Campaign, store: Store | None, number: int, csv: Path | No
 
 
 def _for_ros(
-    chosen: Campaign, source: Path, number: int, export: Path | None, sets: list[str]
+    chosen: Campaign, source: str, number: int, export: Path | None, sets: list[str]
 ) -> None:
     """Write the scenario of a run, if asked to; print the command that flies it on ROS 2."""
     from rpo_core.files import scenario
@@ -252,7 +252,8 @@ def _for_ros(
     else:
         content = scenario.dumps(scenario_of(chosen, number)).encode()
         outputs.write_aside(path, lambda file: file.write(content))
-    controller = str(source / 'controller.yaml') if source.is_dir() else chosen.config.controller
+    flown = Path(source, 'controller.yaml')
+    controller = str(flown) if flown.is_file() else chosen.config.controller
     fly = ['--scenario', str(path), '--controller', controller]
     echo(shlex.join(['ros2', 'run', 'rpo_bringup', 'final_approach', *fly]))
 

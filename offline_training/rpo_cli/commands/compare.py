@@ -21,8 +21,6 @@ Examples: `rpo compare` | `rpo compare trained lqr runs/best/best.yaml --runs 10
 `rpo compare --random 20000 --write docs/compare.md --picture docs/images/pareto.svg`
 """
 
-_CAMPAIGN = Path(__file__).parents[2] / 'campaigns' / 'paper_test.yaml'
-
 _HEADING = 11  # longest word of a heading
 
 
@@ -31,7 +29,9 @@ def compare(
         list[str] | None,
         typer.Argument(help='shipped names or files  [the fuzzy ones and all baselines]'),
     ] = None,
-    campaign: Annotated[Path, typer.Option(help='what is dispersed, and its limits')] = _CAMPAIGN,
+    campaign: Annotated[
+        str, typer.Option(help='what is dispersed, and its limits: shipped name or file')
+    ] = 'paper_test',
     runs: Annotated[int | None, typer.Option(help="of the campaign, instead of the file's")] = None,
     random: Annotated[
         int,
@@ -54,6 +54,7 @@ def compare(
     Results are kept: Ctrl-C stops cleanly, the same command goes on.
     """
     from rpo_cli.display import print_table, progress
+    from rpo_core.files import find
     from rpo_judge.evaluation import comparison, comparison_table
     from rpo_training.provenance import saw
 
@@ -61,7 +62,7 @@ def compare(
     sentence = 'Interrupted; what was computed is kept: the same command goes on.'
     with interruptible(lambda: sentence), progress() as show:
         compared = comparison.Comparison(
-            names, output, campaign, saw, runs, workers, show, random_runs=random
+            names, output, find('campaign', campaign), saw, runs, workers, show, random_runs=random
         )
         least, rows = compared.least(), compared.rows()
     flown = compared.campaigns[0]

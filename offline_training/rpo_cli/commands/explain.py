@@ -30,23 +30,23 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo explain handmade` | `rpo explain pace` | `rpo explain handmade --certify` |
-`rpo explain runs/first --at 37.5` | `rpo explain --state 10,60,-40,0,0,0` |
-`rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
+`rpo explain runs/first --at 37.5` | `rpo explain mine.yaml --state=-5,0,0,0.02,0,0`
 """
 
 
 def explain(
     target: Annotated[
-        str, typer.Argument(help='controller (shipped name or file), or run (folder or .mcap)')
+        str,
+        typer.Argument(
+            help='controller (shipped name or file), or run (folder or .mcap)  '
+            f'[{DEFAULT_CONTROLLER}]'
+        ),
     ] = '',
-    at: Annotated[float | None, typer.Option(help='seconds into a run')] = None,
+    at: Annotated[float | None, typer.Option(help='seconds into a run  [0]')] = None,
     state: Annotated[
         str | None, typer.Option(metavar='X,Y,Z,VX,VY,VZ', help='state in m and m/s, target LVLH')
     ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(help=f'with --state: shipped name or file  [{DEFAULT_CONTROLLER}]'),
-    ] = None,
+    controller: Annotated[str, typer.Option(hidden=True, help='the same, as an option')] = '',
     scenario: Annotated[
         str,
         typer.Option(
@@ -65,41 +65,34 @@ def explain(
     from rpo_core.control.controller import load_controller, only_fuzzy
     from rpo_ctrl.explain import decisions
     from rpo_ctrl.family import Family
+    from rpo_mcap.read.run_log import controller_of, read_run
 
     console = plain_console()
+    if target and controller:
+        raise InputError(f'give one controller; got {target} and `--controller {controller}`')
+    target = target or controller or DEFAULT_CONTROLLER
+    if certify and (state is not None or at is not None or _is_run(target)):
+        raise InputError('`--certify` takes one controller, and nothing else')
+    if scenario and state is None:
+        raise InputError('`--scenario` needs `--state`')
     if state is not None:
-        if certify or (target and controller is not None):
-            raise InputError('`--state` takes one controller, `--scenario`, and nothing else')
-        loaded = load_controller(controller or target or DEFAULT_CONTROLLER)
+        loaded = controller_of(read_run(target)) if _is_run(target) else load_controller(target)
         seen = _from_goal(console, loaded, _state_of(state), scenario)
         if isinstance(loaded, Family):
             _print_reasons(console, loaded, seen, at or 0.0)
         elif at is not None:
-            raise InputError(
-                '`--state` takes one controller, `--scenario`, and nothing else; `--at` only '
-                'if the controller has a clock'
-            )
+            raise InputError('`--state` needs no `--at`: only a controller with a clock does')
         else:
             _print_decisions(console, decisions(only_fuzzy(loaded), seen))
         return
-    if scenario:
-        raise InputError('`--scenario` needs `--state`')
-    if controller is not None:
-        raise InputError('`--controller` needs `--state`; a run has its own controller')
-    if at is not None:
-        if certify or not target:
-            raise InputError('`--at` needs a run, and nothing else')
-        if not _is_run(target):
-            raise InputError(
-                f'`--at` needs a run, a folder or a .mcap file; got {target}. To explain a '
-                'controller, leave out `--at`; to explain one state, give `--state`'
-            )
-        end(not _explain_run(console, target, at), no_fail)
-        return
-    if not target:
-        raise InputError('say what to explain: a controller, a run with --at, or --state')
     if _is_run(target):
-        raise InputError(f'{target}: say which instant of the run, like --at 37.5')
+        end(not _explain_run(console, target, at or 0.0), no_fail)
+        return
+    if at is not None:
+        raise InputError(
+            f'`--at` needs a run, a folder or a .mcap file; got {target}. To explain a '
+            'controller, leave out `--at`; to explain one state, give `--state`'
+        )
     loaded = load_controller(target)
     if isinstance(loaded, Family):
         holds = _print_family(console, loaded, certify)

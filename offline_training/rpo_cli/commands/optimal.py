@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rpo_cli.commands.shared import SameScenario, chosen_scenario
+from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, shown
 from rpo_montecarlo import outputs
 
@@ -17,18 +19,25 @@ if TYPE_CHECKING:
     from rpo_core.files.scenario import Scenario, ScenarioSet
 
 EXAMPLES = """
-Examples: `rpo optimal --start 100,100,100` | `rpo optimal --start 10,60,-40 --controller handmade`
-| `rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts --margin 0.03`
+Examples: `rpo optimal paper_test` | `rpo optimal --start 100,100,100` |
+`rpo optimal --start 10,60,-40 --controller handmade` |
+`rpo optimal --start 100,100,100 --csv optimum.csv` | `rpo optimal --all-starts --margin 0.03`
 """
 
 _BEST = 'under all conditions'
 
 
 def optimal(
+    named: Annotated[
+        str,
+        typer.Argument(
+            metavar='SCENARIO', help='shipped name or file  [approach; for starts paper_training]'
+        ),
+    ] = '',
     start: Annotated[
         str | None, typer.Option(metavar='X,Y,Z[,VX,VY,VZ]', help='position [m], velocity [m/s]')
     ] = None,
-    scenario: Annotated[str, typer.Option(help='shipped name or file')] = 'paper_training',
+    scenario: SameScenario = '',
     duration: Annotated[float | None, typer.Option(help='time of flight [s]')] = None,
     controller: Annotated[
         str | None, typer.Option(help='fly this one too, and compare its J')
@@ -51,10 +60,13 @@ def optimal(
 
     from rpo_core.files.scenario import ScenarioSet, load, load_set
 
+    scenario = chosen_scenario(
+        named, scenario, 'paper_training' if start or whole_set else DEFAULT_SCENARIO
+    )
     if whole_set:
         if any(option is not None for option in (start, duration, controller, csv)):
             raise InputError(
-                '`--all-starts` takes a set of starts as it is: give only `--scenario`'
+                '`--all-starts` takes a set of starts as it is: give only the scenario'
             )
         _of_set(load_set(scenario), margin)
         return

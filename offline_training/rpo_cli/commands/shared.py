@@ -14,6 +14,7 @@ from typing import Annotated, Any
 
 import typer
 
+from rpo_core.files import DEFAULT_SCENARIO
 from rpo_core.files.validation import InputError, printable
 
 
@@ -37,9 +38,17 @@ Cluster = Annotated[
 ]
 
 
+SameScenario = Annotated[str, typer.Option('--scenario', help='the same, as an option')]
 NoFail = Annotated[
     bool, typer.Option('--no-fail', help='exit code 0 although something judged is missed')
 ]
+
+
+def chosen_scenario(positional: str, option: str, default: str = DEFAULT_SCENARIO) -> str:
+    """Return the scenario of a command that takes it as an argument and, as before, an option."""
+    if positional and option:
+        raise InputError(f'give one scenario; got {positional} and `--scenario {option}`')
+    return positional or option or default
 
 
 def end(missed: bool, no_fail: bool) -> None:

@@ -9,9 +9,8 @@ from typing import Annotated
 
 import typer
 
-from rpo_cli.commands.shared import NoFail, Set, echo, end
+from rpo_cli.commands.shared import NoFail, SameScenario, Set, chosen_scenario, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 EXAMPLES = """
@@ -21,27 +20,39 @@ Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rp
 
 
 def simulate(
-    scenario: Annotated[str, typer.Argument(help='shipped name or file  [paper_test]')] = '',
-    named: Annotated[str, typer.Option('--scenario', help='the same, as an option')] = '',
+    scenario: Annotated[str, typer.Argument(help='shipped name or file  [approach]')] = '',
+    named: SameScenario = '',
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            '--output', '-o', help='run folder: a log, as the recorder of ROS 2 writes it'
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='replace the run in an existing folder')
+    ] = False,
     no_fail: NoFail = False,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
 
     Exit code 1: a requirement of the scenario is missed.
     """
+    import yaml
+
+    from rpo_core import files
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_core.judge.verdicts import missed
     from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
+    from rpo_log.tools.record import record
+    from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
-    if scenario and named:
-        raise InputError(f'give one scenario; got {scenario} and `--scenario {named}`')
-    chosen, loaded = scenario or named or 'paper_test', load_controller(controller)
+    chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
     flown = overrides.load(chosen, changes or [])
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
@@ -51,4 +62,13 @@ def simulate(
         echo(line)
     if csv:
         outputs.write_flight(flight, csv)
+    if output:
+        named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
+        attached = {
+            SCENARIO: overrides.text_of(chosen, changes or []),
+            CONTROLLER: files.read_text(files.find('controller', controller)),
+            PARAMETERS: yaml.safe_dump({'simulate': named_by}),
+        }
+        texts = {name: text.encode() for name, text in attached.items()}
+        echo(f'{output}: {record(flight, texts, output, overwrite=overwrite).sentence()}')
     end(missed(flight), no_fail)

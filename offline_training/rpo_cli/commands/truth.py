@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rpo_cli.commands.shared import tool
+from rpo_cli.commands.shared import SameScenario, chosen_scenario, tool
 from rpo_core.files import DEFAULT_CONTROLLER
 from rpo_montecarlo import outputs
 
@@ -20,19 +21,21 @@ if TYPE_CHECKING:
     from rpo_judge.truth import Comparison
 
 EXAMPLES = """
-Examples: `rpo truth runs/first` | `rpo truth` | `rpo truth --scenario approach --controller
+Examples: `rpo truth runs/first` | `rpo truth paper_test` | `rpo truth approach --controller
 handmade --write docs/truth.md`
 """
 
 
 def truth(
-    run: Annotated[
-        Path | None,
-        typer.Argument(help='run folder or .mcap file; without it, a flight is computed here'),
-    ] = None,
-    scenario: Annotated[str, typer.Option(help='without RUN: shipped name or file')] = 'paper_test',
+    subject: Annotated[
+        str,
+        typer.Argument(
+            help='run folder or .mcap file; or a scenario (shipped name or file), flown here'
+        ),
+    ] = '',
+    scenario: SameScenario = '',
     controller: Annotated[
-        str, typer.Option(help='without RUN: shipped name or file')
+        str, typer.Option(help='of a flight here: shipped name or file')
     ] = DEFAULT_CONTROLLER,
     plot: Annotated[
         Path | None, typer.Option(help='picture  [RUN/report/truth.png, or runs/truth.png]')
@@ -46,7 +49,9 @@ def truth(
     from rpo_judge.truth import by_scipy, compare
     from rpo_log.show.report import folder_of
 
-    flight, title = _flight(run, scenario, controller)
+    run = Path(subject) if subject.endswith('.mcap') or os.path.isdir(subject) else None
+    chosen = chosen_scenario('' if run else subject, scenario)
+    flight, title = _flight(run, chosen, controller)
     truths = {'SciPy': by_scipy}
     if not find_spec('Basilisk'):
         typer.echo('Without Basilisk: `make setup LAYERS=truth` installs it.', err=True)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,7 +25,7 @@ from rpo_core.files.validation import (
     choice,
     mapping,
     real,
-    shown,
+    schema,
     text,
     whole,
     within,
@@ -135,11 +134,11 @@ class CampaignConfig:
 
 def parse(document: Any) -> CampaignConfig:
     """Return the configuration of a parsed YAML document; raises InputError."""
+    schema(document, SCHEMA)
     names = ['name', 'scenario', 'controller', 'runs', 'dispersions']
     optional = ['seed', 'sampling', 'faults', 'success']
     data = dict(mapping('', document, ['schema', *names], optional))
-    if data.pop('schema') != SCHEMA:
-        raise InputError(f'`schema` must be {SCHEMA}; got {shown(document["schema"])}')
+    del data['schema']
     dispersions = mapping('dispersions', data['dispersions'], [], QUANTITIES)
     data['dispersions'] = {name: dispersion(name, dispersions[name]) for name in dispersions}
     if 'success' in data:
@@ -288,24 +287,18 @@ class Campaign:
         return replace(self, config=config, texts=(dumps(config), *self.texts[1:]))
 
 
-SHIPPED = Path(__file__).parents[2] / 'campaigns'
-"""The folder of the campaigns that ship."""
-
-
 def find(name: str) -> Path:
     """Return the file of a shipped campaign, or of a path; raises InputError."""
-    if os.sep in name or name.endswith(('.yaml', '.yml')):
-        return Path(name)
-    known = {path.stem: path for path in sorted(SHIPPED.glob('*.yaml'))}
-    return known[choice('campaign', name, known)]
+    return files.find('campaign', name)
 
 
-def load(path: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
-    """Return the campaign of a YAML file, with some fields changed; raises InputError.
+def load(source: str | Path, overridden: Sequence[str] = (), **changes: Any) -> Campaign:
+    """Return the campaign of a shipped name or a path, with fields changed; raises InputError.
 
     overridden : fields of the scenario, see `rpo_core.files.overrides`
     """
-    found = files.load(Path(path), parse)
+    path = find(source) if isinstance(source, str) else source
+    found = files.load(path, parse)
     if changes:
         found = replace(found, **changes)
     with within(str(path)):

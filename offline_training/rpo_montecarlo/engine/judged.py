@@ -18,18 +18,28 @@ from numpy.typing import NDArray
 from rpo_core.files.scenario import NANOSECONDS, Scenario
 from rpo_core.judge.contact import Port, contact_speeds, depth_m, port_of, touches
 from rpo_core.judge.metrics import hold_tick, larger
-from rpo_core.judge.requirements import ROWS
 from rpo_kernels.kernels import norm
 from rpo_montecarlo.engine.counters import COLUMNS
 from rpo_montecarlo.engine.lanes import compiled
 
 Floats = NDArray[np.float64]
 
-VALUES = tuple(name for name, row in ROWS.items() if row.together)
+VALUES = (
+    'final_error_per_axis_m',
+    'final_error_norm_m',
+    'final_speed_per_axis_m_s',
+    'final_speed_norm_m_s',
+    'hold_error_norm_m',
+    'hold_speed_norm_m_s',
+    'arrival_time_s',
+    'contact_closing_speed_m_s',
+    'contact_lateral_speed_m_s',
+    'keep_out_depth_m',
+)
 """Requirements of the axes together, in the order of a row; arrival is that of the norm."""
 
-_FINAL_R, _FINAL_D, _FINAL_V, _FINAL_S, _HOLD_D, _HOLD_S, _ARRIVAL = range(7)
-_CLOSING, _LATERAL, _DEPTH = range(7, 10)
+_FINAL_R, _FINAL_D, _FINAL_V, _FINAL_S, _HOLD_D, _HOLD_S = range(6)
+_ARRIVAL, _CLOSING, _LATERAL, _DEPTH = range(6, len(VALUES))
 
 
 class Judged(NamedTuple):

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 
-from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files import DEFAULT_CONTROLLER, DEFAULT_SCENARIO
 
 _EXAMPLE = """example:
   ros2 run rpo_bringup final_approach --scenario paper_test --output runs/first
@@ -25,7 +25,9 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    found.add_argument('--scenario', default='approach', help='shipped name or path (%(default)s)')
+    found.add_argument(
+        '--scenario', default=DEFAULT_SCENARIO, help='shipped name or path (%(default)s)'
+    )
     found.add_argument(
         '--controller', default=DEFAULT_CONTROLLER, help='shipped name or path (%(default)s)'
     )

@@ -12,12 +12,13 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 
 from rpo_core.chain.chain import Signals
 from rpo_core.files.validation import InputError
 from rpo_ros import health
 from rpo_ros.parameter_rows import AUTOSTART, ParameterRow
+from rpo_ros.rclpy_private import Lifecycle
 from rpo_ros.stage_node import StageNode
 
 SUCCESS, FAILURE, ERROR = (
@@ -27,7 +28,7 @@ SUCCESS, FAILURE, ERROR = (
 )
 
 
-class ManagedNode(LifecycleNodeMixin, StageNode):
+class ManagedNode(Lifecycle, StageNode):
     """Answers with its stages while active, without them otherwise.
 
     Before its first activation it sends nothing, and a plant waits. After that it answers every
@@ -48,7 +49,7 @@ class ManagedNode(LifecycleNodeMixin, StageNode):
         self.active = self._began = self._starting = False
         self._cause: Exception | None = None
         self.answered_inactive = 0
-        LifecycleNodeMixin.__init__(self)
+        Lifecycle.__init__(self)
 
     def start(self) -> None:
         """Configure and activate if it shall, and listen; raises the error of a transition."""
@@ -94,19 +95,6 @@ class ManagedNode(LifecycleNodeMixin, StageNode):
     @property
     def _full(self) -> str:
         return str(self.get_fully_qualified_name())
-
-    @property
-    def label(self) -> str:
-        """State of the lifecycle: unconfigured, inactive, active or finalized."""
-        return str(self._state_machine.current_state[1])
-
-    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
-        """Refuse a transition that is not possible now; rclpy would end the process with it."""
-        possible = {number for number, *_ in self._state_machine.available_transitions}
-        if transition not in possible:
-            self.complain(f'a transition was refused: {transition} is not possible in {self.label}')
-            return FAILURE
-        return super()._LifecycleNodeMixin__change_state(transition)
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Load and check what it needs; after a bad file the node stays unconfigured."""

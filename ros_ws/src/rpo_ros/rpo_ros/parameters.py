@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 
 from rpo_core.files.validation import InputError
 from rpo_ros.parameter_rows import ParameterRow, Value, unknown
+from rpo_ros.rclpy_private import overrides_of
 
 
 def descriptor(row: ParameterRow) -> ParameterDescriptor:
@@ -63,9 +64,7 @@ def declare(node: Node, rows: Sequence[ParameterRow]) -> dict[str, Any]:
     InputError
         If a value has a wrong type or is out of range.
     """
-    # rclpy has no other access to the overrides. They are needed before the declaration: it refuses
-    # `real_time_factor:=20` (an int for a double) and does not report a misspelt name.
-    overrides: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    overrides = overrides_of(node)
     known = [row.name for row in rows]
     for sentence in filter(None, (unknown(name, known) for name in overrides)):
         node.get_logger().warning(f'{sentence}; ignored')

@@ -64,7 +64,8 @@ def keep_to_this_machine(env: MutableMapping[str, str] = os.environ) -> None:
     """
     if env.get(RANGE) != 'LOCALHOST' or env.get(PEERS) or any(env.get(name) for name in PROFILES):
         return
-    env[PROFILES[1]] = str(LOOPBACK)
+    old = env.get('ROS_DISTRO', 'jazzy') in ('humble', 'jazzy')  # Fast DDS 2; 3 warns of it
+    env[PROFILES[old]] = str(LOOPBACK)
 
 
 class FlightNode(Node):

@@ -8,6 +8,7 @@ import errno
 import os
 import re
 import stat
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -15,10 +16,13 @@ from typing import Any, BinaryIO, TypeVar
 
 import yaml
 
-from rpo_core.files.validation import InputError, quoted, shown, within
+from rpo_core.files.validation import InputError, near, quoted, shown, within
 
 DEFAULT_CONTROLLER = 'allround'
 """The shipped controller where none is named."""
+
+DEFAULT_SCENARIO = 'approach'
+"""The shipped scenario where none is named: plant and controller fly it alone."""
 
 MAX_BYTES = 1 << 18
 """A larger file is not one of ours; it is refused before it is parsed."""
@@ -32,6 +36,7 @@ _SHIPPED = {
     'scenario': ('rpo_bringup', 'config/scenarios'),
     'controller': ('rpo_ctrl', 'config/controllers'),
     'monitor': ('rpo_bringup', 'config/monitors'),
+    'campaign': ('offline_training', 'campaigns'),
 }
 
 
@@ -183,15 +188,15 @@ def loads(content: str, parse: Callable[[Any], Parsed], source: str) -> Parsed:
 
 def _folders(kind: str) -> list[Path]:
     """Return where files of a kind ship: installed packages first, then this source tree."""
-    package, folder = _SHIPPED[kind]
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    installed = [Path(prefix) / 'share' / package / folder for prefix in prefixes if prefix]
-    source = Path(__file__).resolve().parents[2] / package / folder
-    return [folder for folder in (*installed, source) if folder.is_dir()]
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    installed = [Path(prefix) / 'share' for prefix in prefixes if prefix]
+    packages = Path(__file__).resolve().parents[3]
+    roots = (*installed, packages, packages.parents[1])
+    return [found for root in roots if (found := root.joinpath(*_SHIPPED[kind])).is_dir()]
 
 
 def shipped(kind: str) -> dict[str, Path]:
-    """Return name -> file of what ships of a kind, 'scenario' or 'controller'."""
+    """Return name -> file of what ships of a kind: scenario, controller, monitor or campaign."""
     found: dict[str, Path] = {}
     for folder in _folders(kind):
         for path in sorted(folder.glob('*.yaml')):
@@ -205,21 +210,24 @@ def find(kind: str, name: str) -> Path:
     Raises
     ------
     InputError
-        If there is none; lists the shipped names.
+        If there is none; lists the shipped names, and says what else has this name.
     """
     if not isinstance(name, str) or not name.strip():
         raise InputError(f'`{kind}` must be a shipped name or a path; got {shown(name)}')
     if os.sep in name or name.endswith(('.yaml', '.yml')):
         path = os.path.expanduser(name)
         if not os.path.isfile(path):  # unlike Path's, neither raises on unusual names
-            raise InputError(
-                f'`{kind}` must be a file or a shipped name; there is no file {quoted(name)}'
-            )
+            what = f'{quoted(name)} is a folder' if os.path.isdir(path) else (
+                f'there is no file {quoted(name)}'
+            )  # fmt: skip
+            raise InputError(f'`{kind}` must be a file or a shipped name; {what}')
         return Path(path)
     known = shipped(kind)
     if name not in known:
+        others = [other for other in _SHIPPED if name in shipped(other)]
+        hint = f', which is a {others[0]}' if others else near(name, known)
         raise InputError(
             f'`{kind}` must be one of {", ".join(known)}, or a path to a .yaml file; '
-            f'got {shown(name)}'
+            f'got {shown(name)}{hint}'
         )
     return known[name]

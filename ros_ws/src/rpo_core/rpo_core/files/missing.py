@@ -6,10 +6,8 @@ from __future__ import annotations
 
 import sys
 
-_INSTALLED_BY = {
-    'mcap': 'mcap', 'zstandard': 'mcap', 'lz4': 'mcap', 'rosbags': 'rosbags', 'ruamel': 'rosbags',
-}  # fmt: skip
-"""mcap reads logs, and brings the two libraries of compression; rosbags reads foreign bags."""
+_INSTALLED_BY = {'mcap': 'mcap', 'zstandard': 'mcap', 'lz4': 'mcap', 'rosbags': 'rosbags'}
+"""What brings a module: mcap brings the libraries of compression too."""
 
 
 def sentence(module: str | None) -> str | None:
@@ -22,7 +20,5 @@ def sentence(module: str | None) -> str | None:
         return None
     # Outside a virtual environment Debian and Ubuntu refuse pip. `--user` touches nothing of apt.
     options = '' if sys.prefix != sys.base_prefix else '--user --break-system-packages '
-    return (
-        f'the Python library {top} is missing: `python3 -m pip install {options}'
-        f'{_INSTALLED_BY[top]}` installs it'
-    )
+    install = f'python3 -m pip install {options}{_INSTALLED_BY[top]}'
+    return f'the Python library {top} is missing: `{install}` installs it'

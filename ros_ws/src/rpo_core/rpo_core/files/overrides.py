@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import yaml
@@ -35,7 +35,10 @@ def text_of(name: str, changes: Sequence[str]) -> str:
             document['name'] += CHANGED
         for change in changes:
             _apply(document, change)
-        scenario.parse(document)
+        try:
+            scenario.parse(document)
+        except InputError as error:
+            raise InputError(f'{error}{_elsewhere(changes, files.parse_yaml(content))}') from None
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
@@ -47,6 +50,21 @@ def load(name: str, changes: Sequence[str]) -> Scenario:
     if not isinstance(found, Scenario):
         raise InputError(f'`scenario` must be a single flight; {name} is a set')
     return found
+
+
+def _elsewhere(changes: Sequence[str], document: Any) -> str:
+    """Return the end of a sentence that says in which section a field is, if it was given alone."""
+    for key in (change.partition('=')[0].strip() for change in changes):
+        found = [leaf for leaf in _leaves(document) if leaf.endswith(f'.{key}')]
+        if found and key not in document:
+            return f'; did you mean `{found[0]}`?'
+    return ''
+
+
+def _leaves(document: Any, prefix: str = '') -> Iterator[str]:
+    """Yield the fields of a document and of its sections, with dots."""
+    for key, value in document.items() if isinstance(document, dict) else ():
+        yield from (f'{prefix}{key}', *_leaves(value, f'{prefix}{key}.'))
 
 
 def _apply(document: Any, change: str) -> None:

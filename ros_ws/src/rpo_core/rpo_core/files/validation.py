@@ -189,8 +189,15 @@ def choice(name: str, value: Any, known: Iterable[str]) -> str:
     """Return `value` if it is one of `known`; raises InputError listing them."""
     names = list(known)
     if not isinstance(value, str) or value not in names:
-        raise InputError(f'`{name}` must be one of {", ".join(names)}; got {shown(value)}')
+        hint = near(value, names)
+        raise InputError(f'`{name}` must be one of {", ".join(names)}; got {shown(value)}{hint}')
     return value
+
+
+def near(value: Any, names: Iterable[str]) -> str:
+    """Return the end of a sentence that proposes the nearest of some names; '' if none is near."""
+    found = difflib.get_close_matches(str(value)[:MOST_NAME], list(names), n=1)
+    return f'; did you mean `{found[0]}`?' if found else ''
 
 
 def mapping(
@@ -210,8 +217,7 @@ def mapping(
         raise InputError(f'{label} must be a mapping with {_listed(known)}; got {shown(value)}')
     for key in value:
         if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1)
-            hint = f'; did you mean `{near[0]}`?' if near else f'; known: {_listed(known)}'
+            hint = near(key, known) or f'; known: {_listed(known)}'
             raise InputError(f'{quoted(f"{prefix}{key}")} is not a known field{hint}')
     for key in required:
         if key not in value:
@@ -238,5 +244,16 @@ def schema(document: Any, *known: str) -> str:
         raise InputError('`schema` is missing')
     found = document['schema']
     if not isinstance(found, str) or found not in known:
-        raise InputError(f'`schema` must be {" or ".join(known)}; got {shown(found)}')
+        raise InputError(
+            f'`schema` must be {" or ".join(known)}; got {shown(found)}{_kinds(found, known)}'
+        )
     return found
+
+
+def _kinds(found: Any, known: Sequence[str]) -> str:
+    """Return the end of a sentence that calls a file by its kind, if it is of another one."""
+    kind, *wanted = (str(name).split('/')[1:2] for name in (found, *known))
+    if not str(found).startswith('rpo/') or kind in wanted:
+        return ''
+    names = dict.fromkeys(' '.join(name).replace('_', ' ') for name in wanted)
+    return f': this is a {printable(kind[0][:60])} file; expected a {" or a ".join(names)}'

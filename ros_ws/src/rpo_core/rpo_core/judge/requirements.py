@@ -30,7 +30,6 @@ class Row:
 
     unit : of its value, as tables show it; statement : what it is about, with times and places
     needs : the setting without which it means nothing
-    together : whether it is of the three axes together: the engine then keeps the states
     effort : whether it is about what thrusters do; the others are about position and speed
     share : whether the limit is a share of the largest |disturbance| of an axis in the flight
     thrusters : what of these a scenario's thrusters must have, one of them
@@ -39,45 +38,38 @@ class Row:
     unit: str
     statement: str
     needs: str = ''
-    together: bool = False
     effort: bool = False
     share: bool = False
     thrusters: tuple[str, ...] = ()
 
 
 ROWS = {
-    'final_error_per_axis_m': Row('m', 'position error per axis, at the end', together=True),
-    'final_error_norm_m': Row('m', 'position error (norm), at the end', together=True),
-    'final_speed_per_axis_m_s': Row('m/s', 'speed per axis, at the end', together=True),
-    'final_speed_norm_m_s': Row('m/s', 'speed (norm), at the end', together=True),
+    'final_error_per_axis_m': Row('m', 'position error per axis, at the end'),
+    'final_error_norm_m': Row('m', 'position error (norm), at the end'),
+    'final_speed_per_axis_m_s': Row('m/s', 'speed per axis, at the end'),
+    'final_speed_norm_m_s': Row('m/s', 'speed (norm), at the end'),
     'mean_error_norm_m': Row('m', 'mean error (norm), last {mean:g} s'),
     'mean_speed_norm_m_s': Row('m/s', 'mean speed (norm), last {mean:g} s'),
     'hold_error_per_axis_m': Row(
         'm', 'position error per axis, after {hold:g} s', needs='hold_from_s'
     ),
-    'hold_error_norm_m': Row(
-        'm', 'position error (norm), after {hold:g} s', needs='hold_from_s', together=True
-    ),
+    'hold_error_norm_m': Row('m', 'position error (norm), after {hold:g} s', needs='hold_from_s'),
     'hold_speed_per_axis_m_s': Row('m/s', 'speed per axis, after {hold:g} s', needs='hold_from_s'),
-    'hold_speed_norm_m_s': Row(
-        'm/s', 'speed (norm), after {hold:g} s', needs='hold_from_s', together=True
-    ),
+    'hold_speed_norm_m_s': Row('m/s', 'speed (norm), after {hold:g} s', needs='hold_from_s'),
     'hold_force_per_axis_n': Row(
         'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True
     ),
     'hold_force_per_disturbance': Row(
         'N', 'force per axis, after {hold:g} s', needs='hold_from_s', effort=True, share=True
     ),
-    'arrival_time_s': Row('s', 'time to goal, {arrival}', together=True),
+    'arrival_time_s': Row('s', 'time to goal, {arrival}'),
     'contact_closing_speed_m_s': Row(
-        'm/s', 'closing speed at {contact:g} m{least}', needs='contact_range_m', together=True
+        'm/s', 'closing speed at {contact:g} m{least}', needs='contact_range_m'
     ),
     'contact_lateral_speed_m_s': Row(
-        'm/s', 'lateral speed at {contact:g} m', needs='contact_range_m', together=True
+        'm/s', 'lateral speed at {contact:g} m', needs='contact_range_m'
     ),
-    'keep_out_depth_m': Row(
-        'm', 'depth inside the sphere of {zone:g} m{cone}', needs='keep_out_m', together=True
-    ),
+    'keep_out_depth_m': Row('m', 'depth inside the sphere of {zone:g} m{cone}', needs='keep_out_m'),
     'slew_per_axis_n_s': Row('N/s', 'slew per axis', effort=True),
     'energy_n2s': Row('N²s', 'energy J', effort=True),
     'delta_v_axis_sum_m_s': Row('m/s', 'Δv (sum of the axes)', effort=True),

@@ -70,7 +70,7 @@ def _shown(value: float | None) -> str:
 class _Side:
     """One of the two logs, read block by block.
 
-    last : last tick so far
+    last : last tick that was read
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -87,19 +87,17 @@ class _Side:
             if self.held is None:
                 return None
             self.events.extend(self.held.events)
+            self.last = int(self.held.ticks[-1]) if len(self.held.ticks) else self.last
         return self.held
 
     def take(self, block: TickBlock, ticks: NDArray[np.int64]) -> TickBlock:
         """Take the next ticks out of what `fill` returned; NaN for those that are not there."""
         self.held = block.after(int(ticks[-1]))
-        taken = block.ticks[: len(block.ticks) - len(self.held.ticks)]
-        self.last = int(taken[-1]) if len(taken) else self.last
         return block.at(ticks)
 
     def drain(self) -> None:
         """Read to the end."""
-        while (block := self.fill()) is not None:
-            self.last = int(block.ticks[-1])
+        while self.fill() is not None:
             self.held = None
 
 

@@ -1,0 +1,45 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""The private names of rclpy that this stack uses, and why: nowhere else.
+
+They are those of rclpy 7.1 (Jazzy) and 9.1 (Kilted).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+
+def overrides_of(node: Node) -> dict[str, Parameter]:
+    """Return the parameters given to a node, by name; changes take effect at the declaration.
+
+    rclpy has no other access to them. They are needed before the declaration: it refuses
+    `real_time_factor:=20` (an int for a double) and does not report a misspelt name.
+    """
+    found: dict[str, Parameter] = getattr(node, '_parameter_overrides', {})
+    return found
+
+
+class Lifecycle(LifecycleNodeMixin):
+    """The lifecycle of a `FlightNode`; refuses a transition that is not possible now.
+
+    rclpy ends the process with such a transition, and names the state of a node nowhere else.
+    """
+
+    complain: Callable[[str], None]
+
+    @property
+    def label(self) -> str:
+        """State of the lifecycle: unconfigured, inactive, active or finalized."""
+        return str(self._state_machine.current_state[1])
+
+    def _LifecycleNodeMixin__change_state(self, transition: int) -> TransitionCallbackReturn:
+        possible = {number for number, *_ in self._state_machine.available_transitions}
+        if transition not in possible:
+            self.complain(f'a transition was refused: {transition} is not possible in {self.label}')
+            return TransitionCallbackReturn.FAILURE
+        return super()._LifecycleNodeMixin__change_state(transition)

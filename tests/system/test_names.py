@@ -1,0 +1,78 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""Names of what ships: listed, completed, found without `env.bash`, and proposed where misspelt."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rpo_cli.cli import app
+from rpo_core import files
+
+ROOT = Path(__file__).resolve().parents[2]
+CAMPAIGNS = ROOT / 'offline_training' / 'campaigns'
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['simulate', 'papr_test'], 'did you mean `paper_test`?'),
+        (['simulate', 'allround'], "got 'allround', which is a controller"),
+        (['evaluate', 'quick'], "got 'quick', which is a scenario"),
+        (['campaign', 'paper_test_measurd'], 'did you mean `paper_test_measured`?'),
+        (['simulate', str(CAMPAIGNS)], 'is a folder'),
+        (['simulate', str(CAMPAIGNS / 'docking.yaml')],
+         'this is a campaign file; expected a scenario or a scenario set'),
+        (['campaign', str(files.find('scenario', 'quick'))],
+         'this is a scenario file; expected a campaign'),
+        (['simulate', 'guarded', '--set', 'margin_m=3'], 'did you mean `guidance.margin_m`?'),
+        (['simulate', '--set', 'maxs_kg=3'], 'did you mean `mass_kg`?'),
+        (['list', 'plan'], 'did you mean `plans`?'),
+    ],
+)  # fmt: skip
+def test_a_wrong_name_is_answered_by_the_right_one(words, said):
+    refused = CliRunner().invoke(app, words)
+    assert refused.exit_code == 2 and said in refused.stderr, refused.output
+    assert len(refused.stderr.splitlines()) == 1
+
+
+def test_the_list_has_every_name_once():
+    listed = CliRunner().invoke(app, ['list']).stdout
+    first = [line.split()[0] for line in listed.splitlines() if line.startswith('  ')]
+    shipped = [n for k in ('scenario', 'controller', 'campaign') for n in files.shipped(k)]
+    assert sorted(first) == sorted(shipped)
+    plans = CliRunner().invoke(app, ['list', 'plans']).stdout
+    assert '  guarded ' in plans and '  quick ' not in plans
+
+
+@pytest.mark.parametrize(
+    ('line', 'names'),
+    [
+        ('rpo simulate paper_t', 'paper_test paper_test_measured paper_test_phase paper_training'),
+        ('rpo evaluate allround pa', 'pace paper_ga'),
+        ('rpo safety show gu', 'guarded'),
+        ('rpo campaign world_leo_', 'world_leo_ideal world_leo_stuck'),
+    ],
+)
+def test_a_shell_completes_names(line, names):
+    words = line.split()
+    env = {'_RPO_COMPLETE': 'complete_bash', 'COMP_WORDS': line, 'COMP_CWORD': str(len(words) - 1)}
+    done = CliRunner().invoke(app, env=env, prog_name='rpo')
+    assert done.stdout.split() == names.split()
+
+
+def test_the_command_works_in_a_bare_environment(tmp_path):
+    """Without `env.bash`: packages and files come from the checkout."""
+    bare = {'HOME': os.environ.get('HOME', '/'), 'PATH': '/usr/bin:/bin'}
+    rpo = Path(sys.prefix) / 'bin' / 'rpo'
+    for words in (['list', 'campaigns'], ['simulate', 'quick', '--no-fail']):
+        done = subprocess.run(
+            [rpo, *words], env=bare, cwd=tmp_path, capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0 and 'allround' in done.stdout, done.stderr
