@@ -20,7 +20,7 @@ from typing import Any
 
 import pytest
 
-TIME_S = 120.0
+TIME_S = 90.0
 LONGEST_S = 300.0
 GUESS_S = 10.0
 """How long a test takes that was never run here."""
@@ -28,11 +28,14 @@ BEGUN_S = time.monotonic()
 RECORD = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache', 'rpo', 'slow_tests.json')
 
 
-def rest_at_landing(values: Iterable[Any], quick: int = 1) -> list[Any]:
-    """Return parameters of a test: `make test` runs the first, `.ci/run` the others too."""
+def rest_at_landing(values: Iterable[Any], quick: int = 1, landing: int = 1000) -> list[Any]:
+    """Return parameters of a test: first for `make test`, then for each landing, then slow ones."""
     several = [value if isinstance(value, tuple) else (value,) for value in values]
-    marks = [() if i < quick else pytest.mark.every_landing for i in range(len(several))]
-    return [pytest.param(*one, marks=some) for one, some in zip(several, marks, strict=True)]
+    marks = [(), pytest.mark.every_landing, pytest.mark.slow]
+    return [
+        pytest.param(*one, marks=marks[(i >= quick) + (i >= quick + landing)])
+        for i, one in enumerate(several)
+    ]
 
 
 def record() -> dict[str, tuple[str, float]]:

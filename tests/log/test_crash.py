@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 
 from rpo_log.tools.repair import repair
 from rpo_mcap.errors import LogError
@@ -82,10 +83,9 @@ def test_kill_9_at_full_speed(tmp_path, seed):
     kill_at_random(tmp_path, seed, 40.0)
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize('seed', [pytest.param(3, marks=pytest.mark.every_landing), *range(4, 11)])
+@pytest.mark.parametrize('seed', rest_at_landing(range(3, 11), quick=0, landing=1))
 def test_killed_at_full_speed_many_times(tmp_path, seed, how):
     kill_at_random(tmp_path, seed, 400.0, how)
 
@@ -98,7 +98,7 @@ def kill_at_random(tmp_path: Path, seed: int, duration_s: float, how: int = sign
     assert held >= min(given - 1, 0.95 * given)
 
 
-@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize('how', rest_at_landing([signal.SIGKILL, signal.SIGTERM]))
 def test_killed_in_real_time_at_most_the_last_second_is_lost(tmp_path, how):
     process = flown(tmp_path / 'log', 60.0, pace_s=0.002)  # beyond tick 250 a chunk is a second
     while int(process.stdout.readline()) < 300:

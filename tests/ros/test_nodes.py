@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -103,7 +104,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize('case', BAD)
+@pytest.mark.parametrize('case', rest_at_landing(BAD))
 def test_bad_input_is_one_sentence_and_nothing_starts(ros, case):
     name, parameters, said = BAD[case]
     node = ros.node(NODES[name][0], name, **parameters)

@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
@@ -83,10 +84,8 @@ def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
     check(flown, log, signal.SIGKILL)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize('trial', [pytest.param(0, marks=pytest.mark.every_landing), *range(1, 8)])
+@pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
 def test_the_recorder_ended_at_any_moment(ros, number, trial):
     moment = random.Random(1000 * trial + number).uniform(0.05, 4.0)
     flown, log = end_in_flight(ros, number, after_s=moment, real_time_factor=80.0)

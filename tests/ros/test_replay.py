@@ -78,6 +78,7 @@ def bag(run_folder, tmp_path):
     return tmp_path / 'bag'
 
 
+@pytest.mark.every_landing
 def test_the_same_controller_answers_as_logged(ros, bag):
     """It was silent from tick 0 to its end, and while no controller was there."""
     node = ros.node('rpo_log', 'replay', bag=bag, drive='true', rate=1.0)

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
+from landing import rest_at_landing
 
 from rpo_mcap.errors import Fault, LogError
 from rpo_mcap.read.run_log import read_run
@@ -23,9 +24,7 @@ LONGEST_S = 2.0
 SPEED = 40.0
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 
-trials = pytest.mark.parametrize(
-    'trial', [pytest.param(0, marks=pytest.mark.every_landing), *range(1, 8)]
-)
+trials = pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
 signals = pytest.mark.parametrize('number', SIGNALS, ids=lambda number: number.name)
 
 
@@ -74,7 +73,6 @@ def started(ros, output):
     return nodes
 
 
-@pytest.mark.slow
 @trials
 @signals
 def test_the_nodes_of_a_run(ros, number, trial):
@@ -85,7 +83,6 @@ def test_the_nodes_of_a_run(ros, number, trial):
     check_log(output)
 
 
-@pytest.mark.slow
 @trials
 @signals
 def test_all_in_one_process(ros, number, trial):
@@ -116,8 +113,6 @@ if importlib.util.find_spec('foxglove') is not None:  # an optional layer
     OTHERS['foxglove'] = ('open ws://', {'port': 0})
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(240)
 @trials
 @signals
 def test_all_other_nodes(ros, number, trial):

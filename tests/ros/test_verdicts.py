@@ -17,7 +17,7 @@ from tools.node_processes import node_processes
         ([], 1e-3, 1, 'MISSED'),
         pytest.param(['--no-fail'], 1e-3, 0, 'MISSED', marks=pytest.mark.slow),
         pytest.param([], 1e3, 0, 'holds', marks=pytest.mark.slow),
-        (['--no-report'], 1e-3, 0, ''),
+        pytest.param(['--no-report'], 1e-3, 0, '', marks=pytest.mark.every_landing),
     ],
 )
 def test_a_requirement_that_is_missed_is_1(options, most_n2s, code, word, ros_env, tmp_path):

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from landing import rest_at_landing
 
 from rpo_ros.parameter_rows import ParameterRow, refusal
 
@@ -19,6 +20,7 @@ NODES = sorted(
     for path in SRC.glob('*/*/commands.py')
     for words in re.findall(r"start_node, '(\w+)\.(\w+)_node'\)", path.read_text())
 )
+COMMANDS = [('rpo_bringup', 'final_approach'), *NODES]
 SLOW = {'matplotlib', 'mcap', 'numba', 'numpy', 'rclpy', 'scipy'}
 
 HELP = """
@@ -56,7 +58,7 @@ def test_all_nodes_are_here():
     assert len(NODES) >= 13
 
 
-@pytest.mark.parametrize(('package', 'name'), NODES)
+@pytest.mark.parametrize(('package', 'name'), rest_at_landing(NODES, quick=4))
 def test_a_node_says_its_parameters(package, name):
     text = help_of(f'{package}.commands', name, name)
     assert text.startswith(f'usage: ros2 run {package} {name} [--ros-args')
@@ -80,7 +82,7 @@ def run_main(module: str, function: str, *words: str) -> subprocess.CompletedPro
     return subprocess.run(command, capture_output=True, text=True, timeout=50)
 
 
-@pytest.mark.parametrize(('package', 'name'), [*NODES, ('rpo_bringup', 'final_approach')])
+@pytest.mark.parametrize(('package', 'name'), rest_at_landing(COMMANDS, quick=4))
 def test_a_parameter_that_a_node_does_not_have_is_refused(package, name):
     """It flew the default, with a warning."""
     words = ('--ros-args', '-p', 'use_sim_time:=false', '-p', 'dt:=0.5')

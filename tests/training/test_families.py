@@ -12,6 +12,7 @@ import fuzzylite as fl
 import numpy as np
 import pytest
 import yaml
+from landing import rest_at_landing
 from processes import repeated
 from typer.testing import CliRunner
 
@@ -158,7 +159,9 @@ def test_fuzzylite_reads_the_rules_of_the_time_to_go_and_agrees():
 
 @pytest.mark.parametrize(
     ('name', 'word'),
-    [('more_words', 'very near'), ('pace', 'resting'), ('time_to_go', 'very short')],
+    rest_at_landing(
+        [('more_words', 'very near'), ('pace', 'resting'), ('time_to_go', 'very short')]
+    ),
 )
 def test_rules_and_claims_are_in_json_terminal_and_report(name, word):
     law = load_controller(name)

@@ -148,6 +148,7 @@ def test_too_little_force_is_said_before_the_search(tmp_path):
     assert not (tmp_path / 'run').exists()
 
 
+@pytest.mark.every_landing
 def test_a_search_that_misses_says_so_and_writes_the_file(tmp_path):
     """One start, a limit that is out of reach; the controller has the name of its folder."""
     document = yaml.safe_load(Path(GEO).read_text())

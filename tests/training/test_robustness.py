@@ -195,6 +195,7 @@ def test_margins_are_printed_and_drawn(quick, tmp_path):
     assert (tmp_path / 'robustness_mpc.png').stat().st_size > 20_000
 
 
+@pytest.mark.every_landing
 def test_a_start_that_misses_leaves_no_margins(quick, tmp_path):
     done = CliRunner().invoke(app, ['evaluate', 'handmade', '--robustness', '-o', str(tmp_path)])
     assert done.exit_code == 1 and 'no margins: 24 of the starts' in done.output

@@ -68,6 +68,7 @@ def test_an_interrupted_run_ends_with_the_bits_of_an_uninterrupted_one(algorithm
     assert contents(tmp_path / 'parts') == contents(tmp_path / 'whole')
 
 
+@pytest.mark.every_landing
 def test_the_seed_alone_decides_what_is_drawn(tmp_path):
     best = []
     for number, seed in enumerate((1, 1, 2)):
