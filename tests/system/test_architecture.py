@@ -84,7 +84,7 @@ MAY_IMPORT = {
         'rpo_mcap',
         'rpo_log',
     },
-    'tools': {'rpo_ros', *FLOWN, *OFFLINE_ROOMS},
+    'tools': {'rpo_ros', 'rpo_sim', *FLOWN, *OFFLINE_ROOMS},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
