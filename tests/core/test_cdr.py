@@ -74,7 +74,11 @@ def odometry(stamp_ns: int, frame: str, child: str, state):
 def test_odometry_as_rosbags_writes_it(stamp_ns, frame, child, state):
     data = cdr.encode_odometry(stamp_ns, frame, child, state)
     assert data == by_rosbags(odometry(stamp_ns, frame, child, state))
-    assert Layout(ODOMETRY, (frame, child)).encode(stamp_ns, state) == data
+    layout = Layout(ODOMETRY, (frame, child))
+    assert layout.encode(stamp_ns, state) == data
+    stamp, values, right_frame = layout.decode(data)
+    assert (stamp, right_frame) == (stamp_ns, True) and same_bits(values, state)
+    assert not Layout(ODOMETRY, (frame + '_', child)).decode(data)[2]
     back = cdr.decode_stamped(ODOMETRY, data)
     assert (back.stamp_ns, back.texts) == (stamp_ns, (frame, child))
     named = dict(zip(cdr.ODOMETRY_FIELDS, back.floats, strict=True))

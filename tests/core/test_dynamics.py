@@ -17,6 +17,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import OpenLoop, fly
 from rpo_core.chain.stage import Place
 from rpo_core.files import scenario
+from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import RELATIVE_STATE, THRUST_FORCE
 from rpo_core.world import cw
 from rpo_core.world.dynamics import Drag, Dynamics, environment_of, orbit_of, target_start
@@ -307,6 +308,9 @@ def test_negative_density_and_a_body_without_j2_are_refused():
     data = document('scenario', 'quick')
     refused = refusal('scenario', {**data, 'dynamics': {'kind': 'two_body', 'drag': drag}})
     assert 'dynamics.drag: `density_kg_m3` must be a finite number >= 0' in refused
+    with pytest.raises(InputError, match='missing; `drag'):
+        Dynamics(kind='two_body', drag=AIR)
+    Dynamics(kind='two_body', drag=replace(AIR, atmosphere_rate_rad_s=0.0))
     round_body = {'mu_m3_s2': 4e14, 'radius_m': 6.4e6}
     oblate = {'kind': 'two_body', 'j2': True, 'inclination_deg': 0.0}
     refused = refusal('scenario', {**data, 'body': round_body, 'dynamics': oblate})

@@ -21,6 +21,7 @@ from rpo_core.control.controller import FuzzyController, load_controller
 from rpo_core.files.scenario import load_scenario, load_set
 from rpo_core.judge import metrics
 from rpo_core.judge.verdicts import verdicts
+from rpo_core.wire.interfaces import RELATIVE_STATE
 from rpo_core.world import cw
 from rpo_core.world.disturbance import Disturbance
 from rpo_kernels import kernels
@@ -144,6 +145,13 @@ def test_thrusters_saturate_a_controller_that_asks_too_much(paper_test, handmade
         )
     ]
     np.testing.assert_array_equal(steps, flight.states[1:])
+
+
+def test_a_stage_makes_all_its_outputs(paper_test, handmade, monkeypatch):
+    chain = Chain.of(paper_test, handmade)
+    monkeypatch.setattr(chain.links[0].stage, 'step', lambda *_: ())
+    with pytest.raises(ValueError, match='shorter'):
+        chain.step(0, {RELATIVE_STATE: paper_test.start})
 
 
 def test_shapes_and_views(paper_flight):

@@ -149,6 +149,7 @@ def test_positions_of_a_set_are_checked():
     for bad in ([], None, 5.0, 'all', [1.0] * 101):
         message = refusal('scenario', changed(SET, (field,), bad))
         assert f'`{field}` must be a list of 1 to 100 positions in m; got ' in message
+    assert scenario.parse(changed(SET, (field,), [7.0])).initial_positions_m.tolist() == [[7.0] * 3]
     for bad in [*NOT_A_NUMBER, *NOT_FINITE, 1e6]:
         message = refusal('scenario', changed(SET, (field, 2), bad))
         assert f'`{field}[2]` must be a finite number' in message

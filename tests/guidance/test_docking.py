@@ -16,6 +16,7 @@ from rpo_core.judge.verdicts import verdicts
 from rpo_guidance.guidance import DOCKED, GuidanceStage
 from rpo_guidance.plan import Guidance, Leg
 from rpo_guidance.rehearsal import nominal
+from rpo_guidance.transfer_kernels import at_port
 
 
 @pytest.fixture(scope='module')
@@ -58,6 +59,13 @@ LEGS = (
     Leg(name='b', kind='straight', to_m=(0.0, 40.0, 0.0), speed_m_s=0.2, end_speed_m_s=0.1),
     Leg(name='c', kind='transfer', to_m=(0.0, 30.0, 0.0), duration_s=61.7),
 )
+
+
+@pytest.mark.parametrize(
+    ('beyond_m', 'there'), [(-0.01, False), (0.0, True), (0.29, True), (0.31, False)]
+)
+def test_the_port_is_left_behind_after_the_length_that_is_asked(beyond_m, there):
+    assert at_port(1.0, 2.0 - beyond_m, 3.0, 1.0, 2.0, 3.0, 0.0, 1.0, 0.0, 0.3) == there
 
 
 @pytest.mark.parametrize('legs', [LEGS, LEGS[:2], LEGS[2:], None])

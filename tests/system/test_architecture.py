@@ -53,7 +53,7 @@ MAY_IMPORT = {
         'rpo_training',
         'rpo_export',
     },
-    'rpo_cli': {*FLOWN, *OFFLINE_ROOMS},
+    'rpo_cli': {*FLOWN, *OFFLINE_ROOMS, 'rpo_view'},
     'rpo_ros': {'rpo_core', 'rpo_kernels'},
     'rpo_ctrl': {'rpo_core', 'rpo_kernels'},
     'rpo_ctrl nodes': {'rpo_core', 'rpo_kernels', 'rpo_ctrl', 'rpo_ros'},

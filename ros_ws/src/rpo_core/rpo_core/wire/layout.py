@@ -49,7 +49,6 @@ class Layout:
         self.places = tuple(first + 8 * column for column in self.columns[::3])
         # What must stand between the stamp and the numbers, with the gaps cleared.
         self._fixed = self.plain[12:first]
-        self._first = first
 
     @staticmethod
     @lru_cache(maxsize=64)
@@ -72,7 +71,7 @@ class Layout:
         """Return whether a message has the size, frame ids and clear gaps of this layout."""
         return (
             len(data) == self.size
-            and data[12 : self._first] == self._fixed
+            and data.startswith(self._fixed, 12)
             and data[:2] == cdr.HEADER[:2]
         )
 
