@@ -153,7 +153,7 @@ class Manifests:
         return rate_hz if 0.0 < rate_hz <= _MOST_RATE_HZ else 0.0
 
     def remaps(self, recorded: Iterable[Topic]) -> dict[str, bytes]:
-        """Return the file of the nodes that hear a signal where it is not recorded; {}: none does."""
+        """Return the file of nodes that hear a signal where it is not recorded; {}: none does."""
         where = {topic.signal: topic.name for topic in recorded}
         found = {}
         for name, values in self._by_role.values():
