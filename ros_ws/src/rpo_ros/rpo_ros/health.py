@@ -8,6 +8,7 @@ The ROS 2 wheels have no diagnostic_updater.
 from __future__ import annotations
 
 import json
+import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -25,6 +26,9 @@ from rpo_ros.running import FlightNode
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 PERIOD_S = 1.0
+
+HARDWARE = platform.node() or 'unknown'
+"""Hardware id in diagnostics: the machine that the node runs on."""
 
 Health = tuple[bytes, str, Mapping[str, Any]]
 """Level, message, values."""
@@ -59,6 +63,7 @@ def publish_health(node: FlightNode, health: Callable[[], Health]) -> None:
         array = DiagnosticArray()
         array.header.stamp = Clock(clock_type=ClockType.SYSTEM_TIME).now().to_msg()
         array.status = [to_status(level, name, message, values.items())]
+        array.status[0].hardware_id = HARDWARE
         publisher.publish(array)
 
     node.every(PERIOD_S, publish)
