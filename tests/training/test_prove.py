@@ -335,7 +335,6 @@ def test_a_proof_of_nothing_is_no_proof():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
     together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
     proving.prove(together, 2, 'local', lambda *_: None, probes=20)
