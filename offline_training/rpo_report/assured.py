@@ -19,7 +19,7 @@ from rpo_mcap.read.run_log import RunLog
 from rpo_report import guided
 from rpo_report.guided import Phase
 from rpo_report.logged import steps_again
-from rpo_report.page import Block, Picture, Section, Table, Text
+from rpo_report.page import Block, Fold, Picture, Section, Table, Text
 from rpo_safety.abort import Change
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.kernels import FAR
@@ -103,30 +103,30 @@ def sections(flight: Flight, found: Decided | None, phases: list[Phase]) -> list
         ticks = found.constraints.count(name)
         count = sum(one.constraint == name for one in acted)
         rows.append((name, f'{count}', f'{ticks * dt_s:.1f}', f'{_largest(found, name):.3g}'))
-    if not acted:
-        rows.append(('none', '0', '0', '0'))
     columns = ('constraint', 'interventions', 'acting [s]', 'largest change of the command [N]')
     blocks: list[Block] = [
         Text(
             'Assurance passes a command if the state one tick later keeps every margin. Margins '
             'here are those that the command as it came would have left: where one is negative, '
             'or a limit of force or slew is passed, the command was changed.'
+            + ('' if acted else ' Every command passed.')
         ),
-        Table('Who acted', columns, tuple(rows)),
     ]
     if acted:
-        blocks.append(_each(acted, found, times, phases))
+        blocks.append(Table('Who acted', columns, tuple(rows)))
+        blocks.append(Fold('Interventions', (_each(acted, found, times, phases),)))
     if found.changes:
         changes = tuple((f'{times[c.tick]:.1f}', c.state, c.reason) for c in found.changes)
         blocks.append(Table('Abort table', ('from [s]', 'what', 'why'), changes))
     least_m, least_m_s = np.nanmin(found.margins, axis=0)
+    coloured = '; change of the command. Coloured: a constraint acts' if acted else ''
     blocks.append(
         Picture(
             'assurance',
             _picture(flight, found, acted, phases),
             'Margin to the constraint of position (stopping distance to the keep-out sphere, or '
             'to the walls of the corridor) and to the limit of speed, that the command as it came '
-            'would leave; change of the command. Coloured: a constraint acts. Margins jump where '
+            f'would leave{coloured}. Margins jump where '
             'the chaser goes from the open set to that of the corridor, and end at contact. '
             'Vertical lines: a phase of the plan, or of the abort table, begins.',
             f'Margins over time, at least {least_m:.3g} m and {least_m_s:.3g} m/s; assurance acts '
@@ -168,13 +168,15 @@ def _each(acted: list[Intervention], found: Decided, times: Floats, phases: list
 
 
 def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: list[Phase]) -> Any:
-    figure, panels = style.new_panels(6.0, 3, sharex=True)
+    count = 3 if acted else 2
+    figure, panels = style.new_panels(2.0 * count, count, sharex=True)
     times = flight.scenario.times_s
-    for axes, values, label in (
-        (panels[0], found.margins[:, 0], 'margin [m]'),
-        (panels[1], found.margins[:, 1], 'margin [m/s]'),
-        (panels[2], found.changed_n, 'change [N]'),
-    ):
+    shown = (
+        (found.margins[:, 0], 'margin [m]'),
+        (found.margins[:, 1], 'margin [m/s]'),
+        (found.changed_n, 'change [N]'),
+    )
+    for axes, (values, label) in zip(panels, shown, strict=False):
         axes.plot(times, values, color=style.LIGHT['ink'], linewidth=1.0)
         axes.axhline(0.0, **style.LIMIT)
         axes.set_ylabel(label)
@@ -188,8 +190,8 @@ def _picture(flight: Flight, found: Decided, acted: list[Intervention], phases: 
                 label=f'acts: {name}',
             )  # fmt: skip
     panels[-1].set_xlabel('time [s]')
-    panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
     if acted:
+        panels[-1].set_ylim(0.0, max(_LEAST_CHANGE_N, 1.05 * float(found.changed_n.max())))
         style.legend_below(figure, panels[0])
     changes = [Phase(c.state, c.reason, c.tick, c.tick) for c in found.changes]
     guided.mark(figure, sorted([*phases, *changes], key=lambda phase: phase.begin), flight)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, rankdata
 
 from rpo_core.files.validation import InputError
+from rpo_core.judge.requirements import ROWS
 from rpo_log.show import report as log_report
 from rpo_log.show import style
 from rpo_montecarlo.campaign import judging
@@ -21,9 +22,11 @@ from rpo_montecarlo.campaign.judging import words
 from rpo_montecarlo.campaign.quantities import QUANTITIES
 from rpo_montecarlo.campaign.run_batch import FINAL
 from rpo_montecarlo.campaign.sampling import parameters_of
+from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import QUANTILES, Rate, Spread, rates, spreads, successes
 from rpo_montecarlo.campaign.store import Store
 from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.replay import Replayed
 
 Floats = NDArray[np.float64]
 
@@ -222,6 +225,8 @@ def draw_rates(found: Sequence[Rate]) -> Any:
 
 
 WORST_FAILURES = 5
+REPLAYED = 20
+"""Runs in the replay of a campaign."""
 
 _SHOWN = {
     'energy_n2s': 'energy J [N²s]',
@@ -260,6 +265,8 @@ def report_of(folder: Path) -> Report:
         f'{kept.runs} runs, seed {config.seed}; success {_percent(kept)}. '
         f'Success: {judging.sentence(store.campaign)}.{_moving(found_rates)}',
         sections,
+        flights=_worst_flights(store, success),
+        note=f'The runs of {kept.runs} that come closest to a limit, or are farthest beyond one.',
     )
 
 
@@ -423,6 +430,25 @@ def _worst(store: Store, found: list[Spread], success: Bools) -> list[Block]:
         Text('Each command flies one run again with the same bits; --csv writes its flight.'),
         Table('Runs to look at', heads, tuple(rows)),
     ]
+
+
+def _worst_flights(store: Store, success: Bools) -> tuple[Replayed, ...]:
+    """Fly the runs again that come closest to a limit, or are farthest beyond one."""
+    campaign, found = store.campaign, []
+    for run in np.argsort(-_excess(store), kind='stable')[:REPLAYED].tolist():
+        columns = {name: store.column(name)[run : run + 1] for name in campaign.config.judging}
+        share, said = 0.0, 'Nothing is judged'
+        for name in campaign.config.success:
+            values, limits = campaign.config.limit(name, columns)
+            value, limit = values.item(), np.broadcast_to(limits, 1).item()
+            if limit > 0.0 and value / limit >= share:
+                share, unit = value / limit, ROWS[name].unit
+                said = f'{words(name, unit=False)}: {value:.3g} of {limit:.3g} {unit}'.rstrip()
+        held = bool(success[run])
+        verdict = f'{_verdict(success, run).capitalize()}. Largest beside its limit: {said}.'
+        flown = fly_run(campaign, run)
+        found.append(Replayed(f'run {run}', flown, verdict, not held, campaign.controller))
+    return tuple(found)
 
 
 def _excess(store: Store) -> Floats:

@@ -89,18 +89,18 @@ def rules(controller: FuzzyController) -> Any:
 
 
 def control_surface(controller: FuzzyController) -> Any:
-    """Return the force over both errors, and over the position error at some velocity errors."""
+    """Return the force over position and velocity, and over position at some velocities."""
     position, velocity, force = controller.scales
     figure, (wide, slices) = style.new_panels(4.2, 1, 2, width_ratios=(5, 4))
-    image = draw_force(wide, controller, (position, velocity), sign=1.0)
-    wide.set(xlabel='position error [m]', ylabel='velocity error [m/s]')
+    image = draw_force(wide, controller, (position, velocity))
+    wide.set(xlabel='position [m]', ylabel='velocity [m/s]')
     force_bar(figure, image, wide)
     e = np.linspace(-1.0, 1.0, 401)
     for share, colour in zip(_SLICES, style.WORDS, strict=True):
-        u = surface.values(controller.system, e, np.full_like(e, share))
-        label = f'velocity error {share * velocity:.3g} m/s'
+        u = surface.values(controller.system, -e, np.full_like(e, -share))
+        label = f'velocity {share * velocity:.3g} m/s'
         slices.plot(position * e, force * u, color=colour, label=label)
-    slices.set(xlabel='position error [m]', ylabel='force [N]')
+    slices.set(xlabel='position [m]', ylabel='force [N]')
     slices.margins(x=0.01)
     style.legend_below(figure, slices, columns=3)
     return figure
@@ -372,9 +372,9 @@ def _surface(controller: FuzzyController) -> Picture:
     return Picture(
         'surface',
         control_surface(controller),
-        'The force over position and velocity error (target at rest minus chaser), and sections '
-        'through it at five velocity errors.',
-        'Force over both errors: positive where they are, through zero at the target.',
+        'The force over position and velocity, with the signs of the phase planes of a flight, and '
+        'sections through it at five velocities.',
+        'Force over both: negative where they are positive, through zero at the target.',
     )
 
 

@@ -7,6 +7,7 @@ The stage is run again on the logged states and commands: a log has no `guidance
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,9 @@ from rpo_report.logged import steps_again
 from rpo_report.page import Picture, Section, Table
 
 Floats = NDArray[np.float64]
+
+EXACT = 1e-6
+"""A state closer to its reference [m, m/s] is on it."""
 
 _FLOOR_M, _FLOOR_M_S = 1e-4, 1e-5
 """Smaller errors are drawn as these: the scale is logarithmic."""
@@ -68,7 +72,7 @@ def sections(flight: Flight, phases: list[Phase]) -> list[Section]:
         return []
     miss = errors_of(flight)
     errors, speeds = (np.linalg.norm(part, axis=1) for part in (miss[:, :3], miss[:, 3:]))
-    ranges = np.linalg.norm(flight.positions_m, axis=1)
+    ranges, exact = np.linalg.norm(flight.positions_m, axis=1), bool(np.abs(miss).max() < EXACT)
     times = flight.scenario.times_s
     rows = []
     for phase in phases:
@@ -85,27 +89,34 @@ def sections(flight: Flight, phases: list[Phase]) -> list[Section]:
     )  # fmt: skip
     picture = Picture(
         'guidance',
-        _picture(flight, phases, ranges, errors, speeds),
-        'Range from the target with the keep-out sphere (dashed); distance of the true state to '
-        'the reference, and speed relative to it, on logarithmic scales. Vertical lines: a phase '
-        'begins.',
+        _picture(flight, phases, ranges, () if exact else (errors, speeds)),
+        'Range from the target with the keep-out sphere (dashed)'
+        + (
+            ''
+            if exact
+            else '; distance of the true state to the reference, and speed relative to '
+            'it, on logarithmic scales'
+        )
+        + '. Vertical lines: a phase begins.',
         f'Distance to the reference over time, at most {errors.max():.3g} m, in '
         f'{len(phases)} phases.',
     )
     return [Section('Guidance', (Table('Phases of the plan', columns, tuple(rows)), picture))]
 
 
-def _picture(
-    flight: Flight, phases: list[Phase], ranges: Floats, errors: Floats, speeds: Floats
-) -> Any:
-    figure, panels = style.new_panels(6.4, 3, sharex=True)
-    times = flight.scenario.times_s
-    for axes, values, label in (
-        (panels[0], ranges, 'range [m]'),
-        (panels[1], np.maximum(errors, _FLOOR_M), 'from reference [m]'),
-        (panels[2], np.maximum(speeds, _FLOOR_M_S), 'relative speed [m/s]'),
-    ):
-        axes.plot(times, values, color=style.LIGHT['ink'], linewidth=1.2)
+def _picture(flight: Flight, phases: list[Phase], ranges: Floats, misses: Sequence[Floats]) -> Any:
+    count = 1 + len(misses)
+    figure, column = style.new_panels(1.0 + 1.6 * count, count, 1, sharex=True, squeeze=False)
+    times, panels = flight.scenario.times_s, column[:, 0]
+    shown = zip(
+        panels,
+        (ranges, *misses),
+        (0.0, _FLOOR_M, _FLOOR_M_S),
+        ('range [m]', 'from reference [m]', 'relative speed [m/s]'),
+        strict=False,
+    )
+    for axes, values, floor, label in shown:
+        axes.plot(times, np.maximum(values, floor), color=style.LIGHT['ink'], linewidth=1.2)
         axes.set_ylabel(label)
         axes.margins(x=0.01)
         if axes is not panels[0]:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar, cast
 
@@ -15,6 +15,7 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.flight import Flight
 from rpo_core.chain.stage import Stage
 from rpo_core.files.scenario import Scenario
+from rpo_core.judge.verdicts import missed, verdicts
 from rpo_core.wire import interfaces
 from rpo_log.verify.recomputation import StageStates
 from rpo_mcap.read.run_log import RunLog, flight_of, other_signals, scenario_of
@@ -65,6 +66,18 @@ def logged_flight(log: RunLog) -> LoggedFlight:
     return LoggedFlight(flight, planned, log.gaps, log.lacks)
 
 
+def until(flight: Flight, ticks: int) -> Flight:
+    """Return a flight as far as a tick."""
+    shown = slice(0, ticks + 1)
+    return Flight(
+        replace(flight.scenario, duration_s=flight.scenario.time_s(ticks)),
+        flight.states[shown],
+        flight.forces_n[shown],
+        flight.disturbances_n[shown],
+        {name: values[shown] for name, values in flight.signals.items()},
+    )
+
+
 def _shown_ticks(log: RunLog) -> int:
     """Return the last tick up to which every state and force is there."""
     columns = [log.states, log.forces_n]
@@ -75,13 +88,36 @@ def _shown_ticks(log: RunLog) -> int:
     return int(np.argmin(present) if not present.all() else len(present)) - 1
 
 
+def verdict_of(flight: Flight, gaps: Sequence[str] = ()) -> str:
+    """Return the verdict of a flight in words: what it misses, or which limit is the tightest."""
+    if gaps:
+        return f'Not judged: {"; ".join(gaps)}.'
+    found = verdicts(flight)
+    if not found:
+        return 'The scenario has no requirements.'
+    if missed(flight):
+        bad = [verdict for verdict in found if verdict.holds is False]
+        said = '; '.join(f'{v.statement}: {_of(v.value, v.limit, v.unit)}' for v in bad)
+        return f'{len(bad)} of {len(found)} requirements missed. {said}.'
+    said = 'The requirement holds.' if len(found) == 1 else f'All {len(found)} requirements hold.'
+    if tight := [verdict for verdict in found if verdict.limit > 0.0 and verdict.holds]:
+        v = max(tight, key=lambda verdict: verdict.value / verdict.limit)
+        said += f' The tightest is {v.statement}: {_of(v.value, v.limit, v.unit)}.'
+    return said
+
+
+def _of(value: float, limit: float, unit: str) -> str:
+    shown = 'never' if np.isinf(value) else f'{value:.3g}'
+    return f'{shown} of {limit:.3g} {unit}'.strip()
+
+
 def steps_again(
     log: RunLog, flight: Flight, kind: type[AnyStage]
 ) -> Iterator[tuple[int, AnyStage, list[tuple[float, ...]]]]:
     """Yield (tick, stage, outputs) of the stage of a kind, run again on its logged inputs.
 
     It gets the commands that it got in flight. Nothing is yielded where the scenario has no such
-    stage, or an input of a tick is missing.
+    stage, an input of a tick is missing, or the stage was switched off.
     """
     links = [link for link in Chain.of(flight.scenario).links if isinstance(link.stage, kind)]
     if not links:
@@ -92,8 +128,11 @@ def steps_again(
         return
     states = StageStates()
     states.take(log.events)
+    if not states.active(stage.name, np.arange(ticks)).all():
+        return
     stage.reset()
-    states.tell(stage)
+    for at, state in states.commands(stage.name):
+        stage.take_event(at, state)
     for tick in range(ticks):
         inputs = [tuple(values[tick].tolist()) for values in read]
         yield tick, stage, list(stage.step(tick, *inputs))

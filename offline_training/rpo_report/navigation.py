@@ -31,6 +31,7 @@ class Filtered(NamedTuple):
 
     errors, sigmas : (n, 6) estimated less true, and the filter's own sigma [m, m/s]
     nees : (n,) of the six states
+    estimates : (n, 9) position, and the Cholesky factor of its covariance, as `Replayed` has it
     innovations : (m, 2) tick and innovation over sigma, of every number measured
     nis : (k, 2) how many numbers a measurement has, and its NIS
     rejected, restarts : counts
@@ -39,6 +40,7 @@ class Filtered(NamedTuple):
     errors: Floats
     sigmas: Floats
     nees: Floats
+    estimates: Floats
     innovations: Floats
     nis: Floats
     rejected: int
@@ -49,26 +51,26 @@ def filtered(log: RunLog, flight: Flight) -> Filtered | None:
     """Return what the filter of a run did; None if there is none, or a message is missing."""
     n, stage = len(flight.states), None
     errors, sigmas, nees = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+    estimates, corner = np.empty((n, 9)), np.tril_indices(3)
     innovations, nis = [], []
     for tick, stage, (state, *_) in steps_again(log, flight, EstimatorStage):
         covariance = stage.covariance[:6, :6]
         errors[tick] = np.array(state) - flight.states[tick]
         sigmas[tick] = np.sqrt(np.diag(covariance))
         nees[tick] = errors[tick] @ np.linalg.solve(covariance, errors[tick])
+        factor = np.linalg.cholesky(covariance[:3, :3])
+        estimates[tick] = [*state[:3], *factor[corner]]
         for found in filter(None, stage.innovations):
             innovations += [(tick, value) for value in found]
             nis.append((len(found), float(np.square(found).sum())))
     if stage is None:
         return None
-    return Filtered(
-        errors, sigmas, nees, np.array(innovations).reshape(-1, 2), np.array(nis).reshape(-1, 2),
-        stage.rejected, stage.restarts,
-    )  # fmt: skip
+    scaled, sums = np.array(innovations).reshape(-1, 2), np.array(nis).reshape(-1, 2)
+    return Filtered(errors, sigmas, nees, estimates, scaled, sums, stage.rejected, stage.restarts)
 
 
-def sections(log: RunLog, flight: Flight) -> list[Section]:
+def sections(flight: Flight, found: Filtered | None) -> list[Section]:
     """Return the section of a report; none if the run has no estimator."""
-    found = filtered(log, flight)
     if found is None:
         return []
     low, high = NEES_95

@@ -23,6 +23,7 @@ from rpo_log.bag import is_bag
 from rpo_log.show import style
 from rpo_mcap.format.run import log_files
 from rpo_montecarlo.outputs import writing
+from rpo_report.replay import Replayed, page_of
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,15 @@ class File:
     text: str
 
 
-Block = Text | Table | Picture | File
+@dataclass(frozen=True)
+class Fold:
+    """Blocks that a reader opens."""
+
+    title: str
+    blocks: tuple[Text | Table, ...]
+
+
+Block = Text | Table | Picture | File | Fold
 
 
 @dataclass(frozen=True)
@@ -85,12 +94,17 @@ class Report:
 
     summary : one sentence
     missed : whether something that the report judges is missed
+    verdict : of a flight, in words
+    flights : that `replay.html` beside the page shows; note : what they have in common
     """
 
     title: str
     summary: str
     sections: tuple[Section, ...] = field(default=())
     missed: bool = False
+    verdict: str = ''
+    flights: tuple[Replayed, ...] = ()
+    note: str = ''
 
     @property
     def pictures(self) -> list[Picture]:
@@ -98,7 +112,7 @@ class Report:
         return [b for s in self.sections for b in s.blocks if isinstance(b, Picture)]
 
 
-PAGE = 'report.html'
+PAGE, REPLAY = 'report.html', 'replay.html'
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _VERDICTS = {
@@ -115,12 +129,16 @@ _NUMBER = re.compile(r'[≤≥<>]?\s*[-+−]?[\d.,]')
 
 
 def write(report: Report, folder: Path) -> list[Path]:
-    """Write the pictures as PNGs and the page; return their paths, the page last."""
+    """Write the pictures as PNGs, a replay, and the page; return their paths, the page last."""
     paths = [folder / f'{picture.name}.png' for picture in report.pictures]
     with writing(folder), style.applied():
         folder.mkdir(parents=True, exist_ok=True)
-        for picture, path in zip(report.pictures, paths, strict=True):
+        for picture, path in zip(report.pictures, list(paths), strict=True):
             _save(picture, path)
+        if report.flights:
+            replay = page_of(report.title, report.flights, report.note)
+            paths.append(folder / REPLAY)
+            paths[-1].write_text(replay, encoding='utf-8')
         (folder / PAGE).write_text(html(report), encoding='utf-8')
     return [*paths, folder / PAGE]
 
@@ -147,11 +165,11 @@ def html(report: Report) -> str:
 <title>{title}</title>
 <link rel="icon" href="data:,">
 <style>
-{_colours()}
+{style.variables()}
 {files('rpo_report').joinpath('page.css').read_text('utf-8')}</style>
 </head>
 <body>
-<header><h1>{title}</h1><p>{escape(report.summary)}</p></header>
+<header><h1>{title}</h1>{_verdict(report)}<p>{escape(report.summary)}</p>{_replay(report)}</header>
 <nav aria-label="Sections"><ul>{links}</ul></nav>
 <main>
 {''.join(map(_section, report.sections))}</main>
@@ -160,14 +178,15 @@ def html(report: Report) -> str:
 """
 
 
-def _colours() -> str:
-    def variables(index: int) -> str:
-        return ''.join(f'--{name}:{pair[index]};' for name, pair in style.COLOURS.items())
+def _verdict(report: Report) -> str:
+    kind = 'bad' if report.missed else 'good'
+    return report.verdict and f'<p class="verdict {kind}">{escape(report.verdict)}</p>'
 
-    return (
-        f':root{{{variables(0)}}}\n'
-        f'@media screen and (prefers-color-scheme: dark){{:root{{{variables(1)}}}}}'
-    )
+
+def _replay(report: Report) -> str:
+    what = 'this flight' if len(report.flights) == 1 else f'{len(report.flights)} flights'
+    link = f'<a class="replay" href="{REPLAY}">Replay {what} in three dimensions</a>'
+    return f'<p>{link}</p>' if report.flights else ''
 
 
 def _anchor(section: Section) -> str:
@@ -186,9 +205,12 @@ def _block(block: Block) -> str:
             return f'<p>{escape(text)}</p>\n'
         case File(name, text):
             return (
-                f'<details open><summary>{escape(name)}</summary>'
+                f'<details><summary>{escape(name)}</summary>'
                 f'<pre><code>{escape(text)}</code></pre></details>\n'
             )
+        case Fold(title, blocks):
+            inside = ''.join(map(_block, blocks))
+            return f'<details><summary>{escape(title)}</summary>{inside}</details>\n'
         case Picture():
             return (
                 f'<figure><div class="drawing">{svg(block)}</div>'

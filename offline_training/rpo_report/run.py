@@ -5,20 +5,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from rpo_core.chain.flight import Flight
 from rpo_core.control.controller import AnyController, FuzzyController
-from rpo_core.control.controller_file import received
 from rpo_core.files.scenario import Scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge import metrics
-from rpo_core.judge.verdicts import ZONE_DEPTH, missed, verdicts
-from rpo_core.judge.zones import zones_of
-from rpo_core.wire.interfaces import RELATIVE_STATE
+from rpo_core.judge.verdicts import ZONE_DEPTH, Verdict, missed, verdicts
+from rpo_core.judge.zones import Zone, zones_of
 from rpo_ctrl.explain import decisions
 from rpo_judge.evaluation import optimal
 from rpo_log.bag import open_run
@@ -28,34 +27,54 @@ from rpo_mcap.errors import LogError
 from rpo_mcap.format.run import INFO_FILE
 from rpo_mcap.read.run_log import RunLog, controller_of, read_run
 from rpo_report import assured, guided, navigation, run_plots
-from rpo_report.logged import LoggedFlight, logged_flight
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
-from rpo_report.run_plots import (
-    CORRIDOR_HALF_ANGLE_DEG,
-    KEEP_OUT_RADIUS_M,
-    Aids,
-    passage,
-    zone_passage,
-)
+from rpo_report.logged import LoggedFlight, logged_flight, until, verdict_of
+from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
+from rpo_report.replay import Replayed, seen
+from rpo_report.run_plots import zone_passage
 
 MOST_TICKS = 20_000
 """Longest flight whose optimum is computed: half a minute."""
 
-_AIDS = (
-    f'The cone of {CORRIDOR_HALF_ANGLE_DEG:g}° about the axis of approach and the sphere of '
-    f'{KEEP_OUT_RADIUS_M:g} m around the target are aids to the eye, not conditions of the flight.'
+
+_OPTIMUM = (
+    ' The optimum is the least J from the same start under the limit of force and all conditions '
+    'of training; it ends 30 s after the arrival of this flight, knows the disturbance, and its '
+    'thrusters and navigation are perfect.'
 )
 
 
-_ZONES = 'Keep-out sphere, corridor and the points of the plan are those of the scenario.'
+class _Beside(NamedTuple):
+    """The least energy with which the same start arrives as soon, and the flight as long.
+
+    why : there is none
+    """
+
+    name: str = ''
+    optimum: Flight | None = None
+    flown: Flight | None = None
+    why: str = ''
+
+    @property
+    def flights(self) -> dict[str, Flight]:
+        """The optimum by its name."""
+        return {} if self.optimum is None else {self.name: self.optimum}
 
 
-@dataclass(frozen=True)
-class _Optima:
-    """Flights of least energy from the same start, by name; why others are missing."""
+class _Stages(NamedTuple):
+    """What the stages of a run did, computed again; empty or None where it has none."""
 
-    flights: dict[str, Flight]
-    missing: tuple[str, ...]
+    phases: list[guided.Phase]
+    acted: assured.Decided | None
+    estimated: navigation.Filtered | None
+
+    @classmethod
+    def of(cls, log: RunLog, flight: Flight) -> _Stages:
+        """Run the stages of a run again."""
+        return cls(
+            guided.phases_of(log, flight),
+            assured.decided(log, flight),
+            navigation.filtered(log, flight),
+        )
 
 
 def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
@@ -65,60 +84,125 @@ def report_of(path: Path, scenario: str = '') -> tuple[Report, LoggedFlight]:
     """
     log = read_run(open_run(path, scenario))
     shown = logged_flight(log)
-    flight, optima = shown.flight, _optima(shown)
-    controller: AnyController | None
-    try:
-        controller, why = controller_of(log), ''
-    except LogError as error:
-        controller, why = None, str(error)
-    phases, acted = guided.phases_of(log, flight), assured.decided(log, flight)
+    flight, beside = shown.flight, _optimum(shown)
+    controller, why = _controller(log)
+    phases, acted, estimated = stages = _Stages.of(log, flight)
     with style.applied():
         sections = [
-            Section('Figures', tuple(_tables(shown))),
+            Section('Limits and path', tuple(_limits_and_path(shown, beside))),
             Section('Time histories', (_histories(flight, phases),)),
-            Section('Approach', tuple(_approach(flight, optima))),
             *guided.sections(flight, phases),
             *assured.sections(flight, acted, phases),
-            Section('Energy', tuple(_energy(flight, optima))),
+            Section('Energy', tuple(_energy(flight, beside))),
             Section('Force and slew', (_limits(flight),)),
             *_thrusters(flight),
             *_disturbance(flight),
-            *navigation.sections(log, flight),
-            *_control(flight, controller, why),
-            Section('Files', tuple(_files(log))),
+            *navigation.sections(flight, estimated),
+            Section('Phase planes', tuple(_phase_planes(flight, controller, why))),
+            Section('Details', tuple(_details(shown, log, controller))),
         ]
-    title = log_report.title_of(log)
-    judged = shown.whole and missed(flight)
-    return Report(title, _summary(shown, log), tuple(sections), judged), shown
+    replayed = _replayed(path.name, shown, controller, stages)
+    summary = _summary(shown, log)
+    title, judged = log_report.title_of(log), replayed.missed
+    made = Report(title, summary, tuple(sections), judged, replayed.verdict, (replayed,))
+    return made, shown
 
 
-def _optima(shown: LoggedFlight) -> _Optima:
+def compared(paths: Sequence[Path], scenario: str = '') -> tuple[Report, list[LoggedFlight]]:
+    """Return the report of several runs beside each other, and what it is about."""
+    logs = [read_run(open_run(path, scenario)) for path in paths]
+    every = [logged_flight(log) for log in logs]
+    names = [path.name for path in paths]
+    names = names if len(set(names)) == len(names) else [str(path) for path in paths]
+    flights = tuple(
+        _replayed(name, shown, _controller(log)[0], _Stages.of(log, shown.flight))
+        for name, shown, log in zip(names, every, logs, strict=True)
+    )
+    others = {one.name: one.flight for one in flights[1:]}
+    rows: dict[str, list[str]] = {}
+    for place, shown in enumerate(every):
+        for lines in log_report.rows(shown.flight).values():
+            for statement, value, _, word in lines:
+                row = rows.setdefault(statement, [''] * len(every))
+                row[place] = f'{value} {word}'.strip() if shown.whole else value
+    table = Table(
+        'The flights beside each other', ('metric', *names), tuple((n, *r) for n, r in rows.items())
+    )
+    first = flights[0]
+    with style.applied():
+        pictures = (
+            Picture(
+                'approach',
+                run_plots.approach(
+                    first.flight, others, zones_of(first.flight.scenario), first.name
+                ),
+                'The approaches in LVLH: the orbital plane, and from above.',
+                f'The paths of {len(flights)} flights to the target.',
+            ),
+            Picture(
+                'energy',
+                run_plots.energy(first.flight, others, first.name),
+                'Energy spent so far, J = ∫ f·f dt.',
+                f'Energy of {len(flights)} flights over time.',
+            ),
+        )
+    title = ', '.join(names)
+    verdict = ' '.join(f'{one.name}: {one.verdict}' for one in flights)
+    bad = any(one.missed for one in flights)
+    sections = (Section('Paths', (pictures[0],)), Section('Figures', (table, pictures[1])))
+    return Report(title, f'{len(names)} flights.', sections, bad, verdict, flights), every
+
+
+def _controller(log: RunLog) -> tuple[AnyController | None, str]:
+    """Return the controller of a run; None and why, if the log does not have it."""
+    try:
+        return controller_of(log), ''
+    except LogError as error:
+        return None, str(error)
+
+
+def _replayed(
+    name: str, shown: LoggedFlight, controller: AnyController | None, stages: _Stages
+) -> Replayed:
+    phases, acted, estimated = stages
+    return Replayed(
+        name,
+        shown.flight,
+        verdict_of(shown.flight, shown.gaps),
+        shown.whole and missed(shown.flight),
+        controller,
+        [(phase.name, phase.reason, phase.begin) for phase in phases],
+        assured.interventions(acted.constraints) if acted else (),
+        acted.margins if acted else None,
+        estimated.estimates if estimated else None,
+    )
+
+
+def _optimum(shown: LoggedFlight) -> _Beside:
+    """Return the optimum that ends 30 s after the arrival of a flight, or with it if it never."""
     scenario = shown.planned
-    arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
     if scenario.ticks > MOST_TICKS:
-        return _Optima({}, (f'Optima are computed for at most {MOST_TICKS} ticks.',))
-    durations = [scenario.duration_s]
+        return _Beside(why=f'The optimum is computed for at most {MOST_TICKS} ticks.')
+    arrived = metrics.arrival_time_s(shown.flight) if shown.whole else None
+    ticks = scenario.ticks
     if arrived is not None:
-        early = arrived + metrics.ARRIVAL_WINDOW_S
-        if early < scenario.duration_s - scenario.dt_s:
-            durations.append(round(early / scenario.dt_s) * scenario.dt_s)
-    flights, missing = {}, []
-    for duration in durations:
-        name = f'optimum in {duration:g} s'
-        try:
-            ideal = replace(scenario, duration_s=round(duration, 9), sections=())
-            flights[name] = optimal.constrained(ideal)
-        except InputError as error:
-            missing.append(f'No {name}: {error}.')
-    return _Optima(flights, tuple(missing))
+        ticks = min(ticks, round((arrived + metrics.ARRIVAL_WINDOW_S) / scenario.dt_s))
+    name = f'optimum in {scenario.time_s(ticks):g} s'
+    try:
+        ideal = replace(scenario, duration_s=scenario.time_s(ticks), sections=())
+        return _Beside(name, optimal.constrained(ideal), until(shown.flight, ticks))
+    except InputError as error:
+        return _Beside(why=f'No {name}: {error}.')
 
 
 def _summary(shown: LoggedFlight, log: RunLog) -> str:
     flight = shown.flight
     figures, arrived = metrics.of_flight(flight), metrics.arrival_time_s(flight)
-    when = f'every axis within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m ' + (
-        'never for good' if arrived is None else f'after {arrived:.1f} s'
+    when = (
+        f'every axis stays within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m after {arrived or 0.0:.1f} s'
     )
+    if arrived is None:
+        when = f'it does not stay within {metrics.MAX_ARRIVAL_DISTANCE_M:g} m of its goal'
     if not shown.whole:
         when = f'the log does not reach the end at {shown.planned.duration_s:g} s'
     start = ', '.join(f'{r:g}' for r in flight.scenario.initial_position_m)
@@ -128,16 +212,42 @@ def _summary(shown: LoggedFlight, log: RunLog) -> str:
     )
 
 
-def _tables(shown: LoggedFlight) -> list[Block]:
+def _limits_and_path(shown: LoggedFlight, beside: _Beside) -> list[Block]:
+    flight = shown.flight
+    zones = zones_of(flight.scenario)
+    cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
+    rows = tuple(
+        _row(v, judged=shown.whole or (v.key == ZONE_DEPTH and not v.holds))
+        for v in verdicts(flight)
+    )
+    found = [row for zone in zones for row in zone_passage(flight, zone)]
+    columns = ('requirement', 'value', 'limit', 'margin', 'verdict')
+    return [
+        *([] if shown.whole else [Text(cut)]),
+        *([Table('Limits and margins', columns, rows)] if rows else []),
+        Picture(
+            'approach',
+            run_plots.approach(flight, beside.flights, zones),
+            'The approach in LVLH: in the orbital plane, and from above. Dots every '
+            f'{run_plots.MARK_S:g} s.',
+            'The path of the chaser to the target'
+            + ''.join(f'; {what}: {value}' for what, value in found)
+            + '.',
+        ),
+        *([_near(flight, zones)] if zones and _comes_near(flight, zones) else []),
+    ]
+
+
+def _row(verdict: Verdict, judged: bool) -> tuple[str, ...]:
+    v, margin = verdict, '–'
+    if v.limit > 0.0 and np.isfinite(v.value):
+        margin = f'{100.0 * (1.0 - v.value / v.limit):.0f} %'
+    value, limit = (log_report.shown(number, v.unit) for number in (v.value, v.limit))
+    return v.statement, value, f'≤ {limit}', *((margin, v.word) if judged else ('', ''))
+
+
+def _details(shown: LoggedFlight, log: RunLog, controller: AnyController | None) -> list[Block]:
     flight, scenario = shown.flight, shown.planned
-    found: list[tuple[str, ...]] = []
-    entered = {v.statement for v in verdicts(flight) if v.key == ZONE_DEPTH and not v.holds}
-    for section, rows in log_report.rows(flight).items():
-        # Of a part of a flight, one verdict is sure: a zone that was entered.
-        found += [
-            (section,),
-            *(row if shown.whole or row[0] in entered else (*row[:3], '') for row in rows),
-        ]
     facts = [
         ('orbit radius', f'{scenario.orbit_radius_m / 1e3:.8g} km'),
         ('mean motion', f'{scenario.mean_motion_rad_s:.6e} rad/s'),
@@ -150,11 +260,22 @@ def _tables(shown: LoggedFlight) -> list[Block]:
         ('thrusters', 'as in the scenario' if scenario.thrusters else 'perfect'),
         ('navigation', 'as in the scenario' if _navigated(scenario) else 'perfect'),
     ]
-    cut = f'The log shows {flight.scenario.duration_s:g} s only: {"; ".join(shown.gaps)}.'
+    others = tuple(row[:2] for row in log_report.rows(flight)[log_report.METRICS])
+    passages = [
+        (f'`{zone.name}`: {what}', value)
+        for zone in zones_of(scenario)
+        for what, value in zone_passage(flight, zone)
+    ]
+    tables = [Table('Other metrics', ('metric', 'value'), others)]
+    if passages:
+        tables.append(Table('Passage of the zones', ('what', 'value'), tuple(passages)))
+    tables.append(Table('Scenario', ('quantity', 'value'), tuple(facts)))
+    if isinstance(controller, FuzzyController):
+        tables.append(_decisions(flight, controller))
     return [
-        *([] if shown.whole else [Text(cut)]),
-        Table('The flight and its limits', log_report.COLUMNS, tuple(found)),
-        Table('Scenario', ('quantity', 'value'), tuple(facts)),
+        *(Fold(table.caption, (table,)) for table in tables),
+        Text('The files of the log; rpo verify computes the flight again from them.'),
+        *_files(log),
     ]
 
 
@@ -181,86 +302,42 @@ def _histories(flight: Flight, phases: list[guided.Phase]) -> Picture:
     )
 
 
-def _approach(flight: Flight, optima: _Optima) -> list[Block]:
-    zones = zones_of(flight.scenario)
-    if zones:
-        drawn = run_plots.Drawn(zones)
-        each = [(zone.name, row) for zone in zones for row in zone_passage(flight, zone)]
-        said = [f'{name}: {what}' if len(zones) > 1 else what for name, (what, _) in each]
-        found = [(what, value) for what, (_, (_, value)) in zip(said, each, strict=True)]
-        caption = 'Passage of the zones'
-    else:
-        aids = Aids.of(flight)
-        drawn, found = run_plots.Drawn([aids.zones], ' (aid)'), passage(flight, aids)
-        caption = 'Passage of the drawn aids'
-    return [
-        Picture(
-            'approach',
-            run_plots.approach(flight, optima.flights, drawn),
-            f'The approach in LVLH: in space, in the orbital plane, and from above. Dots every '
-            f'{run_plots.MARK_S:g} s. {_ZONES if zones else _AIDS}',
-            'The path of the chaser to the target: ' + '; '.join(': '.join(f) for f in found) + '.',
-        ),
-        *([_near(flight, drawn)] if zones and _comes_near(flight, drawn) else []),
-        Table(caption, ('what', 'value'), tuple(found)),
-        Picture(
-            'closing',
-            run_plots.closing(flight),
-            'Closing speed, the range rate with the opposite sign, over the range; the chaser '
-            'comes in from the left.',
-            f'Closing speed over range: at most '
-            f'{metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
-        ),
-    ]
+def _comes_near(flight: Flight, zones: Sequence[Zone]) -> bool:
+    return bool(np.linalg.norm(flight.positions_m, axis=1).min() < run_plots.reach_m(zones))
 
 
-def _comes_near(flight: Flight, drawn: run_plots.Drawn) -> bool:
-    return bool(np.linalg.norm(flight.positions_m, axis=1).min() < run_plots.reach_m(drawn))
-
-
-def _near(flight: Flight, drawn: run_plots.Drawn) -> Picture:
+def _near(flight: Flight, zones: Sequence[Zone]) -> Picture:
     return Picture(
         'zones',
-        run_plots.near(flight, drawn),
+        run_plots.near(flight, zones),
         'The zones from near, in the orbital plane and from above.',
         'The path of the chaser through the zones about the target.',
     )
 
 
-def _energy(flight: Flight, optima: _Optima) -> list[Block]:
+def _energy(flight: Flight, beside: _Beside) -> list[Block]:
     spent_n2s = metrics.of_flight(flight).energy_n2s
-    rows = [_energy_row('this flight', flight, spent_n2s)]
-    rows += [_energy_row(n, f, spent_n2s) for n, f in optima.flights.items()]
-    columns = (
-        'flight',
-        'J [N²s]',
-        'flight / this',
-        'force per axis [N]',
-        'slew per axis [N/s]',
-        'mean speed (norm), last 30 s [m/s]',
-        'mean distance (norm), last 30 s [m]',
+    picture = Picture(
+        'energy',
+        run_plots.energy(flight, beside.flights),
+        'Energy spent so far, J = ∫ f·f dt.' + (_OPTIMUM if beside.optimum is not None else ''),
+        f'Energy over time; the flight ends at {spent_n2s:.4g} N²s.',
     )
-    return [
-        Picture(
-            'energy',
-            run_plots.energy(flight, optima.flights),
-            'Energy spent so far, J = ∫ f·f dt. An optimum is the least J from the same start '
-            'under the limit of force and all conditions of training; it knows the disturbance, '
-            'and its thrusters and navigation are perfect. One optimum takes the whole time; the '
-            'other ends 30 s after the arrival of this flight.',
-            f'Energy over time; the flight ends at {spent_n2s:.4g} N²s.',
-        ),
-        Table('Beside the best possible', columns, tuple(rows)),
-        *map(Text, optima.missing),
-    ]
+    if beside.optimum is None or beside.flown is None:
+        return [picture, Text(beside.why)]
+    least_n2s = metrics.of_flight(beside.optimum).energy_n2s
+    until_s = beside.flown.scenario.duration_s
+    each = ((f'this flight, {until_s:g} s', beside.flown), (beside.name, beside.optimum))
+    rows = tuple(_energy_row(name, one, least_n2s) for name, one in each)
+    columns = ('flight', 'J [N²s]', 'of the optimum', 'force per axis [N]', 'slew per axis [N/s]')
+    return [picture, Table('Beside the best possible', columns, rows)]
 
 
-def _energy_row(name: str, flight: Flight, flown_n2s: float) -> tuple[str, ...]:
+def _energy_row(name: str, flight: Flight, least_n2s: float) -> tuple[str, ...]:
     f = metrics.of_flight(flight)
     peak = float(np.abs(flight.saturated_forces_n).max())
-    numbers = (peak, f.slew_per_axis_n_s, f.mean_speed_norm_m_s, f.mean_error_norm_m)
-    ratio = f'{flown_n2s / f.energy_n2s:.3g}' if f.energy_n2s > 0.0 else '–'
-    return (name, f'{f.energy_n2s:.4g}', ratio, *(f'{x:.3g}' for x in numbers))
+    ratio = f'{f.energy_n2s / least_n2s:.3g} ×' if least_n2s > 0.0 else '–'
+    return name, f'{f.energy_n2s:.4g}', ratio, f'{peak:.3g}', f'{f.slew_per_axis_n_s:.3g}'
 
 
 def _limits(flight: Flight) -> Picture:
@@ -299,14 +376,13 @@ def _disturbance(flight: Flight) -> list[Section]:
     picture = Picture(
         'disturbance',
         run_plots.disturbance(flight),
-        'The disturbance, and the sum of control and disturbance; the latter is cut where control '
-        'brakes.',
+        'The disturbance force.',
         f'Disturbance of at most {metrics.disturbance_level_n(flight):.3g} N over time.',
     )
     return [Section('Disturbance', (picture,))]
 
 
-def _control(flight: Flight, controller: AnyController | None, why: str) -> list[Section]:
+def _phase_planes(flight: Flight, controller: AnyController | None, why: str) -> list[Block]:
     fuzzy = controller if isinstance(controller, FuzzyController) else None
     missing = ''
     if controller is None:
@@ -322,27 +398,31 @@ def _control(flight: Flight, controller: AnyController | None, why: str) -> list
         + '. The chaser comes from the large dot; it is where it should be, at rest, at 0 and 0.',
         'Phase planes of the three axes' + (' on the control surface.' if fuzzy else '.'),
     )
-    planes = Section('Phase planes', (picture, *([Text(missing)] if missing else [])))
-    if fuzzy is None:
-        return [planes]
-    return [planes, Section('Decisions', (_decisions(flight, fuzzy),))]
+    closing = Picture(
+        'closing',
+        run_plots.closing(flight),
+        'Range rate over the range from the goal, as in the planes of the axes: the chaser comes '
+        'from the large dot, and closes where the rate is negative.',
+        f'Closing speed over range: at most {metrics.closing_speeds_m_s(flight).max():.3g} m/s.',
+    )
+    if _follows_exactly(flight):
+        return [Text('The chaser is on its reference: its phase planes would be points.'), closing]
+    return [picture, *([Text(missing)] if missing else []), closing]
+
+
+def _follows_exactly(flight: Flight) -> bool:
+    return guided.follows(flight) and bool(np.abs(guided.errors_of(flight)).max() < guided.EXACT)
 
 
 def _decisions(flight: Flight, controller: FuzzyController) -> Table:
     rows: list[tuple[str, ...]] = []
     for tick in _instants(flight):
         rows.append((f'{flight.scenario.time_s(tick):g} s',))
-        for d in decisions(controller, _seen(flight, tick)):
+        for d in decisions(controller, seen(flight, tick)):
             numbers = (f'{x:.3g}' for x in (d.position_m, d.velocity_m_s, d.force_n))
             rows.append((d.axis, *numbers, d.reasons.sentence))
     columns = ('axis', 'position [m]', 'velocity [m/s]', 'force [N]', 'rules and their shares')
     return Table('Why the controller fired, from the state it received', columns, tuple(rows))
-
-
-def _seen(flight: Flight, tick: int) -> Sequence[float]:
-    """Return the state (6,) that the controller received, relative to reference or goal."""
-    signals = {name: values[tick].tolist() for name, values in flight.signals.items()}
-    return received(flight.scenario, {**signals, RELATIVE_STATE: flight.states[tick].tolist()})[0]
 
 
 def _instants(flight: Flight) -> list[int]:
@@ -358,7 +438,4 @@ def _files(log: RunLog) -> list[Block]:
     info = (log.path if log.path.is_dir() else log.path.parent) / INFO_FILE
     if info.is_file():
         found[INFO_FILE] = info.read_text('utf-8', 'replace')
-    return [
-        Text('The files of the log; rpo verify computes the flight again from them.'),
-        *(File(name, text) for name, text in found.items()),
-    ]
+    return [File(name, text) for name, text in found.items()]

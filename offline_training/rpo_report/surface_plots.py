@@ -60,17 +60,12 @@ _COARSE = 61
 _REACH_M, _REACH_M_S = 100.0, 1.0
 
 
-def draw_force(
-    axes: Any, controller: FuzzyController, spans: tuple[float, float], sign: float = -1.0
-) -> Any:
-    """Draw the force [N] over +- spans of position [m] and velocity [m/s]; return the contours.
-
-    sign : -1 over position and velocity, +1 over their errors
-    """
+def draw_force(axes: Any, controller: FuzzyController, spans: tuple[float, float]) -> Any:
+    """Draw the force [N] over +- spans of position [m] and velocity [m/s]; return the contours."""
     position_scale, velocity_scale, force_scale = controller.scales
     r, v = (np.linspace(-span, span, _POINTS) for span in spans)
     e, w = np.meshgrid(
-        np.clip(sign * r / position_scale, -1.0, 1.0), np.clip(sign * v / velocity_scale, -1.0, 1.0)
+        np.clip(-r / position_scale, -1.0, 1.0), np.clip(-v / velocity_scale, -1.0, 1.0)
     )
     force = force_scale * surface.values(controller.system, e.ravel(), w.ravel()).reshape(e.shape)
     return _contours(axes, (r, v), force, _peak_n(controller))

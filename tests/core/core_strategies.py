@@ -28,7 +28,6 @@ functions = st.builds(
 )
 """Any membership functions that are allowed, vertical edges and slivers included."""
 
-hundredths = st.integers(0, 100).map(lambda i: i / 100)
 
 smooth_functions = st.builds(
     lambda left, rise, fall, z, large: MembershipFunctions(

@@ -12,8 +12,6 @@ from core_oracles import python
 from rpo_core.files.validation import InputError
 from rpo_kernels import jit
 
-pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
-
 DIGESTS = """
 import hashlib
 import numpy as np

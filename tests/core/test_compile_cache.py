@@ -22,8 +22,6 @@ import rpo_nav
 import rpo_safety
 from rpo_kernels import compile_cache
 
-pytestmark = pytest.mark.timeout(300)  # compiling on a busy machine
-
 LOW = """
 from typing import NamedTuple
 from rpo_kernels.jit import kernel

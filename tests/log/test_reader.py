@@ -331,6 +331,9 @@ HAND_MADE = {
                                 ('tick 4 of /relative_state',)),
     'half a message': ((USUAL, [state_at(0), (FORCE, 0, BASE.epoch_ns, force_at(0)[3][:-8])]),
                        Fault.BAD_MESSAGE, ('tick 0 of /control_force', WRENCH)),
+    'half a status': (({**USUAL, STATUS: STATUS_TYPE},
+                       [(STATUS, 0, BASE.epoch_ns, ONLY_STATUS[:-8]), *both(0)]),
+                      Fault.BAD_MESSAGE, ('tick 0 of /run_status', STATUS_TYPE)),
 }  # fmt: skip
 
 

@@ -11,17 +11,45 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_runs import CLOCK, DISTURBANCE, FORCE, STATE, STATUS, make_run, rewrite
+from log_runs import (
+    CLOCK,
+    DISTURBANCE,
+    FORCE,
+    STATE,
+    STATUS,
+    ChainRun,
+    chain_run,
+    flipped,
+    make_run,
+    rewrite,
+)
 from mcap.records import Schema
+from nav_scenarios import LIDAR, make
 
-from rpo_core.wire import cdr
+from rpo_core.chain.chain import Chain
+from rpo_core.chain.stage import Place
+from rpo_core.control.controller import load_controller
+from rpo_core.files import scenario
+from rpo_core.files.scenario import Scenario
+from rpo_core.files.validation import InputError
+from rpo_core.wire import cdr, interfaces
+from rpo_core.world.disturbance import Disturbance
+from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_kernels.jit import COMPILED
+from rpo_log import log_commands
+from rpo_log.tools.export import export
 from rpo_log.verify import evidence, verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
+from rpo_mcap.format.run import TimeBase
 from rpo_mcap.read import stream
+from rpo_mcap.read.run_log import read_run
+from rpo_mcap.write.writer import RunLogWriter
+from rpo_nav.navigation_errors import Navigation
+from rpo_sim.free_running import FreeRunningPlant
 
 QUICK = settings(max_examples=16, deadline=None, derandomize=True, database=None)
 
@@ -265,3 +293,320 @@ def test_a_log_without_its_controller_verifies_all_else(short_run, tmp_path):
 
     forged = verify(forge(tmp_path / 'run.mcap', tmp_path, push))
     assert forged.exit_code == ExitCode.DIFFERENT and forged.difference.tick == 21
+
+
+# Logs of every kind of stage: proved across blocks, with gaps, forged.
+
+EXERTED, MEASURED, ESTIMATE = '/exerted_force', '/measurement', '/navigation_state'
+PUSH = '/estimated_disturbance'
+CONTROLLER = load_controller('handmade')
+LEO = scenario.load_scenario('world_leo')
+WORLD = replace(LEO, duration_s=2.0, sections=(LEO.dynamics, LEO.thrusters))
+MATRIX = ((0.97, 0.02, 0.0), (-0.02, 1.04, 0.01), (0.0, -0.01, 0.99))
+LATE = Thrusters(MATRIX, 3)
+ERRORS = Navigation((0.02, 0.0, -0.01), (0.0, 0.001, 0.0), 0.01, 0.0005, (7, 8))
+HARDWARE = replace(scenario.load_scenario('paper_test'), duration_s=2.0).equipped(LATE, ERRORS)
+SENSORS = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.01})
+SCENARIOS = {'world': WORLD, 'hardware': HARDWARE, 'sensors': SENSORS}
+
+
+def run_of(attached: Scenario, flown: Scenario | None = None) -> ChainRun:
+    """Return the run of a scenario, or of another one than the log carries."""
+    run = chain_run(flown or attached, CONTROLLER)
+    attachments = run.attachments | {'scenario.yaml': scenario.dumps(attached).encode()}
+    return replace(run, flight=replace(run.flight, scenario=attached), attachments=attachments)
+
+
+@pytest.fixture(scope='module')
+def runs():
+    """Return the runs of all scenarios, by name."""
+    return {name: run_of(flown) for name, flown in SCENARIOS.items()}
+
+
+RECOMPUTED = {
+    'world': 'recomputed: controller, thrusters, dynamics',
+    'hardware': 'recomputed: navigation, controller, disturbance, thrusters, dynamics',
+    'sensors': 'recomputed: sensors, estimator, controller',
+}
+
+
+@pytest.mark.parametrize('name', SCENARIOS)
+def test_it_is_verified(blocks, runs, name, tmp_path):
+    runs[name].write(tmp_path)
+    verified = verify(tmp_path)
+    assert verified.exit_code == 0, verified.sentence()
+    assert RECOMPUTED[name] in verified.sentence()
+    assert f'{SCENARIOS[name].ticks + 1} ticks bit for bit' in verified.sentence()
+
+
+@pytest.mark.parametrize(
+    ('name', 'topic', 'place', 'check'),
+    [
+        ('world', EXERTED, 0, 'thrusters'), ('world', STATE, 0, 'dynamics'),
+        ('world', FORCE, 0, 'controller'), ('hardware', ESTIMATE, 0, 'navigation'),
+        ('hardware', FORCE, 0, 'controller'), ('hardware', DISTURBANCE, 0, 'disturbance'),
+        ('sensors', MEASURED, 0, 'sensors'), ('sensors', MEASURED, 2, 'sensors'),
+        ('sensors', ESTIMATE, 0, 'estimator'), ('sensors', ESTIMATE, 7, 'estimator'),
+        ('sensors', PUSH, 0, 'estimator'), ('sensors', FORCE, 0, 'controller'),
+        ('sensors', STATE, 0, 'dynamics'),
+    ],
+)  # fmt: skip
+def test_one_bit_of_a_message_is_found(blocks, runs, name, topic, place, check, tmp_path):
+    runs[name].write(tmp_path / 'a')
+    (tmp_path / 'b').mkdir()
+    change = flipped(topic, 15, place)
+    rewrite(tmp_path / 'a' / 'run.mcap', tmp_path / 'b' / 'run.mcap', change)
+    found = verify(tmp_path / 'b').difference
+    assert (found.check, found.tick, found.topic) == (check, 15, topic)
+
+
+PUSH_X = Disturbance((0.01, 0.0, 0.0))
+AIR = replace(LEO.dynamics, drag=replace(LEO.dynamics.drag, density_kg_m3=2.1e-11))
+TANK = Propellant(specific_impulse_s=71.0, mass_kg=0.5)
+VALVES = replace(LEO.thrusters.pulses, dead_time_s=0.0)
+
+
+@pytest.mark.parametrize(
+    ('attached', 'sections', 'check'),
+    [
+        (WORLD, (replace(LEO.dynamics, eccentricity=1e-3), LEO.thrusters), 'dynamics'),
+        (WORLD, (AIR, LEO.thrusters), 'dynamics'),
+        (WORLD, (LEO.dynamics, replace(LEO.thrusters, propellant=TANK)), 'dynamics'),
+        (WORLD, (LEO.dynamics, replace(LEO.thrusters, pulses=VALVES)), 'thrusters'),
+        (HARDWARE, (Thrusters(MATRIX, 2), ERRORS), 'dynamics'),
+        (HARDWARE, (Thrusters(((0.98, 0.02, 0.0), *MATRIX[1:]), 3), ERRORS), 'dynamics'),
+        (HARDWARE, (ERRORS,), 'dynamics'),
+        (HARDWARE, (LATE, replace(ERRORS, noise_key=(7, 9))), 'navigation'),
+    ],
+)
+def test_another_world_than_the_scenarios_is_found(blocks, attached, sections, check, tmp_path):
+    run_of(attached, replace(attached, sections=sections)).write(tmp_path)
+    assert verify(tmp_path).difference.check == check
+
+
+BIASED = {**LIDAR, 'latency_ticks': 2, 'bias_m': [0.0, 0.1, 0.0]}
+SENSOR = make([BIASED], ticks=30, estimator={'disturbance_sigma_n': 0.01})
+FILTER = make([{**LIDAR, 'latency_ticks': 2}], ticks=30, estimator={'disturbance_sigma_n': 0.02})
+# fmt: off  (valves: of thrusters the dynamics read the mass too)
+GIVEN = {
+    'plant': (
+        WORLD,
+        replace(WORLD, sections=(AIR, LEO.thrusters)),
+        {STATE: 'dynamics'},
+        'controller, thrusters',
+    ),
+    'valves': (
+        WORLD,
+        replace(WORLD, sections=(LEO.dynamics, replace(LEO.thrusters, pulses=VALVES))),
+        {EXERTED: 'thrusters'},
+        'controller, thrusters, dynamics',
+    ),
+    'ideal thrusters': (
+        HARDWARE,
+        replace(HARDWARE, sections=(ERRORS,)),
+        {STATE: 'dynamics'},
+        'navigation, controller, disturbance',
+    ),
+    'navigation': (
+        HARDWARE,
+        replace(HARDWARE, sections=(LATE, replace(ERRORS, noise_key=(7, 9)))),
+        {ESTIMATE: 'navigation'},
+        'controller, disturbance, thrusters, dynamics',
+    ),
+    'injector': (
+        HARDWARE,
+        replace(HARDWARE, disturbance=PUSH_X),
+        {DISTURBANCE: 'disturbance'},
+        'navigation, controller, thrusters, dynamics',
+    ),
+    'sensor': (SENSORS, SENSOR, {MEASURED: 'sensors'}, 'estimator, controller'),
+    'estimator': (
+        SENSORS,
+        FILTER,
+        {ESTIMATE: 'estimator', PUSH: 'estimator'},
+        'sensors, controller',
+    ),
+}
+# fmt: on
+
+
+@pytest.mark.parametrize('case', GIVEN.values(), ids=GIVEN)
+def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
+    attached, flown, made_by, recomputed = case
+    run_of(attached, flown).write(tmp_path)
+    assert verify(tmp_path).difference.check in made_by.values()
+    found = verify(tmp_path, given=[topic[1:] for topic in made_by])
+    assert found.exit_code == ExitCode.GIVEN, found.sentence()
+    said = ', '.join(f'{topic[1:]} ({stage})' for topic, stage in made_by.items())
+    said += ', figures of run_status' * (STATE in made_by)
+    assert f'given, not judged: {said}; recomputed: {recomputed}' in found.sentence()
+    # One bit of anything else is found as before.
+    (tmp_path / 'b').mkdir()
+    other = FORCE if FORCE not in made_by else STATE
+    rewrite(tmp_path / 'run.mcap', tmp_path / 'b' / 'run.mcap', flipped(other, 15, 0))
+    found = verify(tmp_path / 'b', given=[topic[1:] for topic in made_by])
+    assert (found.exit_code, found.difference.check) == (ExitCode.DIFFERENT, 'controller')
+
+
+def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path, monkeypatch):
+    run = runs['hardware']
+    attachments = {'scenario.yaml': run.attachments['scenario.yaml']}
+    replace(run, attachments=attachments).write(tmp_path)
+    assert verify(tmp_path).exit_code == ExitCode.INCOMPLETE
+    found = verify(tmp_path, given=['control_force'])
+    assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
+    assert found.given == ('control_force (controller)',)
+    assert found.stages == ('navigation', 'disturbance', 'thrusters', 'dynamics')
+    monkeypatch.setattr(sys, 'argv', ['verify', str(tmp_path), '--given', 'control_force'])
+    assert log_commands.main('verify') == ExitCode.GIVEN == 4
+
+
+def test_only_a_topic_of_the_log_can_be_given(runs, tmp_path):
+    runs['world'].write(tmp_path)
+    with pytest.raises(InputError, match='`--given` must be one of relative_state, control_force'):
+        verify(tmp_path, given=['navigation_state'])
+
+
+def test_a_controller_that_saw_another_state_than_navigation_found_is_noticed(blocks, tmp_path):
+    """The messages of navigation are right; the commands answer the true state."""
+    blind, seen = run_of(HARDWARE, replace(HARDWARE, sections=(LATE,))), []
+    for tick, state in enumerate(blind.flight.states.tolist()):
+        seen.append(HARDWARE.named('navigation').solution(tick, state))
+    signals = blind.flight.signals | {ESTIMATE[1:]: np.array(seen)}
+    run = replace(
+        blind, flight=replace(blind.flight, signals=signals), topics=(*blind.topics, ESTIMATE)
+    )
+    run.write(tmp_path)
+    assert verify(tmp_path).difference.check == 'controller'
+
+
+def without(run: ChainRun, topic: str, tick: int):
+    """Return the messages of a run but for one."""
+    return [message for message in run.messages if message[:2] != (topic, tick)]
+
+
+@pytest.mark.parametrize('topic', [STATE, FORCE, ESTIMATE])
+def test_a_missing_message_is_a_gap_and_no_difference(blocks, runs, topic, tmp_path):
+    run = runs['hardware']
+    run.write(tmp_path, without(run, topic, 10))
+    verified = verify(tmp_path)
+    assert verified.difference is None, verified.sentence()
+    assert verified.exit_code == ExitCode.INCOMPLETE and '1 messages of' in verified.sentence()
+
+
+@pytest.mark.parametrize(('name', 'ticks'), [('world', 10), ('hardware', 3)])
+def test_thrusters_with_memory_are_a_named_gap_after_a_missing_command(
+    blocks, runs, name, ticks, tmp_path
+):
+    """Valves remember all commands, a delay those of its ticks."""
+    runs[name].write(tmp_path, without(runs[name], FORCE, 10))
+    verified = verify(tmp_path)
+    assert verified.exit_code == ExitCode.INCOMPLETE and verified.difference is None
+    gap = f'thrusters could not be recomputed at {ticks} ticks, the first is 11'
+    assert gap in verified.sentence()
+
+
+def test_late_thrusters_are_verified_again_after_a_gap(blocks, runs, tmp_path):
+    run = runs['hardware']
+    state = list(run.flight.states[15])
+    state[0] += 1e-9
+    lie = cdr.encode_odometry(run.base.stamp_ns(15), 'target_lvlh', 'chaser', state)
+    sent = [(n, k, lie if (n, k) == (STATE, 15) else d) for n, k, d in without(run, FORCE, 10)]
+    run.write(tmp_path, sent)
+    assert verify(tmp_path).difference.tick == 15
+
+
+@pytest.mark.parametrize(
+    ('name', 'topic', 'said'),
+    [
+        ('world', EXERTED, 'no topic exerted_force, but its scenario has the stage'),
+        ('hardware', ESTIMATE, 'no topic navigation_state, but its scenario has errors'),
+    ],
+)
+def test_without_its_topic_a_stage_cannot_be_verified(runs, name, topic, said, tmp_path):
+    run = runs[name]
+    replace(run, topics=tuple(t for t in run.topics if t != topic)).write(tmp_path)
+    with pytest.raises(LogError, match=said):
+        verify(tmp_path)
+
+
+def test_what_is_logged_is_what_moves_the_chaser(runs):
+    flight = runs['world'].flight
+    given = flight.signals[interfaces.EXERTED_FORCE]
+    assert np.abs(given - flight.forces_n).max() > 1e-3
+    np.testing.assert_array_equal(flight.thrust.forces_n, given[:-1])
+
+
+def test_covariances_are_read_and_exported(runs, tmp_path):
+    run = runs['sensors']
+    run.write(tmp_path)
+    found = read_run(tmp_path).values[interfaces.NAVIGATION_COVARIANCE]
+    assert np.array_equal(found, run.flight.signals[interfaces.NAVIGATION_COVARIANCE])
+    export(tmp_path, tmp_path / 'run.csv')
+    header = (tmp_path / 'run.csv').read_text().splitlines()[0].split(',')
+    assert {'measurement_x_m', 'navigation_x_m', 'navigation_x_x_m2'} <= set(header)
+
+
+class FreeNavigation:
+    """Navigation against the wall clock: it misses some ticks, and so does the controller."""
+
+    def __init__(self, missed=(), lost=()):
+        self.missed, self.lost = missed, lost
+        navigation = Chain.of(SENSORS).part(Place.SENSOR, Place.ESTIMATOR)
+        law = CONTROLLER
+        plant = FreeRunningPlant(SENSORS, ['control_force', 'disturbance_force'], 4)
+        self.messages, before = [], (0.0, 0.0, 0.0)
+        (previous,) = (name for name in navigation.inputs if name != 'relative_state')
+        for tick in range(SENSORS.ticks + 1):
+            said = {'relative_state': plant.state}
+            if tick not in missed:
+                signals = {'relative_state': plant.state, previous: before}
+                navigation.step(tick, signals)
+                seen = signals['navigation_state']
+                said['control_force'] = law.force_n(seen[:3], seen[3:])
+                plant.answer('control_force', plant.stamp_ns, said['control_force'])
+                if tick not in lost:
+                    said |= {
+                        name: signals[name] for name in ('measurement', 'estimated_disturbance')
+                    }
+                    said['navigation_state'] = (*seen, *signals['navigation_covariance'])
+            said['applied_force'] = before = plant.applied('control_force')
+            said['applied_disturbance'] = plant.applied('disturbance_force')
+            self.messages += [(f'/{name}', tick, plant.stamp_ns, v) for name, v in said.items()]
+            if tick < SENSORS.ticks:
+                plant.advance()
+
+    def write(self, folder, flip=None):
+        """Write the log."""
+        names = dict.fromkeys(name for name, *_ in self.messages)
+        parameters = b'plant: {mode: free_running, stale_after_ticks: 4}\n'
+        attached = run_of(SENSORS).attachments | {'parameters.yaml': parameters}
+        base = TimeBase(SENSORS.epoch_ns, SENSORS.dt_ns, SENSORS.ticks)
+        writer = RunLogWriter(folder, base, names, attached)
+        order = [row.name for row in interfaces.rows()]
+        for name, tick, stamp, values in sorted(
+            self.messages, key=lambda m: (m[1], order.index(m[0][1:]))
+        ):
+            given = list(values)
+            if flip == (name, tick):
+                given[0] += 1e-9
+            row = interfaces.row_of(name[1:])
+            writer.write(name, tick, row.layout.encode(stamp, given))
+        writer.close()
+
+
+def test_a_tick_that_navigation_missed_is_recomputed_as_missed(blocks, tmp_path):
+    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'run')
+    verified = verify(tmp_path / 'run')
+    assert verified.difference is None, verified.sentence()
+    assert 'estimator could not' not in verified.sentence()
+    FreeNavigation(missed=(10, 19, 20)).write(tmp_path / 'forged', flip=('/navigation_state', 25))
+    found = verify(tmp_path / 'forged').difference
+    assert (found.check, found.tick) == ('estimator', 25)
+
+
+def test_a_message_that_the_recorder_missed_is_a_gap_that_is_said(blocks, tmp_path):
+    FreeNavigation(lost=(10,)).write(tmp_path)
+    verified = verify(tmp_path)
+    assert verified.difference is None, verified.sentence()
+    assert 'estimator could not be recomputed at 20 ticks, the first is 11' in verified.sentence()

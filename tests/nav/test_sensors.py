@@ -20,10 +20,7 @@ from rpo_nav.navigation_errors import Navigation
 from rpo_nav.sensor_kernels import across
 from rpo_nav.sensors import Sensor, Sensors, SensorsStage
 
-pytestmark = pytest.mark.timeout(180)  # compiling on a busy machine
-
 FAR = (60.0, -80.0, 0.0, 0.1, 0.2, 0.3)  # 100 m
-RANGE_M = 100.0
 
 
 def measured(unit, ticks=4000, state=FAR, key=7, more=()):
@@ -195,7 +192,6 @@ print(jit.COMPILED, found.hexdigest())
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(180)
 def test_interpreted_and_compiled_bits_are_the_same():
     pytest.importorskip('numba')
     said = []

@@ -30,20 +30,17 @@ def one_process(ros_env, folder, scenario, controller):
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(120)
 def test_a_law_that_counts_ticks_flies_the_bits_of_the_core(ros_env, tmp_path):
     one_process(ros_env, tmp_path, 'quick', 'mpc')
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize('controller', ['pd', 'lqr', 'mpc', 'apf_smc', 'drift'])
 def test_every_baseline_flies_the_bits_of_the_core(controller, ros_env, tmp_path):
     one_process(ros_env, tmp_path, 'paper_test', controller)
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize('compiled', ['0', '1'])
 def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
     with node_processes({**ros_env, 'RPO_JIT': compiled}, tmp_path) as ros:
@@ -61,7 +58,6 @@ def test_four_processes_fly_the_bits_of_the_core(compiled, ros_env, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ('node', 'parameters', 'said'),
     [

@@ -42,7 +42,6 @@ def five_processes(ros, arguments, folder):
         assert node.stop() == 0, node.output
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize('way', [one_process, pytest.param(five_processes, marks=pytest.mark.slow)])
 def test_a_run_through_the_nodes_has_the_bits_of_the_campaign(way, ros_env, tmp_path):
     path = write_campaign(tmp_path)

@@ -211,7 +211,6 @@ def endured(ros_env, folder, *arguments, deadline_s):
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(120)
 def test_a_flight_endures_some_hundred_hostile_cases(ros_env, tmp_path):
     said = endured(ros_env, tmp_path, '--cases', '300', '--nodes', *LOOP, deadline_s=110.0)
     assert '0 deaths, 0 flights with changed bits, 0 logs that do not verify' in said

@@ -34,7 +34,6 @@ def written(folder, **changes):
     return flown, path
 
 
-@pytest.mark.timeout(120)
 def test_the_nodes_fly_the_bits_of_the_core(ros, tmp_path):
     flown, path = written(tmp_path, estimator={'disturbance_sigma_n': 0.01})
     folder = tmp_path / 'run'
@@ -64,7 +63,6 @@ def fly_apart(ros, path, folder, **plant):
         assert process.wait() == 0, process.output
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.slow
 def test_in_free_running_it_reads_what_the_plant_applied(ros, tmp_path):
     _, path = written(tmp_path, ticks=100)
@@ -76,7 +74,6 @@ def test_in_free_running_it_reads_what_the_plant_applied(ros, tmp_path):
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(120)
 def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path):
     """Navigation hears no commands: each repeated state is answered, and the log verifies."""
     _, path = written(tmp_path, ticks=5)
@@ -100,7 +97,6 @@ def test_it_goes_on_without_a_command_that_is_lost_and_says_so(ros_env, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
 def test_a_command_that_was_lost_is_sent_again(ros_env, tmp_path):
     """Half of the commands do not reach navigation; its repeated answers bring them again."""
     flown, path = written(tmp_path, ticks=20)

@@ -13,12 +13,14 @@ from landing import rest_at_landing
 from scenarios import lasting
 from std_srvs.srv import SetBool, Trigger
 
+from rpo_core import files
 from rpo_core.judge.zones import Zone
-from rpo_core.wire.statuses import PlantTick, numbers_text
+from rpo_core.wire.statuses import Manifest, PlantTick, numbers_text
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_log.recorder_node import RecorderNode
 from rpo_log.verify import verify
-from rpo_ros import conversions, names, qos
+from rpo_ros import conversions, names, plant_scenario, qos
+from rpo_ros.plant_scenario import PlantScenario
 from rpo_ros.signals import hear, listen
 from rpo_sim.plant_node import EXIT_ABORTED, PlantNode
 
@@ -237,3 +239,46 @@ def test_asked_the_plant_reports_what_it_published_and_took(bench, mode):
             else:
                 assert taken[name] in ('', numbers_text(values or ()))
         assert ('applied_force' in taken) == (mode == 'free_running')
+
+
+# The scenario of a plant does not change while it is there, nor within its run.
+
+QUICK, DOCKING = (files.read_text(files.find('scenario', n)) for n in ('quick', 'docking'))
+
+
+def manifest(run: str, text: str, mode: str = 'lockstep') -> Manifest:
+    values = {plant_scenario.SCENARIO_FILE: text, 'parameter.mode': mode}
+    return Manifest('plant', 'plant', run, values)
+
+
+@pytest.mark.parametrize('silent_s', [0.0, 10.0])
+@pytest.mark.parametrize(
+    'forged',
+    [manifest('one', QUICK, 'free_running'), manifest('one', DOCKING), manifest('one', QUICK, '')],
+)
+def test_within_a_run_nothing_changes(forged, silent_s, monkeypatch):
+    now, taken, refused = [100.0], [], []
+    monkeypatch.setattr(plant_scenario, 'hear', lambda *_: None)
+    monkeypatch.setattr(plant_scenario.time, 'monotonic', lambda: now[0])
+    heard = PlantScenario(None, '', taken.append, refused.append)
+    heard._on_manifest(manifest('one', QUICK))
+    assert [found.name for found in taken] == ['quick'] and not heard.free_running
+    now[0] += silent_s
+    heard._on_manifest(forged)
+    heard._on_manifest(manifest('one', QUICK))
+    assert len(taken) == 1 and not heard.free_running and not refused
+
+
+def test_another_plant_is_followed_once_the_first_is_silent(monkeypatch):
+    now, taken = [100.0], []
+    monkeypatch.setattr(plant_scenario, 'hear', lambda *_: None)
+    monkeypatch.setattr(plant_scenario.time, 'monotonic', lambda: now[0])
+    heard = PlantScenario(None, '', taken.append, print)
+    for silent_s, found in ((0.0, manifest('one', QUICK)), (1.0, manifest('two', DOCKING)),
+                            (1.0, manifest('two', QUICK, 'free_running'))):  # fmt: skip
+        now[0] += silent_s
+        heard._on_manifest(found)
+    assert [found.name for found in taken] == ['quick'] and not heard.free_running
+    now[0] += 10.0
+    heard._on_manifest(manifest('two', DOCKING))
+    assert [found.name for found in taken] == ['quick', 'docking']

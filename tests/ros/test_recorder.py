@@ -84,7 +84,6 @@ def test_the_recorder_killed_in_flight_leaves_what_was_flown(ros):
     check(flown, log, signal.SIGKILL)
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize('trial', rest_at_landing(range(8), quick=0, landing=1))
 def test_the_recorder_ended_at_any_moment(ros, number, trial):

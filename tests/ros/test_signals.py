@@ -113,7 +113,6 @@ if importlib.util.find_spec('foxglove') is not None:  # an optional layer
     OTHERS['foxglove'] = ('open ws://', {'port': 0})
 
 
-@pytest.mark.timeout(240)
 @trials
 @signals
 def test_all_other_nodes(ros, number, trial):

@@ -15,7 +15,7 @@ from rpo_core.files.scenario import load_scenario
 from rpo_mcap.read.run_log import read_run
 from tools.node_processes import node_processes
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.slow
 
 SUBNET = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
 LOCALHOST = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}

@@ -360,7 +360,7 @@ def test_the_page_is_whole_and_for_this_machine_alone(page):
     assert page.server_address[0] == '127.0.0.1'
     status, text = get(page.url)
     assert status == 200
-    assert '--paper: #ffffff' in text
+    assert '--paper:#ffffff' in text
     assert 'http://' not in text and 'https://' not in text
     assert get(page.url + 'other')[0] == 404
     assert get(page.url, 'evil.example')[0] == 403

@@ -37,7 +37,7 @@ FLIGHT = (
     'final_approach', '--scenario', 'paper_test', '--real-time-factor', '10', '--no-report',
 )  # fmt: skip
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.slow
 
 
 def look(page, width: int, theme: str) -> None:

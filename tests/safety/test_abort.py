@@ -22,7 +22,7 @@ from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.wire.interfaces import COMMAND, RELATIVE_STATE
 from rpo_core.world.thrusters import Failure, Pulses, Thrusters
-from rpo_safety.abort import Seen
+from rpo_safety.abort import BURN_S, Seen
 from rpo_safety.abort_table import AbortTable, Row
 from rpo_safety.assurance import ASSURED_FORCE
 from rpo_safety.settings import Assurance
@@ -121,6 +121,8 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
     """From the plan, and from inside the corridor, 3 m from the port."""
     flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
     assert flight.said[0] == 'aborting' and flight.said[-1] == 'drifting'
+    burnt_s = (flight.stage.abort.changes[1].tick - when) * AROUND.dt_s
+    assert TABLE.stuck_s <= burnt_s <= TABLE.stuck_s + BURN_S
     assert not np.any(flight.forces[-1])
     radius = 10.0 if flight.ranges()[when] > 10.0 else SETTINGS.corridor.port_m
     assert f' of {radius:g} m at the worst' in flight.stage.abort.changes[0].reason
@@ -129,6 +131,17 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
         assert drift(flight.states[-1], n, along) > 10.0
     if when < 5000:
         assert flight.ranges(when).min() > 10.0
+
+
+def test_how_near_a_drift_inside_the_sphere_comes_is_looked_for_to_its_end():
+    flight = Flight(with_table(), (5, 'abort')).until(6)
+    begin = 5 + round((TABLE.stuck_s + BURN_S) / AROUND.dt_s)
+    flight.tick, flight.signals[RELATIVE_STATE] = begin, (0.0, 3.0, 0.0, 0.001, -0.02, 0.0)
+    flight.until(begin + 1)
+    change, n = flight.stage.abort.changes[-1], AROUND.mean_motion_rad_s
+    assert (change.tick, change.state) == (begin, 'drifting')
+    said = float(change.reason.removeprefix('at least ').split()[0])
+    assert 0.0 < said < min(drift(flight.states[-1], n, along) for along in (-1.2e-6, 1.2e-6)) < 0.5
 
 
 @pytest.mark.parametrize('thruster', rest_at_landing(['x+', 'y-', 'z+', 'x-', 'y+', 'z-'], quick=2))

@@ -50,7 +50,6 @@ FLY = 'ros2 run rpo_bringup final_approach --no-report'
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(120)
 def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
     run(f'{FLY} --scenario lagging.yaml --controller mine.yaml --output runs/mine')
     said = run('rpo verify runs/mine')
@@ -67,7 +66,6 @@ def test_what_the_page_adds_flies_is_logged_and_verified(run, folder):
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(120)
 def test_a_campaign_flies_it_through_the_chain_and_says_so(run):
     said = run('rpo campaign campaign.yaml --runs 4 -o runs/campaign')
     assert 'mine has a stage of its own: the engine does not know it' in said
@@ -86,7 +84,6 @@ print(columns['energy_n2s'].tolist())
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(120)
 def test_its_lanes_have_the_bits_of_the_chain(folder, run):
     """A campaign flies forty at once with the page's file, and run by run without it."""
     (folder / 'check.py').write_text(SIDE_BY_SIDE)
@@ -107,7 +104,6 @@ def test_a_module_that_is_not_there_is_a_sentence(run):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 def test_a_controller_with_memory_that_is_started_anew_in_flight_verifies(folder, ros_env, run):
     """It begins without its memory, says so, and the log is verified."""
     env = {**ros_env, 'PYTHONPATH': f'{folder}:{os.environ.get("PYTHONPATH", "")}'}

@@ -18,6 +18,8 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 OPTIONS = (
     *('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run'),
+    # WebGL, drawn by the processor
+    *('--use-angle=swiftshader', '--enable-unsafe-swiftshader'),
     *('--disable-background-networking', '--disable-component-update', '--disable-sync'),
 )
 DEADLINE_S = 30.0
@@ -100,6 +102,23 @@ class Page:
         if 'exceptionDetails' in found:
             raise RuntimeError(json.dumps(found['exceptionDetails']))
         return found['result'].get('value')
+
+    def press(self, key: str, code: int, modifiers: int = 0) -> None:
+        """Press a key and let it go.
+
+        key : as KeyboardEvent.key; code : its key code; modifiers : 8 is shift
+        """
+        for kind in ('keyDown', 'keyUp'):
+            found = {'key': key, 'windowsVirtualKeyCode': code, 'modifiers': modifiers}
+            self.call('Input.dispatchKeyEvent', type=kind, **found)
+
+    def wait(self, expression: str) -> None:
+        """Wait until a JavaScript expression is true."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not self.evaluate(expression):
+            if time.monotonic() > deadline:
+                raise TimeoutError(expression)
+            time.sleep(0.05)
 
     def screenshot(self, path: Path) -> None:
         """Write a picture of the whole page."""

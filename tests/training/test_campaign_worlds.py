@@ -7,18 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaign_documents import EVERYTHING, write_campaign
+from scipy import stats
+from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.files import scenario
 from rpo_core.files.validation import InputError
 from rpo_core.judge.requirements import Requirements
 from rpo_core.judge.verdicts import verdicts
 from rpo_core.world.thrusters import Propellant, Pulses, Thrusters
-from rpo_montecarlo.campaign import config, run_batch, sampling, single
+from rpo_montecarlo.campaign import config, faults, run_batch, sampling, single, sweep
+from rpo_montecarlo.campaign.quantities import Dispersion, dispersion
+from rpo_montecarlo.campaign.run_batch import fly_runs
+from rpo_montecarlo.campaign.sampling import draw
 from rpo_montecarlo.engine import support
+from rpo_montecarlo.engine.parts import link
 from rpo_nav.estimator import Estimator
+from rpo_ros.names import CONTROL_FORCE, DISTURBANCE_FORCE
 from rpo_safety.shaping import Shaping
-
-pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
+from rpo_sim.free_running import FreeRunningPlant
 
 WORLD = {
     **{
@@ -181,3 +188,212 @@ def test_an_empty_tank_ends_the_thrust(write):
     columns = run_batch.fly_runs(campaign, 0, 3)
     assert (columns['propellant_kg'] == LEAK.mass_kg).all()
     assert 'valve_openings' not in columns
+
+
+# Campaigns with starts in a shell, and with plans and runtime assurance side by side.
+
+
+@pytest.fixture(scope='module', params=['latin_hypercube', 'random'])
+def drawn(request):
+    campaign = config.load(config.find('docking'), sampling=request.param)
+    return draw(campaign, 0, 4000)
+
+
+@pytest.mark.parametrize(('columns', 'least', 'most'), [((0, 3), 50.0, 200.0), ((3, 6), 0.0, 0.1)])
+def test_directions_and_lengths_in_a_shell_are_equally_likely(drawn, columns, least, most):
+    vectors = drawn.starts[:, slice(*columns)]
+    length = np.linalg.norm(vectors, axis=1)
+    assert length.min() >= least and length.max() <= most
+    assert stats.kstest(length, 'uniform', (least, most - least)).pvalue > 0.001
+    ahead = vectors / length[:, None]
+    for axis in range(3):  # a component of a random direction is uniform, about any axis
+        assert stats.kstest(ahead[:, axis], 'uniform', (-1.0, 2.0)).pvalue > 0.001
+    skew = ahead @ np.array([1.0, -2.0, 2.0]) / 3.0
+    assert stats.kstest(skew, 'uniform', (-1.0, 2.0)).pvalue > 0.001
+    assert abs(stats.spearmanr(length, ahead[:, 2]).statistic) < 0.06
+
+
+def test_a_run_is_drawn_alone_as_among_others_and_others_keep_their_draws():
+    campaign = config.load(config.find('docking'))
+    some = draw(campaign, 1234, 3)
+    np.testing.assert_array_equal(draw(campaign, 1236, 1).parameters[0], some.parameters[2])
+    spreads = dict(campaign.config.dispersions)
+    spreads['initial_position_m'] = Dispersion('shell', (60.0, 70.0))
+    other = replace(campaign, config=replace(campaign.config, dispersions=spreads))
+    np.testing.assert_array_equal(draw(other, 1234, 3).parameters[:, 3:], some.parameters[:, 3:])
+
+
+@pytest.mark.parametrize(
+    ('value', 'said'),
+    [
+        ({'shell': 50.0}, 'must be a list, the smallest and the largest length in m'),
+        ({'shell': [60.0, 50.0]}, '`dispersions.initial_position_m.shell[1]` must be'),
+        ({'shell': [-1.0, 50.0]}, '`dispersions.initial_position_m.shell[0]` must be'),
+    ],
+)
+def test_a_bad_shell_is_one_sentence(value, said):
+    with pytest.raises(InputError, match='shell') as refused:
+        dispersion('initial_position_m', value)
+    assert said in str(refused.value)
+
+
+def test_plans_and_assurance_fly_side_by_side_with_the_bits_of_the_chain(monkeypatch):
+    """The runs are delayed by 2, 1 and 0 ticks; assurance changes commands."""
+    campaign = config.load(config.find('docking'), ['assurance.speed={speed_m_s: 0.3}'])
+    first = 5
+    assert len(set(draw(campaign, first, 3).column('delay_ticks'))) > 1
+    side_by_side = fly_runs(campaign, first, 3)
+    free = fly_runs(config.load(config.find('docking')), first, 3)
+    assert (free['energy_n2s'] != side_by_side['energy_n2s']).all(), 'assurance had to act'
+    monkeypatch.setattr(run_batch, 'why_not', lambda *_: 'a test')
+    for name, values in fly_runs(campaign, first, 3).items():
+        np.testing.assert_array_equal(values, side_by_side[name], name)
+
+
+def test_docking_from_anywhere():
+    """Forty of the ten thousand runs of `rpo campaign docking`."""
+    campaign = config.load(config.find('docking'))
+    columns = fly_runs(campaign, 400, 40)
+    for name in campaign.config.success:
+        values, limit = campaign.config.limit(name, columns)
+        assert (values <= limit).all(), name
+
+
+# Message faults in campaigns: bits, the free-running plant, effects, refusals.
+
+LOSSY = {
+    'state_loss': 0.3,
+    'state_delay': 0.2,
+    'force_loss': 0.2,
+    'force_delay': 0.3,
+    'late_by_ticks': 3,
+    'stale_after_ticks': 5,
+}
+
+
+def columns_of(campaign, count=40):
+    return run_batch.fly_runs(campaign, 0, count)
+
+
+def test_a_run_alone_has_the_bits_of_the_campaign(tmp_path):
+    campaign = config.load(write_campaign(tmp_path, faults=LOSSY))
+    columns = columns_of(campaign)
+    for number in (0, 7, 39):
+        flight = single.fly_run(campaign, number)
+        final = [columns[name][number] for name in run_batch.FINAL]
+        np.testing.assert_array_equal(final, flight.states[-1])
+        energy = (flight.saturated_forces_n**2).sum() * 0.1
+        assert columns['energy_n2s'][number] == pytest.approx(energy, rel=1e-12)
+
+
+def test_it_is_what_the_free_running_plant_does(tmp_path):
+    """The node's own plant, fed by hand with what comes when."""
+    campaign = config.load(write_campaign(tmp_path, faults=LOSSY, dispersions={}))
+    scenario, controller = single.scenario_of(campaign, 3), campaign.controller
+    key = sampling.draw(campaign, 3, 1).keys[0].tolist()
+    fates = [
+        link.lateness(tick, *key, campaign.config.faults.fates) for tick in range(scenario.ticks)
+    ]
+    plant = FreeRunningPlant(scenario, [CONTROL_FORCE, 'd'], stale_after_ticks=5)
+    answers, stale = {}, 0
+    for tick in range(scenario.ticks):
+        answers[tick] = controller.force_n(plant.state[:3], plant.state[3:])
+        for answered in range(tick + 1):
+            if fates[answered] >= 0 and answered + fates[answered] == tick:
+                plant.answer(CONTROL_FORCE, scenario.stamp_ns(answered), answers[answered])
+        stale += CONTROL_FORCE in plant.stale
+        push = scenario.disturbance.force_n(tick * 0.1)
+        plant.fly({CONTROL_FORCE: plant.applied(CONTROL_FORCE), DISTURBANCE_FORCE: push})
+    assert set(fates) == {-1, 0, 3, 6}  # lost, in time, one message late, both
+    assert stale > 0
+    assert plant.state == tuple(single.fly_run(campaign, 3).states[-1])
+
+
+@pytest.mark.parametrize('name', faults.SHARES)
+def test_every_fault_changes_the_flight_by_its_share(name, tmp_path):
+    campaign = config.load(write_campaign(tmp_path, dispersions={}, faults={name: 0.4}))
+    plain = config.load(write_campaign(tmp_path, dispersions={}))
+    moved = columns_of(campaign)['final_x_m'] != columns_of(plain)['final_x_m']
+    assert moved.all()
+    fates = campaign.config.faults.fates
+    late = np.array([link.lateness(t, 5, 6, fates) for t in range(5000)])
+    hit = (late == link.LOST) if name.endswith('loss') else (late == faults.LATE_BY_TICKS)
+    assert hit.mean() == pytest.approx(0.4, abs=0.03)
+    assert (late[~hit] == 0).all()
+
+
+def test_without_a_hit_nothing_changes(tmp_path):
+    """Shares so small that no message is hit; the noise of navigation keeps its own words."""
+    campaign = config.load(write_campaign(tmp_path, faults={'force_loss': 1e-9}))
+    plain = config.load(write_campaign(tmp_path))
+    for name, values in columns_of(plain).items():
+        np.testing.assert_array_equal(columns_of(campaign)[name], values)
+
+
+def test_when_all_is_lost_it_drifts(tmp_path):
+    campaign = config.load(write_campaign(tmp_path, faults={'state_loss': 1.0}, runs=5))
+    assert (columns_of(campaign, 5)['energy_n2s'] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ('section', 'said'),
+    [
+        ({}, 'it has no effect'),
+        ({'state_loss': 0.0}, 'it has no effect'),
+        ({'state_loss': 0.1, 'force_repeat': 0.1}, '`force_repeat` has no effect'),
+        ({'state_loss': 0.1, 'late_by_ticks': 2}, '`late_by_ticks` has no effect'),
+        ({'state_los': 0.1}, 'did you mean `state_loss`'),
+        ({'state_loss': 1.1}, '`state_loss` must be a finite number'),
+        ({'force_delay': 0.1, 'late_by_ticks': 0}, '`late_by_ticks` must be a whole number'),
+        ({'force_loss': 0.1, 'stale_after_ticks': -1}, '`stale_after_ticks` must be a whole'),
+    ],
+)
+def test_bad_sections_are_one_sentence(section, said, tmp_path):
+    path = write_campaign(tmp_path, faults=section)
+    with pytest.raises(InputError) as caught:
+        config.load(path)
+    assert 'faults' in str(caught.value) and said in str(caught.value)
+
+
+def test_a_run_with_faults_is_no_scenario(tmp_path):
+    path = write_campaign(tmp_path, faults=LOSSY)
+    arguments = ['campaign', str(path), '--run', '3', '--export', str(tmp_path / 'x.yaml')]
+    result = CliRunner().invoke(app, arguments, env={'COLUMNS': '300'})
+    assert result.exit_code == 2
+    assert 'message faults' in result.output.splitlines()[-1]
+    assert not (tmp_path / 'x.yaml').exists()
+
+
+@pytest.mark.slow
+def test_the_sweep_finds_where_it_no_longer_docks(tmp_path):
+    plain = columns_of(config.load(write_campaign(tmp_path, dispersions={})), 1)
+    drift = columns_of(
+        config.load(write_campaign(tmp_path, dispersions={}, faults={'state_loss': 1.0})), 1
+    )
+    limit = float(plain['mean_error_norm_m'][0] + drift['mean_error_norm_m'][0]) / 2
+    success = {'mean_error_norm_m': limit}
+    path = write_campaign(tmp_path, dispersions={}, success=success, runs=20)
+    campaign = config.load(path)
+    found = sweep.Sweep(campaign, 20)
+    rows = found.rows('lost')
+    assert [row.percent for row in rows] == list(range(0, 101, 10))
+    assert rows[0].alone.kept == 20 and rows[-1].alone.kept == 0
+    edge = found.edge('lost', rows)
+    assert edge.all_up_to < edge.none_from
+    for percent, kept in ((edge.all_up_to, 20), (edge.none_from, 0)):
+        share = percent / 100
+        lossy = {'state_loss': share, 'force_loss': share}
+        again = config.load(
+            write_campaign(tmp_path, dispersions={}, success=success, runs=20, faults=lossy)
+        )
+        assert (columns_of(again, 20)['mean_error_norm_m'] <= limit).sum() == kept
+
+
+@pytest.mark.slow
+def test_the_command_prints_both_tables(tmp_path):
+    path = write_campaign(tmp_path, runs=2)
+    result = CliRunner().invoke(app, ['campaign', str(path), '--faults'], env={'COLUMNS': '300'})
+    assert result.exit_code == 0, result.output
+    assert '\n      90 ' in result.output
+    for kind in ('lost', 'late'):
+        assert f'undispersed, messages {kind}: all succeed up to' in result.output

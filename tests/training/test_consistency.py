@@ -29,7 +29,6 @@ from rpo_nav.sensors import Sensor, Sensors
 WORLDS = ('world_leo', 'world_elliptic', 'world_moon')
 
 
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize('name', WORLDS)
 def test_the_shipped_estimators_are_consistent(name):
     """Few and short flights, bounds of 95 % for the mean over ten moments."""
@@ -38,7 +37,6 @@ def test_the_shipped_estimators_are_consistent(name):
     assert found.correlation < 2.0 * found.correlation_bound
 
 
-@pytest.mark.timeout(180)
 def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
     flown = replace(as_configured(load_scenario('world_leo')), duration_s=50.0)
     wrong = replace(flown.section(Estimator), noise_scale=0.6)
@@ -48,7 +46,6 @@ def test_an_estimator_that_trusts_its_sensors_too_much_is_found():
 
 
 @pytest.mark.every_landing
-@pytest.mark.timeout(180)
 def test_in_its_world_errors_are_held_against_the_filters_own_covariance():
     """NEES of a flight by hand; in `world_leo` the filter claims more than its errors."""
     scenario, controller = load_scenario('world_leo'), load_controller('allround')

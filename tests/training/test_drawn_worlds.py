@@ -20,8 +20,6 @@ from rpo_montecarlo.campaign import run_batch
 from rpo_montecarlo.engine.population import population_of
 from rpo_montecarlo.engine.simulator import Simulator
 
-pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
-
 TRAINED, ROBUST = load_controller('trained'), load_controller('robust')
 LEO = replace(scenario.load_scenario('world_leo'), duration_s=12.0)
 ONE_START = replace(load_set('paper_training'), starts=Cube((50.0,)))

@@ -19,8 +19,6 @@ from rpo_nav.filter_kernels import FULL, RESETS, X, estimate
 from rpo_nav.sensor_kernels import sense
 from rpo_nav.sensors import Sensing, Sensor, Sensors
 
-pytestmark = pytest.mark.timeout(240)  # compiling on a busy machine
-
 PLAIN = replace(scenario.load_scenario('approach'), duration_s=8.0)
 LIDAR = Sensor(
     'range_bearing', 0.02, 0.01, 0.002, latency_ticks=2, dropout_share=0.2, outlier_share=0.1,

@@ -152,7 +152,6 @@ def test_the_optimum_does_not_know_planar_and_vertical_signs():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_least_constrained_energy_is_the_missions():
     assert optimal.least_constrained(TRAINING.base, STARTS).mean() == pytest.approx(2.41, rel=0.01)
 

@@ -313,7 +313,6 @@ def test_guidance_that_is_told_a_wrong_mass_needs_the_energy_of_the_true_one(aro
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_the_command_prints_both(monkeypatch):
     monkeypatch.setattr(plan_bound, 'BOUND_TICKS', 60)
     monkeypatch.setattr(plan_bound, 'PATH_TICKS', 150)

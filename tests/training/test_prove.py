@@ -27,7 +27,7 @@ from rpo_proof import cells, check, check_sets, enclosure, flights, folder, prov
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
 from rpo_proof.folder import Folder
-from rpo_proof.invariant import invariant_set_of
+from rpo_proof.invariant import invariant_set_of, motion_inside
 from rpo_proof.problem import GROUPS, Problem, Settings
 from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
@@ -311,6 +311,16 @@ def test_a_known_disturbance_is_part_of_the_tube():
         assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
 
 
+@pytest.mark.parametrize('group', ['planar', 'vertical'])
+def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
+    pushed = load_scenario('paper_test')
+    problem = replace(problem_of('robust'), scenario=pushed)
+    inside = motion_inside(problem, group)
+    forces = [pushed.disturbance.force_n(pushed.time_s(tick)) for tick in range(0, 4000, 7)]
+    assert inside.any_n >= abs(np.array(forces)).max() > 0.01
+    assert not inside.constant.any() and not inside.carried.any()
+
+
 def test_the_package_names_modules_that_are_there():
     named = set(re.findall(r'`([a-z_]+)`', str(rpo_proof.__doc__)))
     folder = Path(rpo_proof.__file__).parent
@@ -325,7 +335,6 @@ def test_a_proof_of_nothing_is_no_proof():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 def test_a_local_cluster_proves_the_same_bytes(sound, tmp_path):
     together = Folder.create(tmp_path / 'together', problem_of('robust', half=BOX))
     proving.prove(together, 2, 'local', lambda *_: None, probes=20)

@@ -20,6 +20,8 @@ from rpo_proof.sets import box_of
 from tools import peers, rendezvous
 from tools.rendezvous import exponential
 
+pytestmark = pytest.mark.every_landing  # of a benchmark of others: kernels of its own
+
 FILE = Path(__file__).parents[2] / 'offline_training/examples/benchmarks/arch_rendezvous.yaml'
 LAWS = rendezvous.laws_of(load_scenario(FILE))
 
@@ -161,7 +163,6 @@ def test_cells_hold_flights_of_scipy_through_the_switch(tables):
         assert leaves(tables, LAWS, cells[k], rng) == 0
 
 
-@pytest.mark.every_landing
 def test_a_wrong_gain_or_tick_is_found(tables):
     rng = np.random.default_rng(6)
     cell = rendezvous.first_cells()[90]
@@ -257,7 +258,6 @@ def test_the_command_proves_what_is_safe_and_refutes_what_is_not(monkeypatch):
     assert 'SRU01: the flight from (-924.5, -424.5) m whose thrusters fail after 260' in done.stdout
 
 
-@pytest.mark.every_landing
 def test_what_is_too_strict_stays_open(monkeypatch):
     few_starts(monkeypatch)
     monkeypatch.setattr(rendezvous, 'MOST_CELLS', 3)

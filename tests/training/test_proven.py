@@ -87,7 +87,6 @@ def changed(kind):
     }[kind]
 
 
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ('kind', 'said'),
     [

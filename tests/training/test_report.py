@@ -32,7 +32,7 @@ from rpo_mcap.read.run_log import read_run
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_montecarlo.outputs import digest_of
-from rpo_report import campaign, logged, page, run, run_plots
+from rpo_report import campaign, logged, page, run
 from rpo_report.page import File, Picture, Report, Section, Table, Text
 
 UNITLESS = {
@@ -84,7 +84,9 @@ def check_page(source: str, made: Report) -> Page:
     assert len(found.all('h1')) == 1 and found.all('html')[0].attributes['lang'] == 'en'
     assert [h.text for h in found.all('h2')] == [s.title for s in made.sections]
     links = [a.attributes['href'] for a in found.all('a') if 'svg' not in a.path]
-    assert links and all(link[0] == '#' and link[1:] in ids for link in links)
+    beside = ['replay.html'] if made.flights else []
+    assert beside == [link for link in links if link[0] != '#']
+    assert all(link[1:] in ids for link in links if link[0] == '#')
     assert "default-src 'none'" in source and not found.all('script') and not found.all('img')
     for element in found.elements:
         for name in ('src', 'href', 'xlink:href', 'style', 'data'):
@@ -152,13 +154,13 @@ def test_a_run(run_page):
     assert 'position error is' in text and '% from ' in text
     assert 'disturbance: paper_offset' in text, 'the scenario is attached'
     assert [p.name for p in made.pictures] == [
-        'time_histories',
         'approach',
-        'closing',
+        'time_histories',
         'energy',
         'limits',
         'disturbance',
         'phase_planes',
+        'closing',
     ]
 
 
@@ -323,21 +325,25 @@ def straight_flight(start, end, ticks=100):
     return Flight(scenario, states, zeros, zeros)
 
 
-def test_passage_of_the_aids_on_a_straight_line():
-    flight = straight_flight([0.0, -50.0, 0.0], [0.0, 0.0, 0.0])  # 5 m/s, in 10 s
-    aids = run_plots.Aids.of(flight)
-    assert (aids.axis, aids.sign) == (1, -1.0)
-    found = dict(run_plots.passage(flight, aids))
-    assert found['enters the keep-out sphere of 5 m at'] == '9.0 s'
-    assert found['closing speed at the entry'] == '5 m/s'
-    assert found["off the corridor's axis at the entry"] == '0.0°'
+def test_arrival_on_a_straight_line():
     # 0.5 m is at 9.9 s, give or take a rounding
+    flight = straight_flight([0.0, -50.0, 0.0], [0.0, 0.0, 0.0])  # 5 m/s, in 10 s
     assert metrics.arrival_time_s(flight) == pytest.approx(9.9, abs=0.11)
-    away = straight_flight([30.0, 40.0, 0.0], [60.0, 80.0, 0.0])
-    assert metrics.arrival_time_s(away) is None
-    aids = run_plots.Aids.of(away)
-    assert aids.off_axis_deg(away.positions_m)[0] == pytest.approx(np.rad2deg(np.arctan2(30, 40)))
-    assert dict(run_plots.passage(away, aids))['within 5 m of the target'] == 'never'
+    assert metrics.arrival_time_s(straight_flight([30.0, 40.0, 0.0], [60.0, 80.0, 0.0])) is None
+
+
+def test_the_verdict_in_words():
+    flight = straight_flight([0.0, -50.0, 0.0], [0.0, 0.0, 0.0])
+    assert logged.verdict_of(flight, ['the log ends']) == 'Not judged: the log ends.'
+    said = logged.verdict_of(flight)
+    assert said.startswith(
+        '2 of 3 requirements missed. mean error (norm), last 10 s: 24.8 of 0.5 m'
+    )
+    still = straight_flight([0.0, 0.1, 0.0], [0.0, 0.1, 0.0])
+    said = 'All 3 requirements hold. The tightest is mean error (norm), last 10 s: 0.1 of 0.5 m.'
+    assert logged.verdict_of(still) == said
+    free = replace(still, scenario=replace(still.scenario, requirements=None))
+    assert logged.verdict_of(free) == 'The scenario has no requirements.'
 
 
 def test_a_sentence_that_begins_with_a_number_is_folded():

@@ -6,16 +6,20 @@ from __future__ import annotations
 
 import re
 import shutil
+import time
 
 import pytest
+import test_report_guided
 from browser import browser
 from campaign_documents import write_campaign
-from log_runs import make_run
+from log_runs import chain_run, make_run
 from pages import Page
+from PIL import Image
 from test_report import check_page
 from typer.testing import CliRunner
 
 from rpo_cli.cli import app
+from rpo_core.control.controller import load_controller
 from rpo_montecarlo.campaign import config, execution
 from rpo_montecarlo.campaign.store import Store
 from rpo_report import campaign, controller, page, run
@@ -63,6 +67,7 @@ def baseline_report(folder):
 def test_a_report_in_chromium(make, tmp_path):
     made = make(tmp_path)
     *pictures, path = page.write(made, tmp_path / 'report')
+    pictures = [p for p in pictures if p.name != page.REPLAY]
     assert [p.name for p in pictures] == [f'{p.name}.png' for p in made.pictures]
     assert all(p.read_bytes().startswith(b'\x89PNG') for p in pictures)
     check_page(path.read_text('utf-8'), made)
@@ -113,6 +118,59 @@ def test_the_optimum_is_drawn_beside_the_flight(tmp_path):
         for block in section.blocks
         if getattr(block, 'caption', '') == 'Beside the best possible'
     )
-    assert [row[0] for row in table.rows][:2] == ['this flight', 'optimum in 200 s']
-    ratios = [float(row[2]) for row in table.rows]
-    assert ratios[0] == 1.0 and all(ratio > 1.0 for ratio in ratios[1:]), 'none is below the least'
+    assert table.rows[1][0].startswith('optimum in 153.5'), 'it ends 30 s after the arrival'
+    assert [float(row[2].rstrip(' ×')) for row in table.rows][1] == 1.0
+    assert float(table.rows[0][2].rstrip(' ×')) > 1.0, 'none is below the least'
+
+
+def test_a_replay_in_chromium(tmp_path, capsys):
+    """A flight with every stage is drawn, turned, played and scrubbed, by keys too."""
+    made = chain_run(test_report_guided.whole(), load_controller('trained'))
+    made.write(tmp_path / 'whole')
+    run_report(tmp_path / 'paper')
+    done = CliRunner().invoke(
+        app, ['report', str(tmp_path / 'whole'), str(tmp_path / 'paper'), '-o', str(tmp_path)]
+    )
+    assert done.exit_code == 1, done.output
+    path = tmp_path / page.REPLAY
+    with browser(CHROMIUM, tmp_path / 'profile') as shown:
+        for width, theme in ((1280, 'dark'), (390, 'light')):
+            shown.open(path, width=width, theme=theme)
+            shown.wait('window.replay && replay.stats.frames > 0')
+            assert shown.evaluate('document.body.scrollWidth <= innerWidth')
+            shown.screenshot(tmp_path / f'{theme}.png')
+            with Image.open(tmp_path / f'{theme}.png') as picture:
+                scene = picture.convert('RGB').crop((0, 100, min(width, 850), 400))
+            assert len(scene.getcolors(1 << 20)) > 100, 'the scene is drawn'
+        first = shown.evaluate('replay.stats.first_ms')
+        shown.open(path, width=1280)
+        shown.wait('replay.stats.frames > 0')
+        assert shown.evaluate("[...document.querySelectorAll('#flights button')].length") == 2
+        for key, code, modifiers, t in (
+            ('ArrowRight', 39, 8, 10.0), ('ArrowLeft', 37, 0, 9.0), ('.', 190, 0, 9.1),
+            ('End', 35, 0, 200.0), ('Home', 36, 0, 0.0),
+        ):  # fmt: skip
+            shown.press(key, code, modifiers)
+            assert shown.evaluate('replay.now') == pytest.approx(t, abs=1e-3), key
+        shown.press('n', 78)
+        shown.evaluate('replay.seek(150)')
+        shown.wait("document.querySelector('#axes').textContent.includes('because')")
+        rows = "[...document.querySelectorAll('#limits > div')].map(row => row.textContent)"
+        assert any('slew per axis' in row for row in shown.evaluate(rows))
+        shown.evaluate('replay.seek(0), replay.setSpeed(1)')
+        shown.press('ArrowUp', 38)
+        shown.press(' ', 32)
+        shown.wait('replay.now > 2')
+        begun = shown.evaluate('[performance.now(), replay.stats.frames, replay.now]')
+        time.sleep(2.0)
+        ended = shown.evaluate('[performance.now(), replay.stats.frames, replay.now]')
+        shown.press(' ', 32)
+        assert not shown.evaluate('replay.playing')
+        passed_ms, frames, flown_s = (b - a for a, b in zip(begun, ended, strict=True))
+        assert flown_s == pytest.approx(2.0e-3 * passed_ms, rel=0.3), 'twice as fast as it flew'
+        said = [text for text in shown.messages if 'ReadPixels' not in text]  # of a screenshot
+        assert said == [] and set(shown.requests) == {path.resolve().as_uri()}
+    rate = 1e3 * frames / passed_ms
+    with capsys.disabled():
+        print(f'\nreplay: first frame {first:.0f} ms, {rate:.0f} frames/s')
+    assert rate > 5.0, 'it moves, on a busy machine too'

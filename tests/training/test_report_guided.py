@@ -22,7 +22,7 @@ from rpo_log.verify import verify
 from rpo_mcap.read.run_log import flight_of, read_run
 from rpo_nav.estimator import EstimatorStage
 from rpo_report import assured, guided, logged, navigation, page, run, run_plots
-from rpo_report.page import Table
+from rpo_report.page import Fold, Table
 from rpo_safety.assurance import AssuranceStage
 
 LEGS = [
@@ -121,6 +121,7 @@ def made(flown):
 
 def table(made, caption):
     blocks = [block for section in made.sections for block in section.blocks]
+    blocks += [inner for block in blocks if isinstance(block, Fold) for inner in block.blocks]
     return next(b for b in blocks if isinstance(b, Table) and b.caption.startswith(caption))
 
 
@@ -128,7 +129,7 @@ def table(made, caption):
 def test_the_page_has_a_part_for_each_stage(made, flown):
     text = check_page(page.html(made), made).all('main')[0].text
     titles = [section.title for section in made.sections]
-    assert titles[2:5] == ['Approach', 'Guidance', 'Assurance'] and 'Navigation' in titles
+    assert titles[1:4] == ['Time histories', 'Guidance', 'Assurance'] and 'Navigation' in titles
     names = [p.name for p in made.pictures]
     assert {'zones', 'guidance', 'assurance', 'pulses', 'navigation'} <= set(names)
     assert [row[0] for row in table(made, 'Phases').rows] == ['wait', 'in', 'stopped']
@@ -138,7 +139,7 @@ def test_the_page_has_a_part_for_each_stage(made, flown):
         0.1 * acted.constraints.count('speed')
     )
     assert dict(table(made, 'Passage of the zones').rows)[
-        'zones: enters the keep-out sphere of 10 m'
+        '`zones`: enters the keep-out sphere of 10 m'
     ] == ('never')
     assert 'relative to the reference' in text
 
@@ -194,12 +195,14 @@ def test_passage_of_zones_on_straight_lines():
     assert away['enters the keep-out sphere of 10 m'] == 'never'
 
 
-def test_a_plane_shows_zones_of_the_scenario_and_no_aids():
+def test_a_plane_shows_the_zones_of_the_scenario_alone():
     flight = straight([0.0, 21.0, 0.0], [0.0, 1.0, 0.0])
-    figure = run_plots.approach(flight, {}, run_plots.Drawn(zones_of(flight.scenario)))
+    figure = run_plots.approach(flight, {}, zones_of(flight.scenario))
     labels = {line.get_label() for axes in figure.axes for line in axes.lines}
     assert {'corridor', 'keep-out sphere', 'holds, retreat'} <= labels
-    assert not any('aid' in label for label in labels)
+    free = run_plots.approach(flight, {}, [])
+    labels = {line.get_label() for axes in free.axes for line in axes.lines}
+    assert not {'corridor', 'keep-out sphere', 'holds, retreat'} & labels
 
 
 @pytest.mark.every_landing

@@ -91,7 +91,6 @@ def _columns(campaign, controller, runs):
     return int(successes(loaded.config, columns).sum()), columns
 
 
-@pytest.mark.timeout(240)  # compiling on a busy machine
 def test_world_meets_its_world_and_saves_valves():
     kept, world = _columns('world_leo', 'world', 40)
     with_stuck, _ = _columns('world_leo_stuck', 'world', 40)
@@ -172,7 +171,6 @@ def test_the_whole_training_gives_the_shipped_bits(name, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(180)
 def test_the_report_of_the_default_opens_with_its_own_targets_and_where_its_surface_fails():
     """At rest within 6 mm of the target it commands no force: the pull is refuted there."""
     made, controller = report_of(DEFAULT_CONTROLLER), load_controller(DEFAULT_CONTROLLER)

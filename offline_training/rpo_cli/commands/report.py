@@ -18,16 +18,19 @@ if TYPE_CHECKING:
 
 EXAMPLES = """
 Examples: `rpo report runs/demo` | `rpo report runs/demo/run.mcap --open` |
-`rpo report runs/paper_test_1 --output shared/campaign` | `rpo report trained`.
+`rpo report runs/first runs/second`, beside each other | `rpo report runs/paper_test_1
+--output shared/campaign` | `rpo report trained`.
 Exit code 3: a log that ends early, reported as far as it goes
 """
 
 
 def report(
-    target: Annotated[
-        str,
+    targets: Annotated[
+        list[str],
         typer.Argument(
-            help='run (folder, .mcap or bag), campaign, proof (folder), controller (name or file)'
+            metavar='TARGET...',
+            help='runs (folder, .mcap or bag), or one campaign, proof (folder), controller '
+            '(name or file)',
         ),
     ],
     output: Annotated[
@@ -48,7 +51,9 @@ def report(
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
     no_fail: NoFail = False,
 ) -> None:
-    """Draw a run, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained.
+    """Draw runs, a campaign, a proof or a controller: PNGs, and one HTML page, self-contained.
+
+    Of runs and campaigns also replay.html: the flights in three dimensions, to be played.
 
     Exit code 1: something that the page judges is missed; the page is written all the same.
     """
@@ -58,12 +63,20 @@ def report(
     from rpo_report import page
     from rpo_report.page import write
 
+    target, *others = targets
     subject = page.subject_of(target)
     if scenario and subject not in ('controller', 'run'):
         raise InputError(f'`--scenario` is for a controller or a bag; {target} is a {subject}')
+    for other in others:
+        if (kind := page.subject_of(other)) != 'run' or subject != 'run':
+            raise InputError(
+                f'several targets must be runs; {target} is a {subject}, {other} a {kind}'
+            )
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
-        made, folder, code = _OF[subject](target, scenario)
+        made, folder, code = (
+            _of_runs(targets, scenario) if others else _OF[subject](target, scenario)
+        )
         paths = write(made, output or folder)
     for path in paths:
         echo(path)
@@ -91,6 +104,19 @@ def _of_run(target: str, scenario: str) -> Made:
     else:
         echo(f'{target}: {"; ".join(shown.gaps)}', err=True)
     return made, folder_of(Path(target)), ExitCode.OK if shown.whole else ExitCode.INCOMPLETE
+
+
+def _of_runs(targets: list[str], scenario: str) -> Made:
+    from rpo_mcap.errors import ExitCode
+    from rpo_report import run
+
+    made, every = run.compared([Path(target) for target in targets], scenario)
+    for target, shown in zip(targets, every, strict=True):
+        if missing := (*shown.lacks, *shown.gaps):
+            echo(f'{target}: {"; ".join(missing)}', err=True)
+    whole = all(shown.whole for shown in every)
+    folder = Path('runs') / '_'.join(['report', *(Path(target).stem for target in targets)])
+    return made, folder, ExitCode.OK if whole else ExitCode.INCOMPLETE
 
 
 def _of_campaign(target: str, _: str) -> Made:

@@ -11,11 +11,13 @@ import typer
 
 from rpo_cli.commands.shared import NoFail, SameScenario, Set, chosen_scenario, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
---csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0`
+--csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0` |
+`rpo simulate paper_test --output runs/mine` | `rpo simulate paper_test --sweep mass_kg=8:12:5`
 """
 
 
@@ -25,20 +27,49 @@ def simulate(
     controller: Annotated[str, typer.Option(help='shipped name or file')] = DEFAULT_CONTROLLER,
     changes: Set = None,
     csv: Annotated[Path | None, typer.Option(help='write time, state, force, disturbance')] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            '--output', '-o', help='run folder: a log, as the recorder of ROS 2 writes it'
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option('--overwrite', help='replace the run in an existing folder')
+    ] = False,
+    span: Annotated[
+        str,
+        typer.Option(
+            '--sweep',
+            metavar='KEY=FROM:TO:NUMBER',
+            help='fly so many values of a field: one table, one picture in --output',
+        ),
+    ] = '',
     no_fail: NoFail = False,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
 
     Exit code 1: a requirement of the scenario is missed.
     """
+    import yaml
+
+    from rpo_core import files
     from rpo_core.chain.flight import fly
     from rpo_core.control.controller import load_controller
     from rpo_core.files import overrides
     from rpo_core.judge.verdicts import missed
     from rpo_ctrl import similarity
     from rpo_log.show.report import print_table
+    from rpo_log.tools.record import record
+    from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
     chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
+    if span:
+        from rpo_cli.commands.sweep import sweep
+
+        if csv or overwrite:
+            raise InputError('`--sweep` writes a picture: no `--csv` and no `--overwrite`')
+        end(sweep(chosen, loaded, changes or [], span, output), no_fail)
+        return
     flown = overrides.load(chosen, changes or [])
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')
@@ -48,4 +79,13 @@ def simulate(
         echo(line)
     if csv:
         outputs.write_flight(flight, csv)
+    if output:
+        named_by = {'scenario': chosen, 'controller': controller, 'set': list(changes or ())}
+        attached = {
+            SCENARIO: overrides.text_of(chosen, changes or []),
+            CONTROLLER: files.read_text(files.find('controller', controller)),
+            PARAMETERS: yaml.safe_dump({'simulate': named_by}),
+        }
+        texts = {name: text.encode() for name, text in attached.items()}
+        echo(f'{output}: {record(flight, texts, output, overwrite=overwrite).sentence()}')
     end(missed(flight), no_fail)

@@ -12,7 +12,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
 
-from rpo_log.show.style import COLOURS
+from rpo_log.show import style
 from rpo_view.local import HOST, port_taken, refusal
 
 _HEADERS = {
@@ -34,11 +34,7 @@ _PALETTE_GOES = '/* The palette of rpo_log.show.style comes here. */'
 def page() -> bytes:
     """Return the page, complete in itself."""
     text = resources.files('rpo_view').joinpath('page/live.html').read_text(encoding='utf-8')
-    light, dark = (
-        ' '.join(f'--{name}: {pair[i]};' for name, pair in COLOURS.items()) for i in (0, 1)
-    )
-    palette = f':root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}'
-    return text.replace(_PALETTE_GOES, palette).encode()
+    return text.replace(_PALETTE_GOES, style.variables()).encode()
 
 
 class Feed:

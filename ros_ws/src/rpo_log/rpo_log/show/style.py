@@ -108,6 +108,14 @@ _SETTINGS: dict[str, Any] = {
 }
 
 
+def variables() -> str:
+    """Return the palette as CSS variables, for a light and a dark theme; paper is light."""
+    light, dark = (
+        ''.join(f'--{name}:{pair[i]};' for name, pair in COLOURS.items()) for i in (0, 1)
+    )
+    return f':root{{{light}}}\n@media screen and (prefers-color-scheme: dark){{:root{{{dark}}}}}'
+
+
 def applied() -> Any:
     """Return a context in which matplotlib draws and saves in this style."""
     import matplotlib

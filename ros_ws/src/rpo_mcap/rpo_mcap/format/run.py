@@ -189,7 +189,7 @@ def prepare_folder(folder: Path, overwrite: bool) -> None:
                 Fault.EXISTS,
                 folder,
                 f'holds a log already ({", ".join(path.name for path in taken)}); '
-                'name another folder, or overwrite this one (final_approach: `--overwrite`; '
+                'name another folder, or overwrite this one (`--overwrite`; '
                 'recorder: `-p overwrite:=true`)',
             )
         for path in taken:
