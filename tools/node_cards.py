@@ -123,6 +123,14 @@ _CONTROLLER: Outcomes = (
     _SIGNAL,
 )
 
+_MANAGED: Outcomes = (
+    ('before its first activation', 'it answers no state; the plant waits'),
+    ('deactivated, cleaned up', 'answers every tick as if its stages were not in the chain, warns, '
+     'and says so on `stage_status` and `/diagnostics`'),
+    ('an error inside a stage', 'logged with its cause; the node deactivates itself'),
+    ('shutdown transition', 'ends the process, exit code 0'),
+)  # fmt: skip
+
 CARDS = (
     Card('rpo_sim', 'plant', 'PlantNode', (
         _BAD_OUTCOME,
@@ -138,11 +146,12 @@ CARDS = (
     ), {**_CODES, 0: 'flown to the end, or ended by a signal', 3: 'aborted'},
          {'scenario': 'paper_test', 'mode': 'free_running', 'real_time_factor': 1.0}),
     Card('rpo_nav', 'navigation', 'NavigationNode', (
-        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL)),
+        _BAD_OUTCOME, _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, *_MANAGED, _SIGNAL)),
     Card('rpo_sim', 'disturbance_injector', 'DisturbanceInjectorNode', (
         _BAD_OUTCOME, ('a stamp that is no tick of the scenario', 'is not answered; counted as '
                        '`ignored_foreign_stamp`'),
-        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'paper_test'}),
+        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, *_MANAGED, _SIGNAL),
+         trial={'scenario': 'paper_test'}),
     Card('rpo_sim', 'fault_injector', 'FaultInjectorNode', (
         _BAD_OUTCOME, ('both topics the same', 'refused'),
         ('SIGINT or SIGTERM', 'prints how many messages it changed; exit code 0'))),
@@ -150,7 +159,8 @@ CARDS = (
         _BAD_OUTCOME, ('a plan that cannot be flown', 'one sentence with the number that fails, '
                        'exit code 2'),
         ('`go` without its conditions', 'refused with the reason'),
-        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, _SIGNAL), trial={'scenario': 'hold_points'}),
+        _OTHER_SCENARIO, _NOTHING_TO_DO, _UNFIT, *_MANAGED, _SIGNAL),
+         trial={'scenario': 'hold_points'}),
     Card('rpo_guidance', 'operator', 'OperatorNode', (
         _BAD_OUTCOME, ('`go` is refused', 'says it again until its conditions are met'),
         ('another command is refused', 'one sentence with the reason, exit code 1'),
@@ -165,7 +175,7 @@ CARDS = (
          'so on `stage_status`, and the table counts it'),
         ('the scenario begins outside of what can be assured', 'one sentence with the numbers, '
          'exit code 2'),
-        _SIGNAL), trial={'scenario': 'assured'}),
+        *_MANAGED, _SIGNAL), trial={'scenario': 'assured'}),
     Card('rpo_ctrl', 'fuzzy_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_ctrl', 'rival_controller', 'ControllerNode', _CONTROLLER),
     Card('rpo_log', 'recorder', 'RecorderNode', (

@@ -82,8 +82,14 @@ class Plant(Node):
         self.send()
 
 
-rclpy.init()
-with open(sys.argv[1]) as file:
-    plant = Plant(file.read())
-while (plant.phase, plant.recorder) != ('finished', 'closed'):
-    rclpy.spin_once(plant)
+def fly(kind):
+    rclpy.init()
+    with open(sys.argv[1]) as file:
+        plant = kind(file.read())
+    while (plant.phase, plant.recorder) != ('finished', 'closed'):
+        rclpy.spin_once(plant)
+    return plant
+
+
+if __name__ == '__main__':
+    fly(Plant)

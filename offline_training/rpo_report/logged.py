@@ -117,7 +117,7 @@ def steps_again(
     """Yield (tick, stage, outputs) of the stage of a kind, run again on its logged inputs.
 
     It gets the commands that it got in flight. Nothing is yielded where the scenario has no such
-    stage, or an input of a tick is missing.
+    stage, an input of a tick is missing, or the stage was switched off.
     """
     links = [link for link in Chain.of(flight.scenario).links if isinstance(link.stage, kind)]
     if not links:
@@ -128,8 +128,11 @@ def steps_again(
         return
     states = StageStates()
     states.take(log.events)
+    if not states.active(stage.name, np.arange(ticks)).all():
+        return
     stage.reset()
-    states.tell(stage)
+    for at, state in states.commands(stage.name):
+        stage.take_event(at, state)
     for tick in range(ticks):
         inputs = [tuple(values[tick].tolist()) for values in read]
         yield tick, stage, list(stage.step(tick, *inputs))

@@ -21,7 +21,7 @@ class Sum(Stage):
     """Adds up its last inputs: all, or that of the tick and so many before it."""
 
     name = 'controller'
-    inputs = (interfaces.COMMAND,)
+    inputs = (interfaces.STATE,)
     outputs = (interfaces.CONTROL_FORCE,)
 
     def __init__(self, memory_ticks):

@@ -7,16 +7,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import pytest
-from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, make_run
+from log_runs import DISTURBANCE, FORCE, STATUS, TOPICS, Run, chain_run, make_run
 
+from rpo_core.chain.chain import DisturbanceStage
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.control.controller_file import ControllerStage
+from rpo_core.files.scenario import load_scenario
 from rpo_core.wire import cdr
 from rpo_core.world.disturbance import NONE
+from rpo_guidance.guidance import GuidanceStage
 from rpo_log.verify import verify
 from rpo_mcap.errors import ExitCode
 from rpo_mcap.read.run_log import read_run
+from rpo_nav.estimator import EstimatorStage
+from rpo_nav.navigation_errors import Navigation, NavigationStage
+from rpo_nav.sensors import SensorsStage
+from rpo_safety.shaping import Shaping, ShapingStage
 
 STAGE_STATUS = '/stage_status'
 OFF = range(20, 30)
@@ -159,3 +166,54 @@ def test_a_peer_that_is_missing_before_it_was_lost_is_missing(blocks, topic, tmp
 def test_without_the_word_of_the_plant_its_messages_are_missing(tmp_path):
     assert not lost(FORCE, tmp_path, say=False).whole
     assert verify(tmp_path).exit_code == ExitCode.INCOMPLETE
+
+
+WHOLE = replace(load_scenario('docking_leo'), duration_s=4.0)
+UNGUIDED = tuple(s for s in WHOLE.sections if s is not WHOLE.named('guidance'))
+PUSHED = replace(make_run(4.0).flight.scenario, sections=(Navigation(position_noise_m=0.01),))
+SHAPED = replace(PUSHED, sections=(Shaping(slew_n_s=1.0, dead_zone_n=0.3),))
+STAGES = {
+    SensorsStage: WHOLE, EstimatorStage: WHOLE, GuidanceStage: WHOLE, ShapingStage: SHAPED,
+    NavigationStage: PUSHED, DisturbanceStage: PUSHED,
+}  # fmt: skip
+
+
+def flown_without(kind, scenario, off, events=()):
+    """Return the run of a scenario one of whose stages is switched off at some ticks."""
+    step = kind.step
+
+    def switched(self, tick, *inputs):
+        if tick == off.stop:
+            self.reset()
+        return self.off(*inputs) if tick in off else step(self, tick, *inputs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kind, 'step', switched)
+        return chain_run(scenario, load_controller('handmade'), events=events)
+
+
+@pytest.mark.parametrize('kind', STAGES, ids=lambda kind: kind.name)
+def test_a_stage_that_is_switched_off_passes_on_what_it_gets(kind, tmp_path):
+    words = [said(state, tick, kind.name) for state, tick in
+             (('inactive', OFF.start), ('active', OFF.stop))]  # fmt: skip
+    run = flown_without(kind, STAGES[kind], OFF, tuple(words))
+    run.write(tmp_path / 'told')
+    found = verify(tmp_path / 'told')
+    assert found.difference is None and kind.name in found.stages, found.sentence()
+    assert not found.gaps, found.gaps
+    run.write(tmp_path / 'untold', [m for m in run.messages if m not in words])
+    found = verify(tmp_path / 'untold').difference
+    assert (found.tick, found.check) == (OFF.start, kind.name)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'without'),
+    [
+        (GuidanceStage, replace(WHOLE, sections=UNGUIDED)),
+        (NavigationStage, replace(PUSHED, sections=())),
+        (DisturbanceStage, replace(PUSHED, disturbance=NONE)),
+    ],
+)  # fmt: skip
+def test_off_from_the_start_it_flies_as_if_the_scenario_had_no_such_stage(kind, without):
+    off = flown_without(kind, STAGES[kind], range(1000)).flight
+    assert off.states.tolist() == fly(without, load_controller('handmade')).states.tolist()

@@ -40,6 +40,7 @@ from rpo_core.wire import cdr, interfaces
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Propellant, Thrusters
 from rpo_kernels.jit import COMPILED
+from rpo_log import log_commands
 from rpo_log.tools.export import export
 from rpo_log.verify import evidence, verify
 from rpo_mcap.errors import ExitCode, Fault, LogError
@@ -447,7 +448,7 @@ def test_what_was_given_is_named_and_all_else_is_recomputed(case, tmp_path):
     assert (found.exit_code, found.difference.check) == (ExitCode.DIFFERENT, 'controller')
 
 
-def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path):
+def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path, monkeypatch):
     run = runs['hardware']
     attachments = {'scenario.yaml': run.attachments['scenario.yaml']}
     replace(run, attachments=attachments).write(tmp_path)
@@ -456,6 +457,8 @@ def test_a_controller_without_a_file_is_given_and_nothing_else(runs, tmp_path):
     assert (found.exit_code, found.gaps) == (ExitCode.GIVEN, ())
     assert found.given == ('control_force (controller)',)
     assert found.stages == ('navigation', 'disturbance', 'thrusters', 'dynamics')
+    monkeypatch.setattr(sys, 'argv', ['verify', str(tmp_path), '--given', 'control_force'])
+    assert log_commands.main('verify') == ExitCode.GIVEN == 4
 
 
 def test_only_a_topic_of_the_log_can_be_given(runs, tmp_path):

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from landing import rest_at_landing
 from scenarios import lasting
 
 from rpo_core.chain.flight import fly
@@ -93,8 +94,7 @@ BAD = {
 }
 
 
-@pytest.mark.every_landing
-@pytest.mark.parametrize('case', BAD)
+@pytest.mark.parametrize('case', rest_at_landing(BAD))
 def test_bad_input_is_one_sentence(ros, case):
     parameters, text = BAD[case]
     node = ros.node('rpo_sim', 'fault_injector', **parameters)

@@ -51,16 +51,18 @@ def foreign(ros_env):
         process.wait()
 
 
+@pytest.mark.parametrize('script', ['plant.py', 'paced.py'])
 def test_a_plant_of_somebody_else_flies_is_recorded_replayed_and_verified(
-    ros_env, foreign, tmp_path
+    ros_env, foreign, tmp_path, script, capfd
 ):
     scenario, folder = lasting(8.0, tmp_path), tmp_path / 'run'
-    plant = foreign('plant.py', scenario)
+    plant = foreign(script, scenario)
     with inside() as inner:
         controller = inner.start(ControllerNode({'controller': 'handmade'}))
         recorder = inner.start(RecorderNode({'output': str(folder)}))
         inner.until(lambda: recorder.done and plant.poll() is not None)
         assert (plant.returncode, recorder.exit_code) == (0, 0)
+        assert ('80 ticks, ' in capfd.readouterr().out) == (script == 'paced.py')
         controller.new_run()
         replay = inner.start(ReplayNode({'bag': str(folder), 'drive': True, 'rate': 0.0}))
         inner.until(lambda: replay.done)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -13,6 +15,7 @@ from std_srvs.srv import Trigger
 from rpo_core import files
 from rpo_core.files import scenario
 from rpo_core.wire import interfaces
+from rpo_core.wire.statuses import READERS
 from rpo_ctrl.controller_node import ControllerNode
 from rpo_guidance.guidance_node import GuidanceNode
 from rpo_guidance.operator_node import OperatorNode
@@ -115,3 +118,47 @@ def test_an_operator_waits_for_its_phase_and_says_go_until_it_is_followed(ros_en
     assert [name for name, _ in told] == ['go', 'abort']
     assert told[0][1] >= 50, 'not before `dwell_s`'
     assert verify(tmp_path / 'run').exit_code == 0
+
+
+def test_each_node_is_switched_off_and_on_in_flight_logged_and_verified(ros_env, tmp_path):
+    """And says so; an inactive guidance takes no command."""
+    path = tmp_path / 'whole.yaml'
+    written(path)
+    heard = set()
+
+    def hear(topic, status):
+        """Hold what nodes say against the contract."""
+        said = conversions.from_status(status)
+        READERS[topic].of(said)
+        known = [key.name.partition('<')[0] for key in READERS[topic].contract.keys]
+        assert all(key.startswith(tuple(known)) for key, _ in said.values), said
+        heard.add(topic)
+
+    with inside() as inner:
+        for topic in READERS:
+            take = partial(hear, topic)
+            inner.user.create_subscription(DiagnosticStatus, topic, take, qos.LATCHED_QUEUE)
+        inner.start(ControllerNode({'controller': 'handmade'}))
+        nodes = [inner.start(kind({})) for kind in (NavigationNode, GuidanceNode, AssuranceNode)]
+        recorder = inner.start(RecorderNode({'output': str(tmp_path / 'run')}))
+        options = {'wait_for_recorder': True, 'real_time_factor': 20.0}
+        inner.start(PlantNode({'scenario': str(path), **options}))
+        for node in nodes:
+            for label in ('deactivate', 'activate'):
+                at = recorder.log.next_tick if recorder.log is not None else 0
+                inner.until(lambda: recorder.log is not None and recorder.log.next_tick > at + 20)  # noqa: B023
+                assert inner.transition(f'/{node.get_name()}', label)
+                assert node.health()[2]['state'] == ('inactive', 'active')[label == 'activate']
+                if label == 'deactivate' and node is nodes[1]:
+                    response = inner.call(Trigger, '/guidance/go', Trigger.Request())
+                    assert (response.success, response.message) == (False, 'guidance is inactive')
+        inner.until(lambda: recorder.done)
+    assert heard >= {'run_status', 'stage_status', 'node_manifest', 'recorder_status'}
+    log = read_run(tmp_path / 'run')
+    said = [
+        (e.values['stage'], e.values['state']) for e in log.events if e.signal == 'stage_status'
+    ]
+    stages = ('sensors', 'estimator'), ('guidance',), ('assurance',)
+    assert said == [(s, state) for some in stages for state in ('inactive', 'active') for s in some]
+    found = verify(tmp_path / 'run')
+    assert found.exit_code == 0, found.sentence()

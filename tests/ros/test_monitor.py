@@ -82,8 +82,8 @@ def test_a_saturated_command_coasts(ros_env, tmp_path):
         plant, controller, watcher = flying(bench, table(tmp_path, force_saturated='coast'))
         Liar(bench).force(0.0, 0.9, 0.0)
         bench.until(lambda: not controller.active)
-        before = controller.answered_zero
-        bench.until(lambda: controller.answered_zero > before + 5)
+        before = controller.answered_inactive
+        bench.until(lambda: controller.answered_inactive > before + 5)
         assert plant.phase == 'running', 'the chaser drifts, the run goes on'
         bench.until(lambda: watcher.checker.detected['controller_inactive'])
 

@@ -41,7 +41,6 @@ def test_only_the_plant_is_told_what_to_fly(ros):
     assert dict(read_run(output).statuses[-1][1].values)['phase'] == 'finished'
 
 
-@pytest.mark.every_landing
 @pytest.mark.parametrize(
     'node', ['fuzzy_controller', pytest.param('disturbance_injector', marks=pytest.mark.slow)]
 )

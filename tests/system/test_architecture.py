@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from xml.etree import ElementTree
@@ -84,7 +85,7 @@ MAY_IMPORT = {
         'rpo_mcap',
         'rpo_log',
     },
-    'tools': {'rpo_ros', *FLOWN, *OFFLINE_ROOMS},
+    'tools': {'rpo_ros', 'rpo_sim', *FLOWN, *OFFLINE_ROOMS},
 }
 ROS_FREE = {*FLOWN, *OFFLINE_ROOMS}
 CORE_THIRD_PARTY = {'numpy', 'yaml', 'numba'}  # numba where it is installed
@@ -109,10 +110,17 @@ def is_ros(module: str) -> bool:
     )
 
 
+@cache
+def import_nodes(path: Path) -> list[ast.AST]:
+    """Return the imports of a file, wherever they stand in it."""
+    tree = ast.walk(ast.parse(path.read_text(), str(path)))
+    return [node for node in tree if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports(path: Path) -> set[str]:
     """Return the top-level modules that a file imports, anywhere in it."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+    for node in import_nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name.partition('.')[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
@@ -267,7 +275,7 @@ def modules() -> dict[str, Path]:
 def imported(name: str, path: Path, known: Mapping[str, Path]) -> set[str]:
     """Return the modules of ours that a module imports, anywhere in it, for types only too."""
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(), str(path))):
+    for node in import_nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:

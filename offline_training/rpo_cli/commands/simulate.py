@@ -11,11 +11,13 @@ import typer
 
 from rpo_cli.commands.shared import NoFail, SameScenario, Set, chosen_scenario, echo, end
 from rpo_core.files import DEFAULT_CONTROLLER
+from rpo_core.files.validation import InputError
 from rpo_montecarlo import outputs
 
 EXAMPLES = """
 Examples: `rpo simulate` | `rpo simulate paper_test --controller paper_ga` | `rpo simulate my.yaml
---csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0`
+--csv flight.csv` | `rpo simulate approach --set initial_position_m=[0,80,0] --set mass_kg=20.0` |
+`rpo simulate paper_test --output runs/mine` | `rpo simulate paper_test --sweep mass_kg=8:12:5`
 """
 
 
@@ -34,6 +36,14 @@ def simulate(
     overwrite: Annotated[
         bool, typer.Option('--overwrite', help='replace the run in an existing folder')
     ] = False,
+    span: Annotated[
+        str,
+        typer.Option(
+            '--sweep',
+            metavar='KEY=FROM:TO:NUMBER',
+            help='fly so many values of a field: one table, one picture in --output',
+        ),
+    ] = '',
     no_fail: NoFail = False,
 ) -> None:
     """Fly one scenario without ROS: the bits that the nodes fly, and their metrics.
@@ -53,6 +63,13 @@ def simulate(
     from rpo_mcap.format.run import CONTROLLER, PARAMETERS, SCENARIO
 
     chosen, loaded = chosen_scenario(scenario, named), load_controller(controller)
+    if span:
+        from rpo_cli.commands.sweep import sweep
+
+        if csv or overwrite:
+            raise InputError('`--sweep` writes a picture: no `--csv` and no `--overwrite`')
+        end(sweep(chosen, loaded, changes or [], span, output), no_fail)
+        return
     flown = overrides.load(chosen, changes or [])
     flight = fly(flown, loaded)
     print_table(flight, f'{flown.name}, controller {controller}')

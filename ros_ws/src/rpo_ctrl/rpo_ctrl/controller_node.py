@@ -10,12 +10,10 @@ of it with different default files.
 from __future__ import annotations
 
 import hashlib
-import traceback
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
 
 from rpo_core import files
@@ -31,14 +29,8 @@ from rpo_core.wire.interfaces import Decimation
 from rpo_ctrl import explain
 from rpo_ctrl.parameters import FUZZY_CONTROLLER
 from rpo_ros import conversions, health, names, qos
-from rpo_ros.rclpy_private import ManagedNode
-from rpo_ros.stage_node import StageNode
+from rpo_ros.managed_node import ManagedNode
 
-SUCCESS, FAILURE, ERROR = (
-    TransitionCallbackReturn.SUCCESS,
-    TransitionCallbackReturn.FAILURE,
-    TransitionCallbackReturn.ERROR,
-)
 _ANY_TICK_S = 1.0
 
 
@@ -87,36 +79,22 @@ class DecisionPublisher:
         return stamp_ns == self._explained_ns
 
 
-class ControllerNode(ManagedNode, StageNode):
-    """Answers states with the force of a controller.
-
-    Before its first activation it sends nothing, and a plant waits. After that it answers every
-    state: with the controller while active, with zero force otherwise. Each change in flight is an
-    event on `stage_status`.
+class ControllerNode(ManagedNode):
+    """Answers states with the force of a controller; with zero force while inactive.
 
     node_name : of the node; rows : its parameters
     """
 
     node_name = 'fuzzy_controller'
     rows = FUZZY_CONTROLLER
+    off = 'commanding zero'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
-        StageNode.__init__(self, self.node_name, overrides, self.rows)
+        super().__init__(self.node_name, overrides, self.rows)
         self.controller: AnyController | None = None
-        self.active = False
-        self._began = False
-        self._sha256 = ''
-        self._label = 'none'
-        self._cause: Exception | None = None
-        self.answered_zero = 0
-        ManagedNode.__init__(self)
-        self._starting = self.values['autostart']
-        if self._starting:
-            self._autostart()
+        self._sha256, self._label = '', 'none'
         self._decision = DecisionPublisher(self, self.values['decision_rate_hz'])
-        self.begin()
-        if not self.active:
-            self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
+        self.start()
 
     def outlets(self) -> Sequence[str]:
         """Return the commanded force: a plant must find a controller at once."""
@@ -139,22 +117,14 @@ class ControllerNode(ManagedNode, StageNode):
         stage = self.controller.stage(_ANY_TICK_S)
         return Chain([Link(Place.CONTROLLER, stage, (interfaces.RELATIVE_STATE,))])
 
-    def refusal(self) -> str:
-        """Return why states get no answer now."""
-        return '' if self._began else 'not_activated'
+    def switched(self) -> Sequence[str]:
+        """Return the name of its stage, also while nothing is loaded."""
+        return ('controller',)
 
     def step(self, tick: int, signals: Signals) -> None:
-        """Add the force of the controller; zero when not active."""
-        if self.active:
-            try:
-                super().step(tick, signals)
-                return
-            except Exception:  # after an error in the law the plant still needs an answer
-                self.get_logger().error(f'no command in {signals}: {traceback.format_exc()}')
-                self.last_tick = tick - 1
-                self.trigger_deactivate()
-        self.answered_zero += 1
-        signals[interfaces.CONTROL_FORCE] = ZERO
+        """Add the force of the controller; zero when not active, also while nothing is loaded."""
+        super().step(tick, signals)
+        signals.setdefault(interfaces.CONTROL_FORCE, ZERO)
 
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish the decision when it is due; the force is sent already."""
@@ -174,17 +144,6 @@ class ControllerNode(ManagedNode, StageNode):
             state = self.scenario.from_goal(state)
         return health.OK, explain.reasons(self.controller, state, force_n, tick)
 
-    @property
-    def _full(self) -> str:
-        return str(self.get_fully_qualified_name())
-
-    def _autostart(self) -> None:
-        """Configure and activate; raises the error of a failed transition."""
-        for trigger in (self.trigger_configure, self.trigger_activate):
-            if trigger() != SUCCESS:
-                raise self._cause or RuntimeError('a lifecycle transition failed')
-        self._starting = False
-
     def _loaded(self, name: str) -> tuple[AnyController, str]:
         """Return the controller of a file and the file's text; raises InputError."""
         path = files.find('controller', name)
@@ -203,80 +162,18 @@ class ControllerNode(ManagedNode, StageNode):
         self._manifest.publish(shaping, {'controller.yaml': content})
         self.rebuild()
 
-    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Load and check the file; after a bad one the node stays unconfigured."""
-        return self._try('configure', lambda: self._use(*self._loaded(self.values['controller'])))
+    def configure(self) -> None:
+        """Load and check the file; raises InputError."""
+        self._use(*self._loaded(self.values['controller']))
 
-    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Command from the next state on."""
-        return self._try('activate', self._activate)
-
-    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Command zero from the next state on."""
-        return self._try('deactivate', self._deactivate)
-
-    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+    def forget(self) -> None:
         """Forget the file."""
-        return self._try('clean up', self._forget)
-
-    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Send nothing more and end the process."""
-        return self._try('shut down', self._end)
-
-    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Become unconfigured after an error in a transition, and command zero."""
-        self._forget()
-        return SUCCESS
-
-    def _activate(self) -> None:
-        again, self.active, self._began = self._began, True, True
-        if again:
-            if self.chain is not None:
-                self.chain.reset()
-            self._publish_state('activated')
-        if self.controller is not None:
-            self.get_logger().info(f'controlling with {self.controller.name}')
-
-    def _deactivate(self) -> None:
-        self.active = False
-        self._publish_state('deactivated')
-        self.get_logger().warning('inactive: commanding zero')
-
-    def _publish_state(self, reason: str) -> None:
-        """Publish on `stage_status` the state of the controller and its first tick."""
-        state = 'active' if self.active else 'inactive'
-        self.publish_stage_status('controller', state, self.last_tick + 1, reason)
-
-    def new_run(self) -> None:
-        """Forget the run before; a new one may begin with an inactive controller."""
-        super().new_run()
-        if self._began and not self.active:
-            self._publish_state('switched off before the run')
-
-    def _forget(self) -> None:
-        self.active = False
         self.controller, self._sha256, self._label = None, '', 'none'
 
-    def _end(self) -> None:
-        self._forget()
-        self._began = False
-        self.done = True
-
-    def _try(self, name: str, act: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run a transition and log its error: rclpy would hide it."""
-        self._cause = None
-        try:
-            act()
-        except InputError as error:
-            self._cause = error
-            if not self._starting:  # at the start `run` logs it
-                self.get_logger().error(f'cannot {name}: {error}')
-            return FAILURE
-        except Exception as error:
-            self._cause = error
-            self.get_logger().error(f'{name} broke: {traceback.format_exc()}')
-            return ERROR
-        return SUCCESS
+    def _activate(self) -> None:
+        super()._activate()
+        if self.controller is not None:
+            self.get_logger().info(f'controlling with {self.controller.name}')
 
     def refuse_change(self, wanted: Mapping[str, Any]) -> None:
         """Refuse another controller while active, or one that does not load."""
@@ -299,11 +196,10 @@ class ControllerNode(ManagedNode, StageNode):
         doing = 'commanding' if self.active else 'commanding zero' if self._began else 'silent'
         doing = 'no states: the plant is gone' if self.plant_gone else doing
         values = {
-            'state': self.label,
             'controller': self.controller.name if self.controller is not None else '',
             'controller_file': self.values['controller'],
             'controller_sha256': self._sha256,
-            'answered_zero': self.answered_zero,
+            'answered_zero': self.answered_inactive,
             **values,
         }
         return level if self.active else health.WARN, f'{self.label}: {doing}', values

@@ -7,15 +7,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from rpo_core.files import DEFAULT_CONTROLLER
-from rpo_ros.parameter_rows import SCENARIO
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row
 
 FUZZY_CONTROLLER = (
     Row('controller', DEFAULT_CONTROLLER, 'shipped controller, or path of a controller file; may '
         'change while the controller is inactive', changeable=True,
         example='path/to/mine.yaml'),
-    Row('autostart', True, 'configure and activate at the start; false: wait for `ros2 lifecycle '
-        'set`', wall=True),
+    AUTOSTART,
     Row('decision_rate_hz', 1.0, 'decisions published per simulated second; 0: none', 'Hz',
         most=1e4),
     SCENARIO,

@@ -79,7 +79,13 @@ class GuidanceStage(Stage):
         limit_n = settings.force_share * scenario.max_force_n
         self._vehicle = Vehicle(n, mass_kg or scenario.mass_kg, dt_s, limit_n, step)
         self._port = (*settings.port_m, *settings.corridor.ahead, settings.past_port_m)
+        goal = scenario.goal
+        self._goal = (scenario.goal_state, goal.force_n if goal is not None else ())
         self.reset()
+
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return the goal of the scenario, as a controller without guidance has it."""
+        return self._goal
 
     def reset(self) -> None:
         """Begin the plan anew."""

@@ -32,6 +32,7 @@ class GuidanceNode(PlaceNode):
     node_name = 'guidance'
     places = (Place.GUIDANCE,)
     what = ('guiding', 'guidance')
+    off = 'the reference is the goal of the scenario'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         self._stage: GuidanceStage | None = None
@@ -72,7 +73,7 @@ class GuidanceNode(PlaceNode):
         if stage is None:
             response.success, response.message = False, 'no plan: the scenario is not known yet'
             return response
-        refused = stage.command(name)
+        refused = stage.command(name) if self.active else 'guidance is inactive'
         response.success = not refused
         response.message = refused or f'{name} from tick {stage.next_tick} on'
         if not refused:

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_ros.parameter_rows import SCENARIO
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row
 
-GUIDANCE = (replace(SCENARIO, example='hold_points'),)
+GUIDANCE = (replace(SCENARIO, example='hold_points'), AUTOSTART)
 
 OPERATOR = (
     Row('command', 'go', 'what is said to guidance', choices=('go', 'hold', 'retreat', 'abort'),

@@ -213,6 +213,10 @@ class EstimatorStage(Stage):
         found = (tuple(y[:6]), tuple(y[STATES + STATES * i + j] for i, j in blocks))
         return found if self._states == 6 else (*found, tuple(y[6:STATES]))
 
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return that the state is what the first sensor measured; all else is zero."""
+        return (1, (), ())[: len(self.outputs)]
+
     @property
     def covariance(self) -> NDArray[np.float64]:
         """Whole covariance (n, n) of the newest estimate; SI units."""

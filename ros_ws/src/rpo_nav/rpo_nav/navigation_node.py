@@ -29,6 +29,7 @@ class NavigationNode(PlaceNode):
     rows = NAVIGATION
     places = PLACES[ALL]
     what = ('navigating', 'errors of navigation')
+    off = 'passing the true state on'
 
     def part(self, scenario: Scenario) -> Chain | None:
         """Return the stages that it runs; without any, the node ends."""

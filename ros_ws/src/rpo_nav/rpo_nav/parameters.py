@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_ros.parameter_rows import SCENARIO, ParameterRow
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO, ParameterRow
 
 ALL, SENSORS, ESTIMATOR = 'all', 'sensors', 'estimator'
 
@@ -14,4 +14,5 @@ NAVIGATION = (
     replace(SCENARIO, example='path/to/mine.yaml'),
     ParameterRow('stages', ALL, "those that this node runs; the others are somebody else's",
                  choices=(ALL, SENSORS, ESTIMATOR)),
+    AUTOSTART,
 )  # fmt: skip

@@ -255,6 +255,10 @@ class SensorsStage(Stage):
             found.append(tuple(map(float, self._message)))
         return tuple(found)
 
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return that each measurement is the true state."""
+        return (0,) * len(self.outputs)
+
 
 def _check(settings: Sensors, scenario: Any) -> None:
     """Raise InputError if a sensor never measures in a flight of the scenario."""

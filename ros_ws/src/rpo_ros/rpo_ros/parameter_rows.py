@@ -163,6 +163,12 @@ SCENARIO = ParameterRow(
 )  # fmt: skip
 """Parameter of each node that takes the scenario from the plant."""
 
+AUTOSTART = ParameterRow(
+    'autostart', True,
+    'configure and activate at the start; false: wait for `ros2 lifecycle set`', wall=True,
+)  # fmt: skip
+"""Parameter of each managed node."""
+
 
 def usage(command: str, about: str, rows: Sequence[ParameterRow]) -> str:
     """Return the text of `--help`: what a node does, its parameters, an example."""

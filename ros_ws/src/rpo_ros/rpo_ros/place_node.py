@@ -11,11 +11,11 @@ from rpo_core.chain.chain import Chain
 from rpo_core.chain.stage import Place
 from rpo_core.files.scenario import Scenario
 from rpo_ros import health
-from rpo_ros.parameter_rows import SCENARIO, ParameterRow
-from rpo_ros.stage_node import StageNode
+from rpo_ros.managed_node import ManagedNode
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO, ParameterRow
 
 
-class PlaceNode(StageNode):
+class PlaceNode(ManagedNode):
     """Runs the stages that a scenario has at some places of the chain.
 
     node_name : of the node; rows : its parameters
@@ -25,14 +25,14 @@ class PlaceNode(StageNode):
     """
 
     node_name = ''
-    rows: tuple[ParameterRow, ...] = (SCENARIO,)
+    rows: tuple[ParameterRow, ...] = (SCENARIO, AUTOSTART)
     places: tuple[Place, ...] = ()
     what = ('', '')
     role = ''
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         super().__init__(self.node_name, overrides, self.rows)
-        self.begin()
+        self.start()
 
     def part(self, scenario: Scenario) -> Chain | None:
         """Return the stages of its places; without any, the node ends."""

@@ -24,7 +24,7 @@ def overrides_of(node: Node) -> dict[str, Parameter]:
     return found
 
 
-class ManagedNode(LifecycleNodeMixin):
+class Lifecycle(LifecycleNodeMixin):
     """The lifecycle of a `FlightNode`; refuses a transition that is not possible now.
 
     rclpy ends the process with such a transition, and names the state of a node nowhere else.

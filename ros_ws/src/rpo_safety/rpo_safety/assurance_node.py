@@ -36,6 +36,7 @@ class AssuranceNode(PlaceNode):
     node_name = 'assurance'
     places = (Place.SHAPING, Place.ASSURANCE)
     what = ('shaping or assuring', 'shaping or runtime assurance')
+    off = 'passing commands on unchanged'
 
     def __init__(self, overrides: Mapping[str, Any] | None = None) -> None:
         self._constraint = ''
@@ -73,11 +74,13 @@ class AssuranceNode(PlaceNode):
     def after_answer(self, stamp_ns: int, signals: Signals) -> None:
         """Publish an intervention when it begins, when its constraint changes, and its end."""
         stage = self._stage
-        if stage is None:
+        if stage is None or not self.active:
             return
         if stage.decision is not None:
             self._publish(stage.decision)
         changes = stage.abort.changes if stage.abort is not None else []
+        if len(changes) < self._said:  # it began anew
+            self._said = 0
         for change in changes[self._said :]:
             self.publish_stage_status(stage.name, change.state, change.tick, change.reason)
             self.get_logger().warning(f'{change.state}: {change.reason}')
@@ -103,7 +106,7 @@ class AssuranceNode(PlaceNode):
             response.success, response.message = False, 'no scenario with `assurance.abort` is here'
             return response
         tick = machine.next_tick
-        refused = machine.command(name)
+        refused = machine.command(name) if self.active else 'assurance is inactive'
         response.success, response.message = not refused, refused or f'{name} from tick {tick} on'
         if not refused:
             self.publish_stage_status('assurance', name, tick, f'command `{name}`')

@@ -6,6 +6,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rpo_ros.parameter_rows import SCENARIO
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO
 
-ASSURANCE = (replace(SCENARIO, example='assured'),)
+ASSURANCE = (replace(SCENARIO, example='assured'), AUTOSTART)

@@ -16,6 +16,7 @@ class DisturbanceInjectorNode(PlaceNode):
     places = (Place.DISTURBANCE,)
     what = ('disturbing', 'disturbance')
     role = 'disturbance'
+    off = 'no disturbance'
 
 
 def main() -> int:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from rpo_core.world.link import CORRUPTIONS
 from rpo_ros import names
-from rpo_ros.parameter_rows import SCENARIO
+from rpo_ros.parameter_rows import AUTOSTART, SCENARIO
 from rpo_ros.parameter_rows import ParameterRow as Row
 
 LOCKSTEP, FREE_RUNNING = 'lockstep', 'free_running'
@@ -38,7 +38,7 @@ PLANT = (
     Row('publish_clock', True, 'publish /clock'),
 )  # fmt: skip
 
-DISTURBANCE_INJECTOR = (SCENARIO,)
+DISTURBANCE_INJECTOR = (SCENARIO, AUTOSTART)
 
 FAULT_INJECTOR = (
     Row('from_topic', f'{names.CONTROL_FORCE}_raw', 'topic to listen to', ros_name=True,

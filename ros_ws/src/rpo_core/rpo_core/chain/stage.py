@@ -21,9 +21,19 @@ from numpy.typing import NDArray
 
 from rpo_core.files import plugins
 from rpo_core.files.validation import InputError
+from rpo_core.wire.interfaces import (
+    COMMAND,
+    DISTURBANCE,
+    PREVIOUS_COMMAND,
+    STATE,
+    THRUST,
+    row_of,
+)
 
 Signal = tuple[float, ...]
 """The numbers of a signal at one tick; `rpo_core.wire.interfaces` says which."""
+
+_CARRIED = (STATE, COMMAND, THRUST, DISTURBANCE, PREVIOUS_COMMAND)
 
 ZERO = (0.0, 0.0, 0.0)
 """No force."""
@@ -87,6 +97,25 @@ class Stage:
     def step(self, tick: int, *inputs: Signal) -> tuple[Signal, ...]:
         """Return the outputs of a tick; ticks come in order, but some may be missing."""
         raise NotImplementedError
+
+    def passes_on(self) -> tuple[int | Signal, ...]:
+        """Return what each output is while the stage is switched off.
+
+        The place of the input whose numbers it then has, or its numbers; zeros where they end. By
+        default it is the input that carries the same, and zero without one.
+        """
+        carried = [name if name in _CARRIED else row_of(name).carries for name in self.inputs]
+        made = [row_of(name).carries for name in self.outputs]
+        return tuple(carried.index(c) if c and c in carried else () for c in made)
+
+    def off(self, *inputs: Signal) -> tuple[Signal, ...]:
+        """Return the outputs of a tick as if the stage were not in the chain."""
+        found = []
+        for name, source in zip(self.outputs, self.passes_on(), strict=True):
+            width = len(row_of(name).columns) or row_of(name).numbers
+            values = inputs[source] if isinstance(source, int) else source
+            found.append((*values[:width], *(0.0,) * (width - len(values))))
+        return tuple(found)
 
     def trouble(self) -> str:
         """Return what is wrong with it now, for /diagnostics; '' if nothing is."""

@@ -82,7 +82,7 @@ class Corridor:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if norm(*self.axis) < SHORTEST_AXIS:
+        if math.hypot(*self.axis) < SHORTEST_AXIS:  # a kernel here would be loaded at each import
             raise InputError(
                 f'`axis` must be at least {SHORTEST_AXIS:g} long; got {list(self.axis)!r}'
             )

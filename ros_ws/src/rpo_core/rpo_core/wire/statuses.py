@@ -3,8 +3,8 @@
 """What nodes say of a run in a DiagnosticStatus: a contract and a strict reader for each topic.
 
 Anybody may publish on a topic. A reader takes a status as a whole, or raises an InputError that
-names the wrong field: no node acts on a part of it. `docs/nodes/protocol.md` is written from the
-contracts (`tools/node_pages.py`).
+names the wrong field: no node acts on a part of it. A contract says what each field means;
+`docs/nodes/protocol.md` is written from the contracts (`tools/node_pages.py`).
 """
 
 from __future__ import annotations
@@ -187,14 +187,7 @@ _ANY_TICK = Key('tick', TICK, 'first tick that it holds for')
 
 @dataclass(frozen=True)
 class RunStatus:
-    """What a plant says of its run.
-
-    phase : one of LEVELS; ended: whether the run has
-    tick : of the run
-    reason : of the phase
-    dropped : signals that the plant goes on without, from `tick` on
-    resumed : whether it continues after a pause
-    """
+    """What a plant says of its run; the message is the reason of the phase."""
 
     topic: ClassVar[str] = interfaces.RUN_STATUS
     contract: ClassVar[Contract] = Contract(
@@ -250,12 +243,7 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class StageStatus:
-    """What a node says of a stage.
-
-    node : name of the node
-    state : of the stage, from `tick` on: active, inactive, REFUSED, a command that it got, what it
-        decided
-    """
+    """What a node says of a stage, from `tick` on."""
 
     topic: ClassVar[str] = interfaces.STAGE_STATUS
     contract: ClassVar[Contract] = Contract(
@@ -312,12 +300,7 @@ class GuidanceStatus:
 
 @dataclass(frozen=True)
 class AssuranceStatus:
-    """An intervention of runtime assurance, from `tick` on.
-
-    mode : open, approach or contact
-    constraint : for which the command is changed; '' where the command passes
-    margin_m, margin_m_s : that the command as it came would leave
-    """
+    """An intervention of runtime assurance, from `tick` on."""
 
     topic: ClassVar[str] = 'assurance_status'
     contract: ClassVar[Contract] = Contract(
@@ -353,14 +336,7 @@ class AssuranceStatus:
 
 @dataclass(frozen=True)
 class RecorderStatus:
-    """What a recorder says of itself.
-
-    says : RECORDER_WAITS, READY, CLOSED or FAILED
-    recorder : id of the recorder
-    run : id of the plant that it records; '' while it records none
-    next_tick : up to which its log is complete; None before it has one
-    asks_from : first tick of which the plant shall report what it published and took; None: of none
-    """
+    """What a recorder says of itself; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.RECORDER_STATUS
     contract: ClassVar[Contract] = Contract(
@@ -396,12 +372,7 @@ class RecorderStatus:
 
 @dataclass(frozen=True)
 class PlantTick:
-    """What a plant published and took at a tick.
-
-    run : id of the plant
-    taken : signal -> its numbers, as `numbers_text` writes them; '' for an answer that it did not
-        take
-    """
+    """What a plant published and took at a tick: `taken`, by signal."""
 
     topic: ClassVar[str] = interfaces.PLANT_TICK
     contract: ClassVar[Contract] = Contract(
@@ -443,13 +414,7 @@ def numbers_text(values: Iterable[float]) -> str:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Files and parameters of a node.
-
-    node : name of the node
-    role : plant, controller, disturbance, or another
-    run : id of a plant
-    values : role, run, `parameter.<name>`, `file.<name>`
-    """
+    """Files and parameters of a node: `values`, by key."""
 
     topic: ClassVar[str] = interfaces.NODE_MANIFEST
     contract: ClassVar[Contract] = Contract(
@@ -491,10 +456,7 @@ ALIVE, GONE = 'alive', 'gone'
 
 @dataclass(frozen=True)
 class Heartbeat:
-    """Sign of life of a node.
-
-    node : its name; stages : that it runs; says : ALIVE or GONE
-    """
+    """Sign of life of a node; `says` is the message."""
 
     topic: ClassVar[str] = interfaces.HEARTBEAT
     contract: ClassVar[Contract] = Contract(

@@ -58,10 +58,9 @@ class StageStates:
                 elif state is not None:
                     self._commands.setdefault(name, []).append((tick, state))
 
-    def tell(self, stage: Stage) -> None:
-        """Give a stage the commands that it got in flight."""
-        for tick, state in self._commands.pop(stage.name, []):
-            stage.take_event(tick, state)
+    def commands(self, stage: str) -> list[tuple[int, str]]:
+        """Return the commands that a stage got in flight, each with its tick; each one once."""
+        return self._commands.pop(stage, [])
 
     def missing(self, stage: str) -> set[int]:
         """Return the ticks at which a stage went on without the command before."""
@@ -98,7 +97,19 @@ class Recomputation:
         self._next = 0  # the tick that follows the last one
         self._filled: int | None = None  # ticks since the memory was lost; None: it was not
         self._doubtful = False  # whether it missed the tick before
+        self._told: list[tuple[int, str]] = []
+        self._decided: list[tuple[int, str]] = []  # before it began anew
         stage.reset()
+
+    def take_events(self, events: Sequence[tuple[int, str]]) -> None:
+        """Take commands that the stage got in flight, each with its tick."""
+        self._told += events
+        for tick, state in events:
+            self.stage.take_event(tick, state)
+
+    def decided(self) -> list[tuple[int, str]]:
+        """Return what the stage decided so far: tick and state of each."""
+        return [*self._decided, *self.stage.decided()]
 
     def run(
         self,
@@ -111,7 +122,7 @@ class Recomputation:
         """Return the outputs (n, width) at each tick, NaN where unknown, and where they are known.
 
         inputs : (n, width) each, NaN where unknown
-        active : where the stage is switched on; where it is not, its commands are zero
+        active : where the stage is switched on; where it is not, it passes on what it gets
         began : where it began without memory
         logged : (n, width) each, outputs in the log, NaN where missing: in free running, of stages
             with memory
@@ -128,12 +139,11 @@ class Recomputation:
             made, known = self._made(rows, ticks, inputs), there.copy()
         else:
             made, known = self._with_memory(ticks, inputs, active, (there, absent), began, logged)
-        if not active.all():
-            carried = {interfaces.row_of(name).carries for name in self.stage.outputs}
-            if carried == {interfaces.COMMAND}:
-                known |= ~active
-            for values in made:
-                values[~active & known] = 0.0
+        for row in np.flatnonzero(~active).tolist():
+            found = self.stage.off(*(tuple(values[row].tolist()) for values in inputs))
+            for values, numbers in zip(made, found, strict=True):
+                values[row] = numbers
+            known[row] = np.isfinite(np.concatenate(found)).all()
         return made, known
 
     def _made(
@@ -174,7 +184,7 @@ class Recomputation:
             if first != self._next:
                 self._forget(0)
             if began[part[0]]:
-                self._forget(None)
+                self._forget(None, first)
             self._next = last + 1
             if missed[part[0]] and self.stage.memory_ticks is None:
                 self._doubtful = True
@@ -227,8 +237,12 @@ class Recomputation:
             known[i] = self._remembered(1)[0]
         return known
 
-    def _forget(self, filled: int | None) -> None:
+    def _forget(self, filled: int | None, tick: int = 0) -> None:
+        self._decided += self.stage.decided()
         self.stage.reset()
+        for at, state in self._told:
+            if at >= tick:
+                self.stage.take_event(at, state)
         self._doubtful = False
         self._filled = filled
 
@@ -368,7 +382,7 @@ class StatedDecisions:
     def difference(self) -> Difference | None:
         """Return the first decision in the log that the stage does not make."""
         for name, found in self._stages.items():
-            extra = Counter(self._logged[name]) - Counter(found.stage.decided())
+            extra = Counter(self._logged[name]) - Counter(found.decided())
             if extra and not found.gaps:
                 tick, state = min(extra)
                 return Difference(tick, self._topic, 'state', state, 'nothing', name)
@@ -381,7 +395,7 @@ class StatedDecisions:
         """
         found = []
         for name, stage in self._stages.items():
-            missing = Counter(stage.stage.decided()) - Counter(self._logged[name])
+            missing = Counter(stage.decided()) - Counter(self._logged[name])
             tick, state = min(missing, default=(last, ''))
             if tick < last - LATE_TICKS and not stage.gaps:
                 found.append(f'{self._topic} does not say that {name} is {state} from tick {tick}')

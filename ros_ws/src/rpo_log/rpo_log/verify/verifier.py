@@ -235,7 +235,7 @@ class _Verifier:
             yield self._first(START, RELATIVE_STATE, block, np.repeat(start, len(known), 0), known)
         for link, stage in zip(self.chain.links, self.stages, strict=True):
             reads = [signals[name] for name in self._reads(link)]
-            self.states.tell(link.stage)
+            stage.take_events(self.states.commands(link.stage.name))
             active = self.states.active(link.stage.name, block.ticks)
             began = self.states.began(link.stage.name, block.ticks)
             made, known = stage.run(block.ticks, reads, active, began, self._answers(link, block))

@@ -190,7 +190,8 @@ def _find(package: str, name: str, suffix: str) -> Path:
         Fault.NO_DEFINITIONS,
         f'{package}/msg/{name}',
         f'no {name}.{suffix} under share/{package}'
-        f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment sourced?',
+        f'/msg of {", ".join(map(str, prefixes))}; is the ROS environment '
+        'sourced? Without ROS 2, the wheel `rpo[log]` brings them',
     )
 
 

@@ -1,0 +1,92 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""`rpo simulate --sweep`: one scenario with many values of a field: a table and a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rpo_cli.commands.shared import echo
+from rpo_core.chain.flight import fly
+from rpo_core.files import overrides
+from rpo_core.files.validation import InputError, real, shown, whole
+from rpo_core.judge import metrics
+from rpo_core.judge.verdicts import HOLDS, MISSED, Verdict, missed, verdicts
+
+if TYPE_CHECKING:
+    from rpo_core.control.controller import AnyController
+
+MOST_FLIGHTS = 1000
+
+
+def values_of(text: str) -> tuple[str, list[float]]:
+    """Return the field and its values of KEY=FROM:TO:NUMBER; raises InputError."""
+    key, _, span = text.partition('=')
+    try:
+        first, last, count = (float(part) for part in span.split(':'))
+    except ValueError:
+        raise InputError(
+            f'`--sweep` must be KEY=FROM:TO:NUMBER, like mass_kg=8:12:5; got {shown(text)}'
+        ) from None
+    name = '--sweep'
+    number = whole(name, int(count) if count % 1 == 0 else count, least=2, most=MOST_FLIGHTS)
+    return key.strip(), np.linspace(real(name, first), real(name, last), number).tolist()
+
+
+def sweep(
+    scenario: str, controller: AnyController, changes: Sequence[str], text: str, folder: Path | None
+) -> bool:
+    """Fly each value; print the table, draw the picture; return whether a requirement is missed."""
+    from rpo_cli.display import print_table, progress
+
+    key, values = values_of(text)
+    flown = [overrides.load(scenario, [*changes, f'{key}={value!r}']) for value in values]
+    found: list[list[Verdict]] = []
+    lost = []
+    with progress() as show:
+        for number, each in enumerate(flown, 1):
+            flight = fly(each, controller)
+            energy = float(metrics.row_of(flight)[metrics.ENERGY])
+            effort = Verdict('energy J', 'energy J', 'N²s', float('inf'), energy)
+            found.append([effort, *verdicts(flight)])
+            lost.append(missed(flight))
+            show('flights', number, len(flown))
+    title = f'{overrides.load(scenario, changes).name}, {controller.name}: {key}'
+    rows = [
+        [v.statement, *(f'{x.value:.3g}' for x in line), f'≤ {v.limit:.3g} {v.unit}']
+        for line in zip(*found, strict=True)
+        if (v := line[0])
+    ]
+    rows[0][-1] = rows[0][-1].partition(' inf ')[2]
+    rows.append(['all', *(MISSED if bad else HOLDS for bad in lost), ''])
+    print_table((key, *(f'{value:.6g}' for value in values), 'limit'), rows, title)
+    path = (folder or Path('runs') / f'sweep_{key}') / 'sweep.png'
+    _draw(values, found, key, title, path)
+    echo(path)
+    return any(lost)
+
+
+def _draw(
+    values: Sequence[float], found: Sequence[Sequence[Verdict]], key: str, title: str, path: Path
+) -> None:
+    """Draw each figure over the values of the field, with its limit."""
+    from rpo_log.show import style
+
+    lines = list(zip(*found, strict=True))
+    with style.applied():
+        figure, panels = style.new_panels(1.6 * len(lines) + 0.8, len(lines), 1, sharex=True)
+        for axes, line in zip(np.atleast_1d(panels), lines, strict=True):
+            axes.plot(values, [verdict.value for verdict in line], marker='o', markersize=4)
+            if np.isfinite(line[0].limit):
+                axes.plot(values, [verdict.limit for verdict in line], **style.LIMIT)
+            axes.set_title(line[0].statement, loc='left')
+            axes.set_ylabel(f'[{line[0].unit}]')
+            axes.set_ylim(bottom=0.0)
+        axes.set_xlabel(key)
+        figure.suptitle(f'{title} (dashed: required)')
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path)

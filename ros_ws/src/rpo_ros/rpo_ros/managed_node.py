@@ -1,0 +1,178 @@
+# Copyright 2026 The RPO stack authors
+# SPDX-License-Identifier: Apache-2.0
+"""A managed (lifecycle) node of stages: what each transition does, and what inactive means.
+
+An inactive node answers every tick as if its stages were not in the chain (`Stage.off`): nav2's
+would say nothing, and in lockstep time would stop. `docs/faults.md` has the table.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+
+from rpo_core.chain.chain import Signals
+from rpo_core.files.validation import InputError
+from rpo_ros import health
+from rpo_ros.parameter_rows import AUTOSTART, ParameterRow
+from rpo_ros.rclpy_private import Lifecycle
+from rpo_ros.stage_node import StageNode
+
+SUCCESS, FAILURE, ERROR = (
+    TransitionCallbackReturn.SUCCESS,
+    TransitionCallbackReturn.FAILURE,
+    TransitionCallbackReturn.ERROR,
+)
+
+
+class ManagedNode(Lifecycle, StageNode):
+    """Answers with its stages while active, without them otherwise.
+
+    Before its first activation it sends nothing, and a plant waits. After that it answers every
+    tick. Each change in flight is an event on `stage_status`; switched on again, stages begin anew.
+    The subclass calls `start` when it is ready.
+
+    off : what it does while inactive, for people
+    active : whether it is
+    answered_inactive : ticks answered while it was not
+    """
+
+    off = ''
+
+    def __init__(
+        self, name: str, overrides: Mapping[str, Any] | None, rows: Sequence[ParameterRow]
+    ) -> None:
+        StageNode.__init__(self, name, overrides, rows)
+        self.active = self._began = self._starting = False
+        self._cause: Exception | None = None
+        self.answered_inactive = 0
+        Lifecycle.__init__(self)
+
+    def start(self) -> None:
+        """Configure and activate if it shall, and listen; raises the error of a transition."""
+        if self.values[AUTOSTART.name]:
+            self._starting = True
+            for trigger in (self.trigger_configure, self.trigger_activate):
+                if trigger() != SUCCESS:
+                    raise self._cause or RuntimeError('a lifecycle transition failed')
+            self._starting = False
+        self.begin()
+        if not self.active:
+            self.get_logger().info(f'unconfigured: `ros2 lifecycle set {self._full} configure`')
+
+    def configure(self) -> None:
+        """Load what it needs; raises InputError."""
+
+    def forget(self) -> None:
+        """Forget what was loaded."""
+
+    def switched(self) -> Sequence[str]:
+        """Return the names of the stages that are switched on and off."""
+        return self._stages()
+
+    def refusal(self) -> str:
+        """Return why states get no answer now."""
+        return '' if self._began else 'not_activated'
+
+    def step(self, tick: int, signals: Signals) -> None:
+        """Add the outputs of the stages; as if they were not there when not active."""
+        if self.active:
+            try:
+                super().step(tick, signals)
+                return
+            except Exception:  # after an error in a stage the plant still needs an answer
+                self.get_logger().error(f'no answer to {signals}: {traceback.format_exc()}')
+                self.last_tick = tick - 1
+                self.trigger_deactivate()
+        self.answered_inactive += 1
+        for link in self.chain.links if self.chain is not None else ():
+            found = link.stage.off(*(signals[name] for name in link.reads))
+            signals.update(zip(link.stage.outputs, found, strict=True))
+
+    @property
+    def _full(self) -> str:
+        return str(self.get_fully_qualified_name())
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Load and check what it needs; after a bad file the node stays unconfigured."""
+        return self._try('configure', self.configure)
+
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer with its stages from the next tick on."""
+        return self._try('activate', self._activate)
+
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer without its stages from the next tick on."""
+        return self._try('deactivate', self._deactivate)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget what was loaded."""
+        return self._try('clean up', self._forget)
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Send nothing more and end the process."""
+        return self._try('shut down', self._end)
+
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Become unconfigured after an error in a transition."""
+        self._forget()
+        return SUCCESS
+
+    def _activate(self) -> None:
+        again, self.active, self._began = self._began, True, True
+        if again:
+            if self.chain is not None:
+                self.chain.reset()
+            self._publish_state('activated')
+
+    def _deactivate(self) -> None:
+        self.active = False
+        self._publish_state('deactivated')
+        self.get_logger().warning(f'inactive: {self.off}')
+
+    def _publish_state(self, reason: str) -> None:
+        """Publish on `stage_status` the state of the stages and its first tick."""
+        state = 'active' if self.active else 'inactive'
+        for stage in self.switched():
+            self.publish_stage_status(stage, state, self.last_tick + 1, reason)
+
+    def new_run(self) -> None:
+        """Forget the run before; a new one may begin with an inactive node."""
+        super().new_run()
+        if self._began and not self.active:
+            self._publish_state('switched off before the run')
+
+    def _forget(self) -> None:
+        self.active = False
+        self.forget()
+
+    def _end(self) -> None:
+        self._forget()
+        self._began = False
+        self.done = True
+
+    def _try(self, name: str, act: Callable[[], None]) -> TransitionCallbackReturn:
+        """Run a transition and log its error: rclpy would hide it."""
+        self._cause = None
+        try:
+            act()
+        except InputError as error:
+            self._cause = error
+            if not self._starting:  # at the start `run` logs it
+                self.get_logger().error(f'cannot {name}: {error}')
+            return FAILURE
+        except Exception as error:
+            self._cause = error
+            self.get_logger().error(f'{name} broke: {traceback.format_exc()}')
+            return ERROR
+        return SUCCESS
+
+    def health(self) -> health.Health:
+        """Return the health: also the state of the lifecycle."""
+        level, doing, values = super().health()
+        if not self.active:
+            level, doing = health.WARN, f'{self.label}: {self.off if self._began else "silent"}'
+        return level, doing, {'state': self.label, **values}
