@@ -16,7 +16,7 @@ SETUP = @$(if $(ANY_PYTHON),,echo 'Python 3.10 to 3.13 is needed, and there is n
 ENV = @unset PYTHONDONTWRITEBYTECODE; source ros_ws/env.bash &&
 SOURCES = ros_ws offline_training tests tools
 
-.PHONY: help setup demo docs test tests test-slow bench compile lint format lock clean
+.PHONY: help setup demo docs test tests test-slow bench compile wheels lint format lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | sort | expand -t 12
@@ -55,6 +55,11 @@ docs:  ## the documentation site, into site/ (SERVE=1 shows it in a browser, and
 compile:  ## compile the numerical kernels now, not at their first use
 	$(SETUP) train
 	$(ENV) python -m rpo_cli.precompile
+
+wheels:  ## the wheels rpo_core and rpo, which fly, train and report without ROS, into dist/
+	$(SETUP)
+	@rm -rf packaging/*/build
+	$(ENV) python -m pip wheel -q --no-deps --no-build-isolation -w dist packaging/rpo_core packaging/rpo && ls dist/*.whl
 
 lint:  ## ruff and mypy, which reads the libraries that the code uses
 	$(SETUP) lint test

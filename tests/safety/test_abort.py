@@ -121,6 +121,8 @@ def test_after_an_abort_the_drift_is_clear_for_two_orbits(when):
     """From the plan, and from inside the corridor, 3 m from the port."""
     flight = Flight(with_table(), (when, 'abort')).until(when + 2500)
     assert flight.said[0] == 'aborting' and flight.said[-1] == 'drifting'
+    burnt_s = (flight.stage.abort.changes[1].tick - when) * AROUND.dt_s
+    assert TABLE.stuck_s <= burnt_s <= TABLE.stuck_s + BURN_S
     assert not np.any(flight.forces[-1])
     radius = 10.0 if flight.ranges()[when] > 10.0 else SETTINGS.corridor.port_m
     assert f' of {radius:g} m at the worst' in flight.stage.abort.changes[0].reason

@@ -99,6 +99,10 @@ def test_shipped_flights_are_no_fault(scenario, controller):
     [
         ('schema', 'rpo/monitor/2', '`schema` must be rpo/monitor/1'),
         ('limits.range_m', math.nan, '`limits.range_m` must be a finite number'),
+        ('limits.range_m', 1.001e6, '<= 1e.06 m'),
+        ('limits.force_n', 1.001e6, '<= 1e.06 N'),
+        ('limits.speed_m_s', 1.001e4, '<= 10000 m/s'),
+        ('limits.force_age_s', 1.001e6, '<= 1e.06 s'),
         ('limits.speed_per_range_1_s', 1001.0, '`limits.speed_per_range_1_s` must be'),
         ('limits.corridor_axis', [0, 0, 0], '`limits.corridor_axis` must not be zero'),
         ('limits.corridor_axis', [0, 1], '`limits.corridor_axis` must be a list of 3'),

@@ -115,6 +115,20 @@ def test_it_may_go_along_all_axes_and_diagonals():
     assert np.allclose(np.linalg.norm(turned, axis=1), 1.0)
 
 
+@pytest.mark.parametrize(
+    ('y_m', 'vy_m_s', 'error_m_s', 'seconds', 'least_m'),
+    [
+        (20.0, 0.3, 0.0, 50.0, 20.0),  # it goes away: nearest at once
+        (100.0, 0.0, 0.01, 2000.0, 100.0 - 1.5 * 0.01 * 2000.0),
+        (100.0, 0.0, 0.01, 9000.0, 100.0 - 4.3 * 0.01 / N),
+    ],
+)
+def test_a_drift_is_looked_at_from_its_first_second(y_m, vy_m_s, error_m_s, seconds, least_m):
+    world = WORLD._replace(drift_s=seconds, drag_m_s2=0.0, error_m_s=error_m_s)
+    found = manoeuvre.nearest((0.0, y_m, 0.0, 0.0, vy_m_s, 0.0), world, 0.0)
+    assert least_m - 2.0 * manoeuvre.TOLERANCE_M <= found <= least_m
+
+
 @pytest.mark.every_landing
 def test_what_is_clear_stays_out_whatever_is_stuck():
     """200 random states and 50 of the shipped plan: no path of a clear manoeuvre enters."""

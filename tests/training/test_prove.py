@@ -27,7 +27,7 @@ from rpo_proof import cells, check, check_sets, enclosure, flights, folder, prov
 from rpo_proof.cells import Prover
 from rpo_proof.claims import ranges_of
 from rpo_proof.folder import Folder
-from rpo_proof.invariant import invariant_set_of
+from rpo_proof.invariant import invariant_set_of, motion_inside
 from rpo_proof.problem import GROUPS, Problem, Settings
 from rpo_proof.proving import estimate
 from rpo_proof.sets import InvariantSet
@@ -73,6 +73,8 @@ def test_a_law_of_a_point_is_sharp(surface):
         enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
     )
     assert fine < 0.02 * coarse
+    room = enclosure._physical(table, 0.0, 0.0, 0.0, 1e9, 0.0, 0.0).rho / table.force_n
+    assert room > 1e9 * (1.0 + enclosure.TINY)  # what is left is rounded too
 
 
 @pytest.mark.every_landing
@@ -309,6 +311,16 @@ def test_a_known_disturbance_is_part_of_the_tube():
         assert last == base.ticks
         states = flight.states[:, list(chosen)]
         assert (prover.trace.low <= states).all() and (states <= prover.trace.high).all()
+
+
+@pytest.mark.parametrize('group', ['planar', 'vertical'])
+def test_an_invariant_set_stands_the_whole_disturbance_at_any_tick(group):
+    pushed = load_scenario('paper_test')
+    problem = replace(problem_of('robust'), scenario=pushed)
+    inside = motion_inside(problem, group)
+    forces = [pushed.disturbance.force_n(pushed.time_s(tick)) for tick in range(0, 4000, 7)]
+    assert inside.any_n >= abs(np.array(forces)).max() > 0.01
+    assert not inside.constant.any() and not inside.carried.any()
 
 
 def test_the_package_names_modules_that_are_there():
