@@ -25,7 +25,7 @@ from rpo_montecarlo.campaign.sampling import parameters_of
 from rpo_montecarlo.campaign.single import fly_run
 from rpo_montecarlo.campaign.statistics import QUANTILES, Rate, Spread, rates, spreads, successes
 from rpo_montecarlo.campaign.store import Store
-from rpo_report.page import Block, File, Picture, Report, Section, Table, Text
+from rpo_report.page import Block, File, Fold, Picture, Report, Section, Table, Text
 from rpo_report.replay import Replayed
 
 Floats = NDArray[np.float64]
@@ -390,7 +390,7 @@ def _what_matters(store: Store, success: Bools) -> list[Block]:
             f'deviation to either side does the same.{note}',
             f'Most correlated with {first}: {strongest}.',
         ),
-        _influence_table(found, level),
+        Fold('Correlations as numbers', (_influence_table(found, level),)),
     ]
 
 
@@ -487,7 +487,12 @@ def _configuration(store: Store) -> list[Block]:
     )
     names = ('campaign.yaml', 'scenario.yaml', 'controller.yaml')
     return [
-        Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows),
-        Table('Success', ('figure', 'limit'), limits),
+        Fold(
+            'Dispersions and limits',
+            (
+                Table('Dispersions', ('quantity', 'distribution', 'spread', 'unit'), rows),
+                Table('Success', ('figure', 'limit'), limits),
+            ),
+        ),
         *(File(name, text) for name, text in zip(names, store.campaign.texts, strict=True)),
     ]

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from rpo_core.chain.flight import fly
 from rpo_core.files.validation import InputError
 from rpo_core.world.disturbance import Harmonic
 from rpo_judge.analysis.certificate import PROVEN, REFUTED
 from rpo_log.show import style
+from rpo_log.show.report import limit_lines
 from rpo_proof.cells import CellBounds
 from rpo_proof.check import WrittenSummary, fly_again, recompute
 from rpo_proof.claims import Claim, Range, lower, of_planar, row_of, upper
@@ -41,7 +44,7 @@ def report_of(path: Path) -> Report:
             if claim.limit > 0.0 and 'planar' in groups
         ]
         if problem.settings.axes_apart:
-            pictures = _per_axis_pictures(problem, groups)
+            pictures = [_reach(problem, groups), *_constants(problem, groups)]
     verdicts = [claim.verdict for claim in claims]
     counted = ', '.join(f'{verdicts.count(v)} {v}' for v in dict.fromkeys(verdicts))
     files_of = tuple(File(name, content) for name, content in zip(TEXTS, folder.texts, strict=True))
@@ -110,8 +113,8 @@ def _rest(omega: InvariantSet | None) -> Text:
     )
 
 
-def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Picture:
-    """Return the x-y plane of starts, coloured by bound beside limit."""
+def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Block:
+    """Return the x-y plane of starts, coloured by bound beside limit; words if all is alike."""
     planar, settings = groups['planar'], folder.problem.settings
     shares = of_planar(groups, claim.key) / claim.limit
     x, y = (surface_plots.points(settings.centre[i], settings.half[i]) for i in (0, 1))
@@ -119,6 +122,9 @@ def _margins(folder: Folder, groups: dict[str, CellBounds], claim: Claim) -> Pic
     values = surface_plots.greatest(x, y, low, high, shares)
     if folder.problem.odd:
         values = np.fmax(values, surface_plots.greatest(x, y, -high, -low, shares))
+    if surface_plots.is_flat(values):
+        least, most = 100.0 * np.nanmin(values), 100.0 * np.nanmax(values)
+        return Text(f'{claim.statement}: {least:.0f} to {most:.0f} % of the limit everywhere.')
     figure, axes = style.new_panels(6.2)
     surface_plots.draw_planes(figure, [axes], [(y, x, values)])
     axes.set(title=claim.statement, xlabel='start y, V-bar [m]', ylabel='start x, R-bar [m]')
@@ -137,13 +143,16 @@ _BEFORE_S = 50.0
 """The second row of pictures begins so long before the time of hold."""
 
 
-def _per_axis_pictures(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Picture]:
-    """Return the pictures; groups : in the order in which they are proven."""
-    return [_reach(problem, groups), *_constants(problem, groups)]
-
-
 def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
-    """Return the position that no flight leaves, over time, and near the target."""
+    """Return the position that no flight leaves, over time, and near the target, and a flight.
+
+    groups : in the order in which they are proven
+    """
+    x, y, z, vx, vy, vz = problem.settings.centre
+    flown = replace(
+        problem.scenario, initial_position_m=(x, y, z), initial_velocity_m_s=(vx, vy, vz)
+    )
+    flight = fly(flown, problem.controller)
     limit, dt = problem.hold_error_m, problem.scenario.dt_s
     hold_s = problem.hold_tick * dt
     figure, rows = style.new_panels(5.6, 2, 3)
@@ -153,20 +162,26 @@ def _reach(problem: Problem, groups: Mapping[str, CellBounds]) -> Picture:
         low, high = np.where(np.isfinite(reach), reach, np.nan)
         times = dt * np.arange(len(low))
         for axes in rows[:, column]:
-            axes.fill_between(times, low, high, color=style.AXES[axis], linewidth=0.0)
-            for side in (-limit, limit):
-                axes.plot([hold_s, times[-1]], [side, side], **style.LIMIT)
+            fill = {'color': style.AXES[axis], 'linewidth': 0.0, 'alpha': 0.55}
+            axes.fill_between(times, low, high, **fill, label='no flight leaves the band')
+            path = flight.positions_m[: len(times), axis]
+            label = 'a flight from the middle of the starts'
+            axes.plot(
+                times[: len(path)], path, color=style.LIGHT['ink'], linewidth=1.0, label=label
+            )
+            limit_lines(axes, limit, 'limit of the error', (hold_s, times[-1]))
         near = rows[1, column]
         near.set(xlabel='time [s]', xlim=(max(0.0, hold_s - _BEFORE_S), times[-1]))
         near.set(ylim=(-3.0 * limit, 3.0 * limit))
         rows[0, column].set(title=style.AXIS_NAMES[axis])
     for axes in rows[:, 0]:
         axes.set_ylabel('position [m]')
+    style.legend_below(figure, rows[0, 0])
     return Picture(
         'reach',
         figure,
-        'No flight leaves the bands, whatever its start, disturbance and mass. Below: near the '
-        'target, with the limit of the error.',
+        'No flight leaves the bands, whatever its start, disturbance and mass; the line is one of '
+        'them. Below: near the target, with the limit of the error.',
         'Bands of position over time, of each axis.',
     )
 
@@ -183,9 +198,10 @@ def _constants(problem: Problem, groups: Mapping[str, CellBounds]) -> list[Pictu
         low, high = (found.centre - found.half)[:, chosen], (found.centre + found.half)[:, chosen]
         a = surface_plots.points(0.0, 1.0)
         shares = found.column('hold_error_m') / problem.hold_error_m
-        planes.append((a, a, surface_plots.greatest(a, a, low, high, shares).T))
+        values = surface_plots.greatest(a, a, low, high, shares).T
+        planes.append((a, a, values))
         names.append(style.AXIS_NAMES[PER_AXIS[group][0]])
-    if not planes:
+    if all(surface_plots.is_flat(values) for _, _, values in planes):
         return []
     figure, (every,) = style.new_panels(3.4, 1, len(planes), squeeze=False)
     surface_plots.draw_planes(figure, every, planes)

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
 from rpo_judge.evaluation.robustness import QUANTITIES, Margin, Margins, Quantity
 from rpo_log.show import style
+
+_LETTERS = 40
+"""Of a line below a panel."""
 
 _TOP, _SEEN = 1.3, 1.6
 """Largest share of a limit that is shown, and how far beyond the bound, in its distance."""
@@ -47,24 +51,24 @@ def _draw_margin(axes: Any, quantity: Quantity, margin: Margin) -> None:
     axes.axhline(1.0, **style.LIMIT)
     note = '' if fails is None else f'{fails.limit} at {quantity.shown(fails.at)}'
     if margin.again is not None:
-        note += f';\nholds again at {quantity.shown(margin.again)}'
+        note += f'; holds again at {quantity.shown(margin.again)}'
     axes.set(
         title=f'{quantity.name}: {quantity.shown(margin.holds)}',
-        xlabel=note,
+        xlabel=textwrap.fill(note, _LETTERS),
     )
+    axes.xaxis.label.set_size(9.0)
     axes.margins(y=0.1)
     axes.locator_params(axis='x', nbins=5)
 
 
 def _draw_crossings(axes: Any, found: Margins) -> None:
-    axes.set(title='describing function', xlabel='error [m]', ylabel='crossing [rad/s]')
+    title = 'phase margin and delay [ticks]'
+    axes.set(title=title, xlabel='error [m]', ylabel='crossing [rad/s]')
     if not found.crossings:
         return
     style.log_scale(axes, x=True)
     x, y = zip(*((c.amplitude_m, c.rate_rad_s) for c in found.crossings), strict=True)
     axes.plot(x, y, 'o-', markersize=4)
     axes.set(xlim=(min(x) / 4.0, 40.0 * max(x)), ylim=(min(y) / 1.5, 2.0 * max(y)))
-    names = [
-        f'{c.phase_margin_deg:.0f}°, {c.delay_margin_ticks:.0f} ticks' for c in found.crossings
-    ]
+    names = [f'{c.phase_margin_deg:.0f}°, {c.delay_margin_ticks:.0f}' for c in found.crossings]
     style.label_points(axes, list(zip(x, y, names, strict=True)))

@@ -41,6 +41,12 @@ def greatest(x: Floats, y: Floats, low: Floats, high: Floats, shares: Floats) ->
     return values
 
 
+def is_flat(values: Floats) -> bool:
+    """Return whether all shares have one colour: such a plane shows nothing."""
+    shown = values[np.isfinite(values)]
+    return len(np.unique(np.digitize(shown, _LEVELS))) < 2
+
+
 def draw_planes(
     figure: Any, every: Sequence[Any], planes: Sequence[tuple[Floats, Floats, Floats]]
 ) -> None:

@@ -44,10 +44,12 @@ _JUDGED = FitnessSettings(
     tests=20.0,
     drawn=DrawnSettings(
         weight=100.0,
-        campaigns=('paper_test', 'random_starts', 'random_moving_starts'),
         margin=0.03,
         flights=80,
-        judged={'paper_test': POSITION_AND_SPEED},
+        judged={
+            'paper_test': POSITION_AND_SPEED,
+            'paper_test_measured': (*POSITION_AND_SPEED, 'slew_per_axis_n_s'),
+        },
     ),
 )
 
@@ -103,9 +105,11 @@ class FamilyConfig(Configuration):
 def config_of(family: str, scenario: str = '') -> FamilyConfig:
     """Return the configuration of a family; of another scenario, without the paper's own terms."""
     kind = family_of(family)
-    first, later = (count * len(kind.genes()) for count in kind.effort)
-    descent, staged = replace(_DESCENT, evaluations=first), StagedSettings(evaluations=later)
-    config = FamilyConfig(family, family, cmaes=descent, staged=staged)
+    first, later, stages = kind.effort
+    descent = replace(_DESCENT, evaluations=first * len(kind.genes()))
+    staged = StagedSettings(stages=stages, evaluations=later * len(kind.genes()))
+    fitness = replace(_JUDGED, drawn=replace(_JUDGED.drawn, campaigns=kind.drawn))
+    config = FamilyConfig(family, family, fitness=fitness, cmaes=descent, staged=staged)
     if scenario in ('', PAPER):
         return config
     starts = training_set(scenario)

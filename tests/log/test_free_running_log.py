@@ -148,6 +148,10 @@ def test_a_force_flown_that_nobody_commanded_is_found(free, tmp_path):
     found = verify(tmp_path / 'run').difference
     assert (found.tick, found.topic) == (tick, APPLIED)
     assert found.check == 'force applied'
+    found = verify(tmp_path / 'run', given=['control_force'])
+    assert found.difference.check == 'force applied', 'the commands are given, their use is not'
+    found = verify(tmp_path / 'run', given=['applied_force', 'relative_state'])
+    assert found.exit_code == 4 and 'had been commanded' not in found.sentence()
 
 
 def test_where_an_answer_lacks_in_the_log_no_origin_is_missed(free, tmp_path):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from rpo_core.judge.zones import Zone
 from rpo_core.world.disturbance import Disturbance
 from rpo_core.world.thrusters import Thrusters
 from rpo_judge.safety import attack
+from rpo_safety import guard, kernels
 from rpo_safety.assumed import errors_of
 from rpo_safety.assurance import AssuranceStage
 from rpo_safety.settings import Assurance, Passage
@@ -152,6 +154,15 @@ WAY = Passage('+y', 10.0, 1.0, 20.0, width_m=0.2)
 
 def docking(**errors):
     return PAPER.equipped(Assurance(keep_out_m=10.0, corridor=WAY, **errors))
+
+
+def test_near_the_zone_an_error_of_position_is_one_of_the_closing_speed():
+    found = docking()
+    settings = found.section(Assurance)
+    near = AssuranceStage(settings, found).guard._replace(here_m=3.0, here_m_s=0.001)
+    turned = 2.0 * math.sin(0.5 * math.asin(3.0 / near.keep_out_m))  # of the line of sight
+    fastest = kernels.speed_limit(near.keep_out_m, near) + 0.001
+    assert guard._zone_push(near, settings)[0] >= 0.001 + fastest * turned
 
 
 def test_one_state_beyond_the_port_is_no_contact_for_the_rest_of_the_flight():

@@ -73,6 +73,8 @@ def test_a_law_of_a_point_is_sharp(surface):
         enclosure.law_of(table, 9.0 - s, 9.0 + s, -0.3, 0.0, 0.0).rho for s in (1.0, 0.01)
     )
     assert fine < 0.02 * coarse
+    room = enclosure._physical(table, 0.0, 0.0, 0.0, 1e9, 0.0, 0.0).rho / table.force_n
+    assert room > 1e9 * (1.0 + enclosure.TINY)  # what is left is rounded too
 
 
 @pytest.mark.every_landing

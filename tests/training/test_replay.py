@@ -11,12 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from log_runs import make_run
+from PIL import Image
+from test_report import refuse_optima
+from typer.testing import CliRunner
 
+from rpo_cli.cli import app
 from rpo_core.chain.flight import fly
 from rpo_core.control.controller import load_controller
 from rpo_core.files.scenario import load_scenario
 from rpo_core.judge.verdicts import verdicts
-from rpo_report import replay
+from rpo_report import replay, video
 from rpo_report.replay import Replayed
 
 
@@ -90,3 +95,37 @@ def test_zones_count_only_where_a_scenario_has_them(flight):
     ]  # fmt: skip
     away = np.linalg.norm(docking.positions_m, axis=1) - 10.0
     np.testing.assert_allclose(room[-3].values, away)
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['runs/none', '--video', 'a.gif'], 'runs/none is a controller'),
+        (['a.mcap', 'b.mcap', '--video', 'a.gif'], '`--video` is of one run'),
+        (['a.mcap', '--video', 'a.avi'], "must end in .gif or .mp4; got 'a.avi'"),
+        (['a.mcap', 'trained'], 'several targets must be runs; a.mcap is a run, trained a contr'),
+    ],
+)
+def test_targets_and_videos_that_do_not_fit_are_one_sentence(options, sentence):
+    done = CliRunner().invoke(app, ['report', *options])
+    assert done.exit_code == 2 and sentence in done.stderr and done.stderr.count('\n') == 1
+
+
+def test_two_runs_beside_each_other_and_a_video(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, 'FRAMES', 3)
+    refuse_optima(monkeypatch)
+    for name, seconds in (('short', 20.0), ('long', 30.0)):
+        make_run(seconds).write(tmp_path / name)
+    runs = [str(tmp_path / name) for name in ('short', 'long')]
+    done = CliRunner().invoke(app, ['report', *runs, '-o', str(tmp_path / 'both')])
+    assert done.exit_code == 1, done.output
+    page = (tmp_path / 'both' / 'replay.html').read_text('utf-8')
+    found = document(page)['flights']
+    assert [one['name'] for one in found] == ['short', 'long'] and all(o['missed'] for o in found)
+    ends = [unpacked(one['times'], 1)[-1, 0] for one in found]
+    assert ends == [20.0, 30.0]
+    text = (tmp_path / 'both' / 'report.html').read_text('utf-8')
+    assert 'The flights beside each other' in text and 'Replay 2 flights' in text
+    video.write(make_run(20.0).flight, 'title', 'verdict', tmp_path / 'a.gif')
+    with Image.open(tmp_path / 'a.gif') as picture:
+        assert picture.n_frames == 3 and picture.size == (960, 540)

@@ -48,6 +48,9 @@ def report(
             '[what it was trained for]; of a bag without manifests: what was flown'
         ),
     ] = '',
+    video: Annotated[
+        Path | None, typer.Option(help='of one run: write a moving picture too (.gif, .mp4)')
+    ] = None,
     open_: Annotated[bool, typer.Option('--open', help='show the page in the browser')] = False,
     no_fail: NoFail = False,
 ) -> None:
@@ -61,6 +64,7 @@ def report(
 
     from rpo_cli.display import plain_console
     from rpo_report import page
+    from rpo_report import video as moving
     from rpo_report.page import write
 
     target, *others = targets
@@ -72,12 +76,20 @@ def report(
             raise InputError(
                 f'several targets must be runs; {target} is a {subject}, {other} a {kind}'
             )
+    if video is not None:
+        if subject != 'run' or others:
+            raise InputError(f'`--video` is of one run; {target} is a {subject}')
+        moving.check(video)
     doing = Text(printable(f'{target}: reporting this {subject}'))
     with plain_console(stderr=True).status(doing):
         made, folder, code = (
             _of_runs(targets, scenario) if others else _OF[subject](target, scenario)
         )
         paths = write(made, output or folder)
+        if video is not None:
+            (one,) = made.flights
+            moving.write(one.flight, made.title, one.verdict, video)
+            paths.insert(0, video)
     for path in paths:
         echo(path)
     if open_:

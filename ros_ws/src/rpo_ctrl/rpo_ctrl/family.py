@@ -102,10 +102,13 @@ class Claim(NamedTuple):
 class Family(Baseline):
     """A kind of controller that a search can train, and that says in words what it does.
 
-    effort : evaluations for each gene: of a descent from the start, and of a stage of drawn flights
+    effort : evaluations for each gene, of a descent from the start and of a stage of drawn flights;
+        stages
+    drawn : campaigns whose flights a training draws
     """
 
-    effort: ClassVar[tuple[int, int]] = (300, 80)
+    effort: ClassVar[tuple[int, int, int]] = (300, 80, 3)
+    drawn: ClassVar[tuple[str, ...]] = ('paper_test', 'random_starts', 'random_moving_starts')
 
     @classmethod
     @abstractmethod

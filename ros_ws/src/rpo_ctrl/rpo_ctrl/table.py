@@ -85,7 +85,7 @@ class ForceTable(Family):
     """
 
     alike: ClassVar[bool] = True
-    effort: ClassVar[tuple[int, int]] = (150, 30)
+    effort = (150, 30, 3)
     distances: ClassVar[tuple[str, ...]]
     seconds: ClassVar[tuple[str, ...]]
     second: ClassVar[str]

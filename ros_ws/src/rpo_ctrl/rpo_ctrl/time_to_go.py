@@ -75,6 +75,8 @@ class TimeToGo(Family):
     """
 
     kind: ClassVar[str] = 'time_to_go'
+    effort = (150, 40, 1)
+    drawn = ('paper_test', 'paper_test_measured', 'random_starts', 'random_moving_starts')
     alike: ClassVar[bool] = True
     units: ClassVar[Units] = {'arrival_s': (0, 1, 0)}
 

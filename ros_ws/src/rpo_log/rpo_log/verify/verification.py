@@ -80,11 +80,13 @@ class Verification:
         verified = 'as computed from what was given' if self.given else 'verified'
         sentence = f'{self.path}: {verified}, {self.ticks} ticks bit for bit; {stages}'
         if self.free_running:
-            sentence += (
-                '; a free-running flight: each state follows from the force applied, and each '
-                'force applied is one that had been commanded, or none. When forces came cannot be '
-                'computed'
-            )
+            sentence += '; a free-running flight: '
+            if not self.given:
+                sentence += (
+                    'each state follows from the force applied, and each force applied is one that '
+                    'had been commanded, or none. '
+                )
+            sentence += 'When forces came cannot be computed'
         return sentence
 
     def lines(self) -> Iterator[str]:
